@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers that were tuned: each stands once, in the frozen dataclass of its stage, as in `components/shells.py`.
 
-Numbers that nothing was measured for (block sizes, tolerances of rounding, sizes of caches) are constants of their
-modules.
+A number that no benchmark set (of judgement, a block size, a tolerance of rounding, the size of a cache) is a commented
+constant of its module.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Tuning:
     A subclass is a frozen dataclass whose fields are `tuned`, with one instance in its module.
 
     Args of a subclass:
-        set_by: the command of `python -m benchmarks` whose table set the numbers; "judgement" where none did.
+        set_by: the command of `python -m benchmarks` whose table set the numbers.
     """
 
     set_by: ClassVar[str]

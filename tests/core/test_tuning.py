@@ -18,7 +18,7 @@ ROOT = Path(zoomout_core.__file__).parents[1]
 
 
 @dataclass(frozen=True)
-class Toy(Tuning, set_by="judgement"):
+class Toy(Tuning, set_by="tuning"):
     """A stage of a test.
 
     Attributes:
@@ -59,4 +59,4 @@ def test_every_stage_says_what_each_number_is_and_which_benchmark_set_it() -> No
         text = inspect.getdoc(type(stage)) or ""
         said = re.findall(r"^    (\w+):", text.partition("Attributes:")[2], re.MULTILINE)
         assert said == [each.name for each in fields(stage)], name  # type: ignore[arg-type]
-        assert stage.set_by in {*commands, "judgement"}, name
+        assert stage.set_by in commands, name

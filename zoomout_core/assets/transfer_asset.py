@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,28 +23,15 @@ from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
 from zoomout_core.transfer.skinning import normalised, skinning_matrices
 from zoomout_core.transfer.unpose import Rest, unposed
-from zoomout_core.tuning import Tuning, tuned
 
 # What can be carried, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # How a target that gets a skin is taken to rest: unposed if it stands in another pose than the source at rest, always,
 # or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-
-
-@dataclass(frozen=True)
-class StandingTuning(Tuning, set_by="judgement"):
-    """When a target stands as its source does, so that the source's own joints take it to rest.
-
-    Attributes:
-        lying: share of its area that lies on the source then, as near as `RestTuning.in_place`; fingers and hems of
-            a remeshed target are off by more.
-    """
-
-    lying: float = tuned(0.9, "1", 0, 1)
-
-
-STANDING = StandingTuning()
+# Share of the target's area within `RestTuning.in_place` of the source, above which both have the same pose and place,
+# so that the source's own joints take the target to rest. Fingers and hems of a remeshed target are farther off.
+MIN_IN_PLACE_SHARE = 0.9
 
 
 class TransferredAsset(NamedTuple):
@@ -166,4 +153,4 @@ def _stands_as(source: Surface, target: Surface) -> bool:
     near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
     off = np.linalg.norm(near - target.vertices, axis=1)
     near_area = vertex_areas(target.vertices, target.triangles)[off < REST.in_place * np.sqrt(source.area)].sum()
-    return bool(near_area > STANDING.lying * target.area)
+    return bool(near_area > MIN_IN_PLACE_SHARE * target.area)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from zoomout_core.collection.collection import COLLECTION
+from zoomout_core.collection.collection import MIN_TEMPLATE_CERTAINTY, SHAPES_BETWEEN
 from zoomout_core.collection.cycles import Agreement, agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
 from zoomout_core.collection.pairs import pairs_between
@@ -37,8 +37,8 @@ def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str
         results: the matches, by the names of the targets.
         options: of the matches between targets.
     """
-    unsure = [name for name, result in results.items() if result.certainty < COLLECTION.unsure]
-    sure = [name for name, result in results.items() if result.certainty >= COLLECTION.unsure]
+    unsure = [name for name, result in results.items() if result.certainty < MIN_TEMPLATE_CERTAINTY]
+    sure = [name for name, result in results.items() if result.certainty >= MIN_TEMPLATE_CERTAINTY]
     if not unsure or not sure:
         return dict(results)
     first = next(iter(results.values())).pair
@@ -51,7 +51,7 @@ def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str
         for name, result in results.items()
     }
     spectra = {name: summaries[name].eigenvalues for name in (*unsure, *sure)}
-    between = pairs_between(unsure, sure, spectra, COLLECTION.between)
+    between = pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
     for number, pair_name in enumerate(between):
         surfaces = results[pair_name.source].pair.target, results[pair_name.target].pair.target
         start, end = (0.7 * (number + step) / len(between) for step in (0, 1))

@@ -40,25 +40,13 @@ from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.progress import Progress, listening, portion
-from zoomout_core.tuning import Tuning, tuned
 
 _log = logging.getLogger(__name__)
 
-
-@dataclass(frozen=True)
-class CollectionTuning(Tuning, set_by="judgement"):
-    """When other shapes are asked.
-
-    Attributes:
-        unsure: certainty of a map from the template below which shapes between are matched, too.
-        between: how many of these: those most alike among the ones that the template is surely matched with.
-    """
-
-    unsure: float = tuned(0.9, "probability", 0, 1)
-    between: int = tuned(3, "shapes", 1, 100)
-
-
-COLLECTION = CollectionTuning()
+# Certainty (probability) of a map from the template below which the shape is also matched with other shapes.
+MIN_TEMPLATE_CERTAINTY = 0.9
+# How many other shapes: those most similar in spectrum among the ones matched with certainty. Each costs a match.
+SHAPES_BETWEEN = 3
 # Shapes of which what maps are compared by is kept in memory, at a third of a megabyte each.
 KEPT = 2000
 # Parts of the progress: reading through Blender, preparing shapes, matching the pairs that are asked for, and others.
@@ -333,12 +321,12 @@ class _Run:
     def between(self) -> list[PairName]:
         """Pairs that tell more where a map from the template is unsure: with shapes that are alike and sure."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
-        unsure = [name for name in self.items if certainty.get(name, 1.0) < COLLECTION.unsure]
-        sure = [name for name in self.items if certainty.get(name, 0.0) >= COLLECTION.unsure]
+        unsure = [name for name in self.items if certainty.get(name, 1.0) < MIN_TEMPLATE_CERTAINTY]
+        sure = [name for name in self.items if certainty.get(name, 0.0) >= MIN_TEMPLATE_CERTAINTY]
         if not unsure or not sure:
             return []
         spectra = {name: self.prepared[name].eigenvalues for name in (*unsure, *sure)}
-        return pairs_between(unsure, sure, spectra, COLLECTION.between)
+        return pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
 
     def agreement(self) -> Agreement | None:
         """The candidates that agree best; None where no three shapes are matched with each other."""

@@ -7,7 +7,6 @@ closer than the result can resolve, one of each handful stays.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from threading import Lock
 
 import fast_simplification
@@ -17,31 +16,18 @@ from scipy.sparse import coo_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.progress import advance
-from zoomout_core.tuning import Tuning, tuned
 
 # The library keeps its mesh in global variables, so that two threads must not use it at once.
 DECIMATING = Lock()
-
-
-@dataclass(frozen=True)
-class DecimationTuning(Tuning, set_by="judgement"):
-    """How large meshes are thinned, and in which stages they are decimated.
-
-    Attributes:
-        close: vertices that are closer than this part of the spacing of the result are thinned.
-        notable: thinning and decimation end where more than this part of the vertices is left by a round.
-        most_rounds: of the choice of an independent set; vertices that are undecided then stay.
-        per_stage: vertices that a stage takes away, at most, which takes a tenth of a second: quadric decimation cannot
-            be interrupted, and holds the interpreter's lock.
-    """
-
-    close: float = tuned(0.25, "spacings", 0, 1)
-    notable: float = tuned(0.8, "1", 0, 1)
-    most_rounds: int = tuned(8, "rounds", 1, 1000)
-    per_stage: int = tuned(20_000, "vertices", 1, 10_000_000)
-
-
-DECIMATION = DecimationTuning()
+# Edge length, in vertex spacings of the result, below which thinning merges the ends.
+MIN_EDGE = 0.25
+# Share of vertices left by a round above which thinning and decimation end, as another round would gain little.
+MAX_REMAINING_SHARE = 0.8
+# Rounds of choosing an independent set; vertices that are still undecided then stay.
+INDEPENDENT_SET_ROUNDS = 8
+# Vertices that one stage removes at most, which takes a tenth of a second: quadric decimation cannot be interrupted and
+# holds the interpreter's lock.
+MAX_STAGE_VERTICES = 20_000
 
 
 def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
@@ -57,23 +43,23 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
     """
     merged = np.arange(len(vertices))
     area = triangle_areas(vertices, triangles).sum()
-    close = DECIMATION.close * np.sqrt(area / count)
+    close = MIN_EDGE * np.sqrt(area / count)
     most = len(vertices)
     random = np.random.default_rng(0)
-    while len(vertices) > DECIMATION.per_stage:
+    while len(vertices) > MAX_STAGE_VERTICES:
         into = _thin(vertices, triangles, close, random, _done(most, len(vertices), count))
         kept, number = np.unique(into, return_inverse=True)
-        if len(kept) < count or len(kept) > DECIMATION.notable * len(vertices):
+        if len(kept) < count or len(kept) > MAX_REMAINING_SHARE * len(vertices):
             break
         triangles = number[triangles]
         triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         vertices, merged = vertices[kept], number[merged]
         advance(_done(most, len(vertices), count))
     while 2 * count < len(triangles):
-        stage = max(count, min(len(vertices) - DECIMATION.per_stage, len(vertices) // 2))
+        stage = max(count, min(len(vertices) - MAX_STAGE_VERTICES, len(vertices) // 2))
         points, triangles, into = _simplified(vertices, triangles, stage)
         merged = into[merged]
-        finished = stage == count or len(points) > DECIMATION.notable * len(vertices)
+        finished = stage == count or len(points) > MAX_REMAINING_SHARE * len(vertices)
         vertices = points
         advance(_done(most, len(vertices), count))
         if finished:
@@ -122,7 +108,7 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
 
     priority = random.permutation(n)
     undecided, stays = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-    for _ in range(DECIMATION.most_rounds):
+    for _ in range(INDEPENDENT_SET_ROUNDS):
         chosen: Booleans = undecided & (priority > most_around(np.where(undecided, priority, -1)))
         stays |= chosen
         undecided &= ~chosen & (most_around(np.where(chosen, priority, -1)) < 0)

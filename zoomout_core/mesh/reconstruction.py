@@ -10,8 +10,6 @@ turned alike along the tree of the smallest turns (Hoppe et al., Surface reconst
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -19,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
-from zoomout_core.tuning import Tuning, tuned
 
 # Points whose neighbours are looked at together: bounds the memory.
 BLOCK = 1 << 15
@@ -27,28 +24,16 @@ BLOCK = 1 << 15
 SPACING = 6
 # A triangle of less area, by the square of its longest edge, is three points on a line.
 ON_A_LINE = 1e-6
-
-
-@dataclass(frozen=True)
-class ReconstructionTuning(Tuning, set_by="judgement"):
-    """Which points may be neighbours on the surface.
-
-    Attributes:
-        neighbours: the nearest points in space, of which the neighbours on the surface are taken.
-        plane_neighbours: the nearest points in space, to which tangent planes are fitted.
-        least_cosine: of the angle between the normals of neighbours, where normals are given.
-        longest: edge of a triangle, by the spacing around each corner: the distance of its sixth neighbour.
-        smallest_part: parts of fewer triangles are no surface, but points that stand off one.
-    """
-
-    neighbours: int = tuned(24, "points", 6, 100)
-    plane_neighbours: int = tuned(12, "points", 3, 100)
-    least_cosine: float = tuned(0.3, "1", 0, 1)
-    longest: float = tuned(8.0, "1", 1, 1000)
-    smallest_part: int = tuned(20, "triangles", 0, 10_000)
-
-
-RECONSTRUCTION = ReconstructionTuning()
+# Nearest points in space that may be neighbours on the surface; triangulating more takes longer.
+NEIGHBOURS = 24
+# Nearest points in space that tangent planes are fitted to; more would smooth bends away.
+PLANE_NEIGHBOURS = 12
+# Cosine of the angle between given normals below which two points are not neighbours: they are on two sides of a sheet.
+MIN_NORMAL_COSINE = 0.3
+# Longest edge of a triangle, in spacings at each of its corners; longer ones bridge gaps.
+MAX_EDGE = 8.0
+# Parts of fewer triangles are discarded as outliers.
+MIN_PART_TRIANGLES = 20
 
 
 def triangulated_points(points: Floats, normals: Floats | None = None) -> Integers:
@@ -65,7 +50,7 @@ def triangulated_points(points: Floats, normals: Floats | None = None) -> Intege
     if len(first) < 4:
         return np.zeros((0, 3), dtype=np.int64)
     points = points[first]
-    count = min(RECONSTRUCTION.neighbours, len(points) - 1)
+    count = min(NEIGHBOURS, len(points) - 1)
     distance, near = (np.asarray(array) for array in cKDTree(points).query(points, count + 1))
     facing = _plane_normals(points, near) if normals is None else normals[first]
     either = normals is None
@@ -73,7 +58,7 @@ def triangulated_points(points: Floats, normals: Floats | None = None) -> Intege
     stars = np.concatenate([_stars(block, near[block, 1:], points, facing, either) for block in blocks])
     triangles, agreed = np.unique(np.sort(stars, axis=1), axis=0, return_counts=True)
     longest = _longest_edges(points, triangles)
-    spanned = longest <= RECONSTRUCTION.longest * distance[:, min(SPACING, count)][triangles].min(axis=1)
+    spanned = longest <= MAX_EDGE * distance[:, min(SPACING, count)][triangles].min(axis=1)
     spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
     if normals is None:
@@ -84,12 +69,12 @@ def triangulated_points(points: Floats, normals: Floats | None = None) -> Intege
     edges, _ = unique_edges(triangles)
     _, part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(len(points),) * 2), directed=False)
     part = part[triangles[:, 0]]
-    return first[triangles[np.bincount(part)[part] >= RECONSTRUCTION.smallest_part]]
+    return first[triangles[np.bincount(part)[part] >= MIN_PART_TRIANGLES]]
 
 
 def _plane_normals(points: Floats, near: Integers) -> Floats:
     """(n, 3) unit normals, of either sense, of the planes that fit points and those near them (n, c) best."""
-    around = points[near[:, : RECONSTRUCTION.plane_neighbours + 1]]
+    around = points[near[:, : PLANE_NEIGHBOURS + 1]]
     around = around - around.mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nci,ncj->nij", around, around))
     return np.asarray(vectors[:, :, 0])
@@ -109,7 +94,7 @@ def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, ei
     """
     offset, normal = points[near] - points[centre, None], normals[centre]
     length = np.linalg.norm(offset, axis=2)
-    joined = either | (np.einsum("bcx,bx->bc", normals[near], normal) >= RECONSTRUCTION.least_cosine)
+    joined = either | (np.einsum("bcx,bx->bc", normals[near], normal) >= MIN_NORMAL_COSINE)
     u = unit_vectors(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     x, y = (np.einsum("bcx,bx->bc", offset, axis) for axis in (u, np.cross(normal, u)))
     angle = np.where(joined, np.arctan2(y, x), np.inf)

@@ -13,27 +13,14 @@ from scipy.sparse.csgraph import connected_components
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
 from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
 from zoomout_core.mesh.welding import lies_twice, welded
-from zoomout_core.tuning import Tuning, tuned
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
-
-
-@dataclass(frozen=True)
-class OrientationTuning(Tuning, set_by="judgement"):
-    """When the signed volume of an open surface tells its inside from its outside.
-
-    Attributes:
-        flat_volume: a smaller volume, relative to a sphere's of the same area, tells nothing.
-        shallow: an open surface may bend the other way in another pose unless its volume, relative to a sphere's,
-            exceeds this many times the length of its mean normal.
-    """
-
-    flat_volume: float = tuned(0.02, "1", 0, 1)
-    shallow: float = tuned(2.0, "1", 0, 100)
-
-
-ORIENTATION = OrientationTuning()
+# Signed volume of an open surface, over that of a sphere of the same area, below which its sign is not trusted.
+MIN_OPEN_VOLUME = 0.02
+# The same ratio over the length of the mean normal, above which the volume tells the outside of a surface. Shallower
+# open surfaces, such as cloth, may bend the other way in another pose.
+MIN_VOLUME_PER_NORMAL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +74,7 @@ class WorkingMesh:
         corners = self.vertices[self.oriented_triangles]
         area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
         mean_normal = np.linalg.norm(area_normals(self.vertices, self.oriented_triangles).sum(axis=0)) / 2 / area[0]
-        return bool(volume[0] / _sphere(area[0]) > ORIENTATION.shallow * mean_normal + NO_VOLUME)
+        return bool(volume[0] / _sphere(area[0]) > MIN_VOLUME_PER_NORMAL * mean_normal + NO_VOLUME)
 
     def part(self, component: int) -> tuple[WorkingMesh, Integers]:
         """One connected component as a mesh of its own, rescaled to unit area.
@@ -234,7 +221,7 @@ def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
     area, volume = _area_and_volume(vertices[oriented], patch)
     has_border = np.zeros(len(area), dtype=bool)
     has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
-    inward = volume < -np.where(has_border, ORIENTATION.flat_volume, NO_VOLUME) * _sphere(area)
+    inward = volume < -np.where(has_border, MIN_OPEN_VOLUME, NO_VOLUME) * _sphere(area)
     return turned ^ inward[patch]
 
 

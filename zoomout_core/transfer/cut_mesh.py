@@ -22,7 +22,6 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each, threads
-from zoomout_core.tuning import Tuning, tuned
 
 # Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
 CUT_TOLERANCE = 2.0**-16
@@ -34,21 +33,9 @@ RIM = 1e-9
 MOST_FACES_AT_EDGE = 8
 # Points that walk together: what is worked on stays in a processor's cache.
 BLOCK = 1 << 14
-
-
-@dataclass(frozen=True)
-class WalkTuning(Tuning, set_by="judgement"):
-    """Where walks look around, though they stand at a closest point.
-
-    Attributes:
-        least_cosine: of the angle between a triangle's normal and that of its vertex; a steeper triangle, or one that
-            folds over, hides others from the points above it.
-    """
-
-    least_cosine: float = tuned(0.5, "1", 0, 1)
-
-
-WALKS = WalkTuning()
+# Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search the
+# surroundings of a closest point: a steep or folded triangle hides others from the points above it.
+MIN_NORMAL_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +77,7 @@ class CutSurface:
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = segment_sum(normal, vertex)
-        lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= WALKS.least_cosine * np.linalg.norm(sums, axis=1)[vertex]
+        lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= MIN_NORMAL_COSINE * np.linalg.norm(sums, axis=1)[vertex]
         folded = np.zeros(len(sums), dtype=bool)
         folded[vertex[~lying]] = True
         return np.asarray(folded[self._vertices].any(axis=1))

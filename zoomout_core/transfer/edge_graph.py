@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,24 +13,11 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class CoverageTuning(Tuning, set_by="judgement"):
-    """When a point of the source has a place on the target.
-
-    Attributes:
-        most_distance: from the target, as it lies on the source.
-        least_confidence: of the map there; places that have no partner on the source have less, see
-            `matching.confidence`.
-    """
-
-    most_distance: float = tuned(2.0, "edges of the target", 0, 100)
-    least_confidence: float = tuned(0.04, "1", 0, 1)
-
-
-COVERAGE = CoverageTuning()
+# Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
+MAX_DISTANCE = 2.0
+# Confidence of the map from which on it does; places without a partner have less, see `matching.confidence`.
+MIN_CONFIDENCE = 0.04
 
 
 class EdgeGraph:
@@ -107,9 +93,9 @@ class MappedGraph:
         self.mapped, self.edge_graph = mapped, edge_graph
         self.points = mapped.points[edge_graph.surface_vertex]
         lengths = edge_lengths(self.points, edge_graph.ends)
-        trusted = (mapped.confidence[edge_graph.surface_vertex] >= COVERAGE.least_confidence)[edge_graph.ends].all(
-            axis=1
-        ) & (lengths > 0)
+        trusted = (mapped.confidence[edge_graph.surface_vertex] >= MIN_CONFIDENCE)[edge_graph.ends].all(axis=1) & (
+            lengths > 0
+        )
         known = lengths[trusted if trusted.any() else slice(None)]
         self.edge_length = float(np.median(known)) or mapped.source.working.scale
         self.scale = self.edge_length / float(np.median(edge_graph.lengths[trusted if trusted.any() else slice(None)]))
@@ -145,8 +131,8 @@ def located(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
     vertices = target.working.vertex_of[corners]
     distance = np.linalg.norm(corner_points - points[:, None], axis=2)
     nearest, each = np.argmin(distance, axis=1), np.arange(len(points))
-    covered = (gap <= COVERAGE.most_distance * np.maximum(sides.mean(axis=1), mapped_graph.edge_length)) & (
-        trust >= COVERAGE.least_confidence
+    covered = (gap <= MAX_DISTANCE * np.maximum(sides.mean(axis=1), mapped_graph.edge_length)) & (
+        trust >= MIN_CONFIDENCE
     )
     return LocatedPoints(vertices, vertices[each, nearest], distance[each, nearest], covered)
 

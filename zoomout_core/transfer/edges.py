@@ -14,7 +14,7 @@ neighbouring faces have one, they fill an area, whose outline alone is a line.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,44 +26,32 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut_mesh import ragged
-from zoomout_core.transfer.edge_graph import COVERAGE, EdgeGraph, LocatedPoints, MappedGraph, located
+from zoomout_core.transfer.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoints, MappedGraph, located
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import Polylines, PolylineSamples, polylines_of, runs, sample
-from zoomout_core.tuning import Tuning, tuned
 
 # Parts of a length below this are rounding.
 ROUNDING = 1e-6
 # Points of lines that are traced together: bounds the memory.
 BLOCK = 1 << 16
-
-
-@dataclass(frozen=True)
-class LineTuning(Tuning, set_by="judgement"):
-    """Which edges are lines, and how lines are traced along the target's edges.
-
-    Attributes:
-        most_marked: the part of the edges that may have a value; where more have one, they are a field and no lines,
-        coarse: unless they are this many times as long as the target's: then every edge may be a line of its own.
-        spacing: of the points of lines.
-        gap: a shorter gap of a line in the target is bridged, and a shorter piece between two gaps dropped.
-        rings: how far a path may be from the faces that its line crosses; each next number is tried where there is no
-            path, as the map tears these faces apart.
-        distance_cost: what a step costs more for each edge's length that it is away from its line.
-        most_detour: the length of a path over that of its line; a longer one goes around a tear of the map.
-        anchor_range: a loop is divided at its thirds, or up to this part of its length beside them, at a vertex.
-    """
-
-    most_marked: float = tuned(0.5, "1", 0, 1)
-    coarse: float = tuned(2.0, "1", 0, 100)
-    spacing: float = tuned(1 / 3, "edges of the target", 0.01, 10)
-    gap: float = tuned(4.0, "edges of the target", 0, 100)
-    rings: tuple[int, ...] = tuned((2, 4, 8), "edges of the target", 0, 100)
-    distance_cost: float = tuned(2.0, "1", 0, 100)
-    most_detour: float = tuned(3.0, "1", 1, 100)
-    anchor_range: float = tuned(1 / 12, "1", 0, 1 / 6)
-
-
-LINES = LineTuning()
+# Share of the edges with a value above which the values are a field and not lines.
+MAX_MARKED_SHARE = 0.5
+# Edge length of the source over the target's above which every edge may be a line of its own.
+MAX_COARSENESS = 2.0
+# Spacing of points sampled on lines, in edges of the target: each edge is hit several times.
+LINE_SPACING = 1 / 3
+# Gap of a line in the target, in edges of the target, up to which it is bridged; shorter pieces between gaps are
+# dropped.
+MAX_GAP = 4.0
+# How far a path may leave the faces that its line crosses, in edges of the target. The next number is tried if there is
+# no path, because the map tears these faces apart.
+SEARCH_RINGS = (2, 4, 8)
+# Added to the cost of a step, relative to its length, for each edge length of distance from the line.
+DISTANCE_COST = 2.0
+# Length of a path over that of its line above which the path is rejected: it goes around a tear of the map.
+MAX_DETOUR = 3.0
+# A loop is divided at its thirds, or at a vertex up to this part of its length beside them.
+ANCHOR_RANGE = 1 / 12
 
 
 def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -74,9 +62,9 @@ def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     if not (marked.any() and len(target.ends)):
         return replace(attribute, values=nothing(values, len(mapped.target.edges)))
     mapped_graph = MappedGraph(mapped, target)
-    if np.median(source.lengths) > LINES.coarse * mapped_graph.edge_length:
+    if np.median(source.lengths) > MAX_COARSENESS * mapped_graph.edge_length:
         return _traced(attribute, marked, source, mapped_graph)
-    if marked.mean() > LINES.most_marked:
+    if marked.mean() > MAX_MARKED_SHARE:
         return _spread(attribute, mapped)
     solid = _solid(marked, source)
     traced = _traced(attribute, marked & ~solid, source, mapped_graph)
@@ -182,7 +170,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_gr
     graph_edge, index = np.unique(source.of_edge[edge[on_faces]], return_index=True)
     edge = edge[on_faces][index]
     chains = polylines_of(source.ends[graph_edge])
-    samples = sample(chains, source.points, LINES.spacing * mapped_graph.edge_length)
+    samples = sample(chains, source.points, LINE_SPACING * mapped_graph.edge_length)
     place = _at_borders(located(samples.point, mapped_graph), samples, source, mapped_graph)
     pieces = _pieces(chains, samples, place, mapped_graph)
     steps = _paths(pieces, samples, place, mapped_graph)
@@ -204,7 +192,7 @@ def _at_borders(
     if len(at_border) == 0 or len(vertices) == 0:
         return place
     distance, found = cKDTree(mapped_graph.points[vertices]).query(samples.point[at_border])
-    near = np.asarray(distance) <= COVERAGE.most_distance * mapped_graph.edge_length
+    near = np.asarray(distance) <= MAX_DISTANCE * mapped_graph.edge_length
     nearest = place.nearest.copy()
     nearest[at_border[near]] = vertices[np.asarray(found)[near]]
     return place._replace(nearest=nearest)
@@ -212,7 +200,7 @@ def _at_borders(
 
 def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Pieces:
     """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
-    chain, covered = samples.chain, _bridged(samples, place.covered, LINES.gap * mapped_graph.edge_length)
+    chain, covered = samples.chain, _bridged(samples, place.covered, MAX_GAP * mapped_graph.edge_length)
     run = runs(chain, covered)
     first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
     last = np.append(first[1:], len(run)) - 1 if len(run) else run
@@ -256,9 +244,7 @@ def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: L
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
     # Near a third and near a vertex; any sample will do where a loop has few.
-    order = np.lexsort(
-        (np.where(off < LINES.anchor_range, place.distance[index], off), off >= LINES.anchor_range, owner)
-    )
+    order = np.lexsort((np.where(off < ANCHOR_RANGE, place.distance[index], off), off >= ANCHOR_RANGE, owner))
     return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
 
 
@@ -267,7 +253,7 @@ def _paths(pieces: _Pieces, samples: PolylineSamples, place: LocatedPoints, mapp
     none = np.zeros(0, dtype=np.int64)
     parts = [_Steps(none, none, none, np.zeros(0))]
     left = np.arange(len(pieces.first))
-    for rings in LINES.rings:
+    for rings in SEARCH_RINGS:
         block_of = np.cumsum((pieces.last - pieces.first + 1)[left]) // BLOCK
         blocks = [left[block_of == block] for block in np.unique(block_of)]
         parts += [_paths_of(block, rings, pieces, samples, place, mapped_graph) for block in blocks]
@@ -305,8 +291,7 @@ def _paths_of(
     )
     away = (stray[a] + stray[b]) / (2 * mapped_graph.edge_length)
     cost = (
-        np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed) * (1 + LINES.distance_cost * away)
-        + skipped
+        np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed) * (1 + DISTANCE_COST * away) + skipped
     )
     cost = np.maximum(cost, 1e-9 * mapped_graph.edge_length)  # zeros would be no steps
     graph = csr_array((cost, (a, b)), shape=(len(nodes), len(nodes)))
@@ -327,7 +312,7 @@ def _paths_of(
     of = owner[step[:, 0]]
     travelled = np.bincount(of, mapped_graph.scale * edge_graph.lengths[graph_edge], minlength=len(chosen))
     straight = samples.along[pieces.last[chosen]] - samples.along[pieces.first[chosen]]
-    direct = (travelled <= LINES.most_detour * straight + LINES.gap * mapped_graph.edge_length)[of]
+    direct = (travelled <= MAX_DETOUR * straight + MAX_GAP * mapped_graph.edge_length)[of]
     return _Steps(
         chosen[of[direct]],
         graph_edge[direct],

@@ -42,26 +42,15 @@ class FrameTuning(Tuning, set_by="transfer"):
     growth_rounds: int = tuned(4, "rounds", 0, 100)
 
 
-@dataclass(frozen=True)
-class TrustTuning(Tuning, set_by="judgement"):
-    """How far a map is followed.
-
-    Attributes:
-        full: the confidence from which on a map is followed; below it the less, the lower.
-        least: what remains of the trust without any confidence, so that such parts have a place as well.
-        remainder: what edges count for as far as they are not trusted: enough to fill in what is there, too little to
-            pull at what is around.
-        most_growth: of a target against the whole, at any place, and most shrinking; beyond is noise.
-    """
-
-    full: float = tuned(0.5, "confidence", 1e-6, 1)
-    least: float = tuned(1e-6, "1", 1e-12, 1)
-    remainder: float = tuned(1e-3, "1", 1e-12, 1)
-    most_growth: float = tuned(4.0, "1", 1, 1000)
-
-
 FRAMES = FrameTuning()
-TRUST = TrustTuning()
+# Confidence from which on a map is fully trusted; below it, trust falls in proportion.
+FULL_CONFIDENCE = 0.5
+# Trust that remains without any confidence: positive, so that such parts are still placed.
+MIN_TRUST = 1e-6
+# Weight of untrusted edges: enough to fill in missing parts, too little to pull at their surroundings.
+DOUBTED_WEIGHT = 1e-3
+# Growth of the target at any place against the mean, and its inverse, beyond which it is noise.
+MAX_RELATIVE_GROWTH = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ class Frames:
     @cached_property
     def trust(self) -> Floats:
         """(n,) how far to follow the map, above zero."""
-        return np.clip(self.confidence / TRUST.full, TRUST.least, 1)
+        return np.clip(self.confidence / FULL_CONFIDENCE, MIN_TRUST, 1)
 
     @cached_property
     def trusted_stiffness(self) -> csc_array:
@@ -98,7 +87,7 @@ class Frames:
     @cached_property
     def doubted_stiffness(self) -> csc_array:
         """(n, n) the stiffness of edges as far as they are not trusted, for filling in."""
-        return TRUST.remainder * (self.stiffness - self.trusted_stiffness)
+        return DOUBTED_WEIGHT * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
     def rotations(self) -> Floats:
@@ -120,9 +109,9 @@ class Frames:
         for _ in range(FRAMES.growth_rounds):
             sums = self.smoothing.weights[:, None] * self.smoothing.solve(sums)
         shrinking, whole = sums.T
-        shrinking = np.maximum(shrinking, whole / TRUST.most_growth)
+        shrinking = np.maximum(shrinking, whole / MAX_RELATIVE_GROWTH)
         growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
-        growth = np.maximum(growth, 1 / TRUST.most_growth)
+        growth = np.maximum(growth, 1 / MAX_RELATIVE_GROWTH)
         return (working.scale / np.sqrt(self.mapped.source.area) * growth)[:, None, None] * self.rotations
 
     @cached_property

@@ -22,34 +22,20 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.tuning import Tuning, tuned
 
 # Columns that are solved for together: bounds the memory.
 BLOCK = 16
-
-
-@dataclass(frozen=True)
-class InpaintingTuning(Tuning, set_by="judgement"):
-    """How vertices are filled in, and which parts are not but follow others.
-
-    Attributes:
-        least_area: of a vertex, over the mean one; smaller ones make the system as ill-conditioned as they are small,
-            and nothing smoother.
-        most_smooth: the number of doubtful vertices for which both terms are taken. The factors of more take gigabytes;
-            those of the first term alone a fifth of that.
-        surroundings: how far from the doubtful vertices the Laplacian is assembled; it is needed over two edges.
-        small_part: the area of a loose part, over all, below which it is a button or an eye, and moves as a whole.
-        least_weight: smaller ones move nothing that can be seen, but count towards limits.
-    """
-
-    least_area: float = tuned(1e-3, "1", 1e-12, 1)
-    most_smooth: int = tuned(150_000, "vertices", 0, 10**9)
-    surroundings: int = tuned(4, "edges", 2, 1000)
-    small_part: float = tuned(0.02, "1", 0, 1)
-    least_weight: float = tuned(1e-4, "1", 0, 1)
-
-
-INPAINTING = InpaintingTuning()
+# Smallest area of a vertex, over the mean; smaller ones worsen the condition of the system without a smoother result.
+MIN_VERTEX_AREA = 1e-3
+# Doubtful vertices up to which both terms are used. For more, the factors take gigabytes; those of the first term alone
+# take a fifth of that.
+MAX_BIHARMONIC = 150_000
+# Distance from the doubtful vertices, in edges, over which the Laplacian is assembled; two are needed.
+ASSEMBLED_RINGS = 4
+# Area of a loose part, over the total, below which it is a button or an eye and moves as a whole.
+SMALL_PART = 0.02
+# Smaller skinning weights move nothing visibly, but count towards limits.
+MIN_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +95,7 @@ class Filling:
         for first in range(0, len(occurring), BLOCK):
             columns = pull[:, occurring[first : first + BLOCK]].toarray()
             solved = np.clip(self._solved(-columns), 0, max(1, weights.max()))
-            blocks.append(csr_array(np.where(solved < INPAINTING.least_weight, 0, solved)))
+            blocks.append(csr_array(np.where(solved < MIN_WEIGHT, 0, solved)))
         narrow = hstack(blocks, format="csr")
         found = csr_array((narrow.data, occurring[narrow.indices], narrow.indptr), shape=(narrow.shape[0], groups))
         origin = np.arange(n)
@@ -176,14 +162,14 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
     near = unknown.copy()
-    for _ in range(INPAINTING.surroundings):
+    for _ in range(ASSEMBLED_RINGS):
         near[working.triangles[near[working.triangles].any(axis=1)]] = True
     triangles = (np.cumsum(near) - 1)[working.triangles[near[working.triangles].all(axis=1)]]
     stiffness, shares = mesh_laplacian(working.vertices[near], triangles)
     areas = shares * triangle_areas(working.vertices[near], triangles).sum()
     rows = csr_array(stiffness)[unknown[near]]
-    if unknown.sum() <= INPAINTING.most_smooth:
-        rows = rows + rows @ diags_array(1 / np.maximum(areas, INPAINTING.least_area * areas.mean())) @ stiffness
+    if unknown.sum() <= MAX_BIHARMONIC:
+        rows = rows + rows @ diags_array(1 / np.maximum(areas, MIN_VERTEX_AREA * areas.mean())) @ stiffness
     columns = csc_array(rows)
     factor = factorised(columns[:, np.flatnonzero(unknown[near])])
     pull = csr_array(columns[:, np.flatnonzero(known[near])])
@@ -196,7 +182,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
 def _small_parts(working: WorkingMesh) -> Booleans:
     """Which connected components are as small as buttons, by their numbers."""
     areas = triangle_areas(working.vertices, working.triangles)
-    return np.bincount(working.component[working.triangles[:, 0]], areas) < INPAINTING.small_part * areas.sum()
+    return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
 
 
 def _followers(

@@ -19,7 +19,7 @@ from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_open, edge_lengths
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.potts import VOTES, elect, tally
+from zoomout_core.transfer.potts import VOTE_WEIGHT, elect, tally
 
 
 def mix_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -92,7 +92,7 @@ def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
     chosen = elect(
         candidates,
-        VOTES.loyalty * mapped.circumference,
+        VOTE_WEIGHT * mapped.circumference,
         first,
         second,
         edge_lengths(target.vertices[target.corner_vertex], edges)[edge],

@@ -7,8 +7,6 @@ purpose; and the noise of a map leaves single faces beyond a border. Faces belon
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_array
 
@@ -17,21 +15,9 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, joined_groups
 from zoomout_core.transfer.potts import Candidates
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class IslandTuning(Tuning, set_by="judgement"):
-    """Which islands survive a vote.
-
-    Attributes:
-        least_cover: the part of a face of the target that an island covers to receive it, if no face elects it.
-    """
-
-    least_cover: float = tuned(0.5, "1", 0, 1)
-
-
-ISLANDS = IslandTuning()
+# Area covered by an island that no face elected, over that of a face, from which on the face receives it.
+MIN_COVER = 0.5
 
 
 def islands_of(surface: Surface, label: Integers) -> Integers:
@@ -61,7 +47,7 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
     best = best[np.flatnonzero(np.diff(island[best], prepend=-1))]
     face = candidates.face[best]
     # No island loses its only face for another.
-    fit = (covered[island[best]] >= ISLANDS.least_cover * area[face]) & (faces_of[island[chosen[face]]] > 1)
+    fit = (covered[island[best]] >= MIN_COVER * area[face]) & (faces_of[island[chosen[face]]] > 1)
     best = best[fit]
     result = chosen.copy()
     result[candidates.face[best]] = best

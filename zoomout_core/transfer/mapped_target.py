@@ -22,28 +22,15 @@ from zoomout_core.transfer.cut_mesh import (
     ragged,
 )
 from zoomout_core.transfer.inpaint import Filling, filling
-from zoomout_core.tuning import Tuning, tuned
 
 # The middles of the four parts that the midpoints of its edges divide a triangle into.
 SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 # Added to the area of samples, over the mean area of triangles: those without an area have a vote as well.
 LEAST_AREA = 1e-9
-
-
-@dataclass(frozen=True)
-class SamplingTuning(Tuning, set_by="judgement"):
-    """Where faces and corners of the target are read on the source.
-
-    Attributes:
-        nudge: how far a corner is moved towards the middle of its triangle to find its side of an edge of the source.
-        least_confidence: added to the confidence that samples weigh by, so that those without any have a vote as well.
-    """
-
-    nudge: float = tuned(0.25, "1", 0, 1)
-    least_confidence: float = tuned(1e-3, "1", 1e-12, 1)
-
-
-SAMPLING = SamplingTuning()
+# Part of the way towards the middle of its triangle by which a corner is moved, to find its side of a source edge.
+NUDGE = 0.25
+# Added to the confidence that weights samples, so that those without any have a vote as well.
+CONFIDENCE_OFFSET = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +142,7 @@ class MappedTarget:
         area = np.repeat(area, len(SAMPLES))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
-        return FaceSamples(
-            face, *self.locate(triangle, barycentric), area, area * (confidence + SAMPLING.least_confidence)
-        )
+        return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + CONFIDENCE_OFFSET))
 
     def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
         """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""
@@ -167,7 +152,7 @@ class MappedTarget:
         in_triangle[target.triangle_corners[largest].ravel()] = np.repeat(largest, 3)
         triangle = in_triangle[corners]
         here = target.triangle_corners[triangle] == corners[:, None]
-        return self.locate(triangle, np.where(here, 1 - SAMPLING.nudge, 0) + SAMPLING.nudge / 3)
+        return self.locate(triangle, np.where(here, 1 - NUDGE, 0) + NUDGE / 3)
 
     def near_border(self, cut: CutSurface) -> Booleans:
         """(f_t,) whether a face of the target might lie across a cut of the source."""

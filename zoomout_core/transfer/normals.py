@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,21 +14,9 @@ from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class NormalTuning(Tuning, set_by="judgement"):
-    """Normals that the transfer alone pushed below the surface.
-
-    Attributes:
-        lifted: sine of the angle above the surface that they are lifted to.
-    """
-
-    lifted: float = tuned(0.05, "1", 0, 1)
-
-
-NORMALS = NormalTuning()
+# Sine of the angle above the surface to which normals are lifted that the transfer alone pushed below it.
+LIFTED_SINE = 0.05
 
 
 def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -53,7 +41,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     normals[inside_out] -= 2 * (found[:, None] * outward)[inside_out]
     found[inside_out] *= -1
     pushed = (height > 0) & (found < 0)
-    normals[pushed] += (NORMALS.lifted - found[pushed])[:, None] * outward[pushed]
+    normals[pushed] += (LIFTED_SINE - found[pushed])[:, None] * outward[pushed]
     return replace(turned, values=unit_vectors(normals).astype(attribute.values.dtype))
 
 

@@ -14,21 +14,10 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.cut_mesh import ragged
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class VoteTuning(Tuning, set_by="judgement"):
-    """When a face agrees with its neighbours against its own samples.
-
-    Attributes:
-        loyalty: the length of border that outweighs all samples of a face, over the face's circumference.
-    """
-
-    loyalty: float = tuned(1.0, "1", 0, 1e12)
-
-
-VOTES = VoteTuning()
+# Weight of a face's votes against the length of border, in circumferences of the face: a border that is shorter by this
+# much outweighs all samples of the face.
+VOTE_WEIGHT = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, vertex_areas, vertex_normals
 from zoomout_core.transfer.bone_fit import Pose, estimated_pose, slid_pose
-from zoomout_core.transfer.frames import TRUST
+from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.skinning import skinning_matrices
 from zoomout_core.transfer.unpose import Rest, inverse_skinning
@@ -93,7 +93,9 @@ def posed_target(
         lying, trusted = _read_at_rest(found, mapped, pose, weights, search)
         if lying is None:
             break
-        found = replace(mapped, surface_map=lying, confidence=np.where(trusted, TRUST.full, REST.beside * confidence))
+        found = replace(
+            mapped, surface_map=lying, confidence=np.where(trusted, FULL_CONFIDENCE, REST.beside * confidence)
+        )
         normals = vertex_normals(target.vertices, target.triangles)
         own = csr_array(mixing_matrix(found) @ weights)
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)

@@ -9,7 +9,7 @@ moves, so the motion is drawn to the turned offsets as well: these hold over dis
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -17,28 +17,22 @@ from scipy.sparse import bsr_array
 from zoomout_core.arrays import Floats
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import FRAMES, TRUST, Frames, frames_of, frames_on, on_working_mesh, turned_gradients
+from zoomout_core.transfer.frames import (
+    FRAMES,
+    FULL_CONFIDENCE,
+    Frames,
+    frames_of,
+    frames_on,
+    on_working_mesh,
+    turned_gradients,
+)
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.tuning import Tuning, tuned
 
 # Keys that are worked on together: bounds the memory, and solves take longer with more columns at once.
 KEYS_AT_ONCE = 5
-
-
-@dataclass(frozen=True)
-class KeyTuning(Tuning, set_by="judgement"):
-    """Which offsets are noise.
-
-    Attributes:
-        least_of_key: length of an offset, over that of the key's longest one.
-        least_length: of an offset.
-    """
-
-    least_of_key: float = tuned(1e-4, "1", 0, 1)
-    least_length: float = tuned(1e-7, "at unit area", 0, 1)
-
-
-KEYS = KeyTuning()
+# Offsets below either length are noise and set to zero: over the longest offset of the key, and at unit area.
+MIN_RELATIVE_OFFSET = 1e-4
+MIN_OFFSET = 1e-7
 
 
 def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -54,7 +48,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """
     offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
-    doubtful = mapped.confidence < TRUST.full
+    doubtful = mapped.confidence < FULL_CONFIDENCE
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():
         return replace(attribute, values=carried)
@@ -88,7 +82,7 @@ def conformed(mapped: MappedTarget) -> Floats:
 def _without_noise(offsets: Floats, area: float) -> Floats:
     """Offsets (n, keys, 3) on a surface of an area; those that are too short to be seen are set to zero."""
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
-    least = np.maximum(KEYS.least_of_key * length.max(axis=0), KEYS.least_length * np.sqrt(area))
+    least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
 
 

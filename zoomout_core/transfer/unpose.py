@@ -19,7 +19,14 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.transfer.frames import FRAMES, TRUST, on_working_mesh, turned_gradients, without_sums
+from zoomout_core.transfer.frames import (
+    FRAMES,
+    FULL_CONFIDENCE,
+    MIN_TRUST,
+    on_working_mesh,
+    turned_gradients,
+    without_sums,
+)
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -66,13 +73,13 @@ def unposed(posed: Surface, matrices: Floats, scale: float, confidence: Floats) 
         confidence: (n,) in [0, 1] of the map that weights and pose are known by.
     """
     rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
-    trust = np.where(sound, np.clip(confidence / TRUST.full, 0, 1), 0)
+    trust = np.where(sound, np.clip(confidence / FULL_CONFIDENCE, 0, 1), 0)
     trust[_strained(posed, rest, scale)] = 0
     doubted = int((trust < 1).sum())
     if not doubted:
         return Rest(rest, inverse, 0)
     turns = nearest_rotations(inverse) / scale
-    return _smoothed(posed, rest, inverse, turns, np.maximum(trust, TRUST.least))
+    return _smoothed(posed, rest, inverse, turns, np.maximum(trust, MIN_TRUST))
 
 
 def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple[Floats, Floats, Booleans]:

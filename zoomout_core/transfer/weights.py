@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,28 +15,15 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.inpaint import INPAINTING
+from zoomout_core.transfer.inpaint import MIN_WEIGHT
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.tuning import Tuning, tuned
 
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01
-
-
-@dataclass(frozen=True)
-class WeightTuning(Tuning, set_by="judgement"):
-    """Weights of groups that a limit drops from some vertices.
-
-    Attributes:
-        fading: the distance over which a group fades out towards vertices where a limit leaves it out. Where 13 to 29
-            smooth groups to a vertex are limited to four, 3 takes 16 to 37 % off the larger steps between neighbours
-            (their 99th percentile), for 6 to 23 % more error; fading further takes off little more.
-    """
-
-    fading: int = tuned(3, "edges", 0, 100)
-
-
-WEIGHTS = WeightTuning()
+# Edges over which a group fades out towards vertices where a limit drops it. With 13 to 29 smooth groups to a vertex
+# limited to four, 3 reduces the larger steps between neighbours (99th percentile) by 16 to 37 %, for 6 to 23 % more
+# error; fading further gains little.
+FADING_EDGES = 3
 
 
 def mix_weights(
@@ -82,9 +69,9 @@ def mix_weights(
     if mapped.filling is not None:
         mixed, both_sums = mapped.filling.fill_weights(mixed), mapped.filling.fill(both_sums, following=True)
         notes += mapped.filling.notes(following=True)
-    mixed.data[mixed.data < INPAINTING.least_weight] = 0
+    mixed.data[mixed.data < MIN_WEIGHT] = 0
     mixed.eliminate_zeros()
-    counted = shared[weights.indices] & (weights.data >= INPAINTING.least_weight)
+    counted = shared[weights.indices] & (weights.data >= MIN_WEIGHT)
     most = int(np.bincount(_rows(weights)[counted], minlength=1).max())
     if limit is None or limit >= most:
         _keep_largest(mixed, shared, limit or most)
@@ -120,11 +107,11 @@ def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit:
     near = _neighbours(surface)
     kept = csr_array((np.arange(1, weights.nnz + 1), weights.indices, weights.indptr), shape=weights.shape)
     share = np.ones(weights.nnz)
-    for edges in range(1, WEIGHTS.fading + 1):
+    for edges in range(1, FADING_EDGES + 1):
         dropped = csr_array(near @ dropped)
         dropped.data[:] = 1
         reached = kept.multiply(dropped).data - 1
-        share[reached] = np.minimum(share[reached], edges / (WEIGHTS.fading + 1))
+        share[reached] = np.minimum(share[reached], edges / (FADING_EDGES + 1))
     weights.data *= share
     _rescale(weights, shared, sums)
 
@@ -233,7 +220,7 @@ def _rescale(weights: Any, shared: Booleans, wanted: Floats) -> int:
     rows = _rows(weights)
     counts = shared[weights.indices]
     kept = np.bincount(rows[counts], weights.data[counts], minlength=weights.shape[0])
-    wanted = np.where(wanted < INPAINTING.least_weight, 0, wanted)
+    wanted = np.where(wanted < MIN_WEIGHT, 0, wanted)
     factor = np.divide(wanted, kept, out=np.ones(len(kept)), where=kept > 0)
     weights.data[counts] *= factor[rows[counts]]
     weights.eliminate_zeros()

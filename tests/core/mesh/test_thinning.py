@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from creatures import creature
@@ -13,13 +11,11 @@ from reports import fractions_of
 from zoomout_core.mesh import decimation
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(autouse=True)
-def small_stages() -> Iterator[None]:
-    with retuned(decimation.DECIMATION, per_stage=300):
-        yield
+def small_stages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decimation, "MAX_STAGE_VERTICES", 300)
 
 
 def plane(side: int) -> tuple[np.ndarray, np.ndarray]:

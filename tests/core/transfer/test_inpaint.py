@@ -14,9 +14,8 @@ from transfer_meshes import Sheet, identity, sheet, split_at_faces, torus, tube
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.inpaint import INPAINTING, filling
-from zoomout_core.tuning import retuned
+from zoomout_core.transfer import Attribute, Domain, Kind, inpaint, transfer
+from zoomout_core.transfer.inpaint import filling
 
 
 @dataclass
@@ -59,20 +58,20 @@ def test_a_smooth_function_is_continued_into_a_hole(mesh: Sheet) -> None:
     assert np.abs(filled[holes] - truth[holes]).mean() < 0.1 * flat
 
 
-def test_more_than_can_be_filled_in_smoothly_is_still_filled_in(mesh: Sheet) -> None:
+def test_more_than_can_be_filled_in_smoothly_is_still_filled_in(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     holes, truth = hole(mesh, 0.06), waves(mesh.parameters)
     smooth = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
-    with retuned(INPAINTING, most_smooth=10):
-        plain = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    monkeypatch.setattr(inpaint, "MAX_BIHARMONIC", 10)
+    plain = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
     error = [np.abs(filled[holes] - truth[holes]).max() for filled in (smooth, plain)]
     assert error[0] < error[1] < 0.1
 
 
-def test_only_what_is_near_a_hole_counts(mesh: Sheet) -> None:
+def test_only_what_is_near_a_hole_counts(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     holes, truth = hole(mesh), waves(mesh.parameters)
     near = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
-    with retuned(INPAINTING, surroundings=1000):
-        np.testing.assert_allclose(near, filling(mesh.surface, ~holes).fill(spoilt(truth, holes)), atol=1e-9)
+    monkeypatch.setattr(inpaint, "ASSEMBLED_RINGS", 1000)
+    np.testing.assert_allclose(near, filling(mesh.surface, ~holes).fill(spoilt(truth, holes)), atol=1e-9)
 
 
 def test_constants_stay_constant_and_nothing_leaves_the_range_of_the_trusted(mesh: Sheet) -> None:

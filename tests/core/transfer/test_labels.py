@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from transfer_meshes import Sheet, identity, sheet, torus, true_map
 
-from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, interpolate, transfer
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
-from zoomout_core.transfer.potts import VOTES, Candidates, elect, tally
-from zoomout_core.tuning import retuned
+from zoomout_core.transfer.potts import Candidates, elect, tally
 
 GRID = (120, 80)
 
@@ -90,7 +89,9 @@ def test_labels_of_faces_and_corners_land_on_the_right_side(source: Sheet) -> No
     assert (corner == truth[aligned.surface.corner_face]).all()
 
 
-def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(source: Sheet, target: Sheet) -> None:
+def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(
+    source: Sheet, target: Sheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stripe = np.floor(source.middles[:, 0] * 4).astype(int)
     first, second = adjacent_edges(target.surface)
     face = target.surface.corner_face
@@ -104,8 +105,8 @@ def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(source
         return float(edge_lengths(target.surface.vertices[target.surface.corner_vertex], first)[border].sum())
 
     smoothed = border_length()
-    with retuned(VOTES, loyalty=1e9):
-        by_vote_alone = border_length()
+    monkeypatch.setattr(interpolate, "VOTE_WEIGHT", 1e9)
+    by_vote_alone = border_length()
     rings = 4 * 2 * np.pi  # four circles of radius one
     assert smoothed - rings < 0.6 * (by_vote_alone - rings)
 

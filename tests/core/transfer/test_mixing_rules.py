@@ -19,11 +19,18 @@ from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_nor
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_open
-from zoomout_core.transfer.frames import TRUST, frames_of, frames_on, on_working_mesh, products_of_gradients, rotations
+from zoomout_core.transfer.frames import (
+    DOUBTED_WEIGHT,
+    frames_of,
+    frames_on,
+    on_working_mesh,
+    products_of_gradients,
+    rotations,
+)
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.normals import NORMALS, turn_directions, turn_normals
+from zoomout_core.transfer.normals import LIFTED_SINE, turn_directions, turn_normals
 from zoomout_core.transfer.potts import tally
 from zoomout_core.transfer.weights import limit_weights, sum_to_one
 
@@ -350,9 +357,9 @@ def test_edges_are_filled_in_as_far_as_they_are_not_trusted() -> None:
         frames_of(mapped_onto(BODY, BODY, confidence)) for confidence in (1.0, 0.0, np.where(top, 0.0, 1.0))
     )
     np.testing.assert_allclose(full.doubted_stiffness.toarray(), 0, atol=1e-12)
-    np.testing.assert_allclose(none.doubted_stiffness.toarray(), TRUST.remainder * none.stiffness.toarray(), atol=1e-9)
+    np.testing.assert_allclose(none.doubted_stiffness.toarray(), DOUBTED_WEIGHT * none.stiffness.toarray(), atol=1e-9)
     edges = ~np.eye(len(top), dtype=bool)
-    doubted, expected = half.doubted_stiffness.toarray(), TRUST.remainder * half.stiffness.toarray()
+    doubted, expected = half.doubted_stiffness.toarray(), DOUBTED_WEIGHT * half.stiffness.toarray()
     expected[np.ix_(~top, ~top)] = 0
     np.testing.assert_allclose(doubted[edges], expected[edges], atol=1e-8)
 
@@ -492,7 +499,7 @@ def test_what_is_wound_inside_out_has_the_mirror_images_of_its_normals_whether_l
     up = vertex_normals(vertices, MESH.triangles)
     height = np.einsum("nx,nx->n", found, up)
     # Where it falls away, some are pushed below the surface, and lifted before they are made of unit length.
-    lifted = np.abs(height - NORMALS.lifted / np.sqrt(1 + NORMALS.lifted**2)) < 1e-4
+    lifted = np.abs(height - LIFTED_SINE / np.sqrt(1 + LIFTED_SINE**2)) < 1e-4
     assert 3 < lifted.sum() < 0.3 * len(X)
     np.testing.assert_allclose(mirrored, found - 2 * height[:, None] * up, atol=1e-9)
 

@@ -11,27 +11,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_open
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class UVTuning(Tuning, set_by="judgement"):
-    """Which sheet of the source a face of the target takes its UVs from, and how.
-
-    Attributes:
-        most_steep: the slope of UVs beyond a border, at most, over the mean one of their island.
-        most_sheets: of one face; more do not meet in one, unless it is larger than islands.
-        inward: how far towards the middle of its face a corner chooses its triangle, to stay on the face's side.
-        agreement: faces whose UVs at a common edge differ by less than this part of their size continue each other.
-    """
-
-    most_steep: float = tuned(4.0, "1", 0, 1000)
-    most_sheets: int = tuned(4, "sheets", 1, 100)
-    inward: float = tuned(0.01, "1", 0, 1)
-    agreement: float = tuned(0.25, "1", 0, 1)
-
-
-UVS = UVTuning()
+# Slope of UVs that are continued beyond a border, at most, over the mean of their island.
+MAX_SLOPE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +54,7 @@ class Chart:
             uv_c - uv_a
         )
         island = self.cut.triangle_island[triangle]
-        longest = UVS.most_steep * self.density[island] * np.linalg.norm(offset, axis=1)
+        longest = MAX_SLOPE * self.density[island] * np.linalg.norm(offset, axis=1)
         length = np.linalg.norm(step, axis=1)
         step *= np.minimum(1, np.divide(longest, length, out=np.ones_like(length), where=length > 0))[:, None]
         return np.clip(self.at(triangle, barycentric) + step, self.lower[island], self.upper[island])

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -13,23 +11,11 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import Chart, signed_areas
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class FaultTuning(Tuning, set_by="judgement"):
-    """Which faces are reported.
-
-    Attributes:
-        most_stretch: how many times as long, or as short, as the source's a face's UVs may be.
-        least_cover: the area of a face's UVs, over what the source's would cover.
-    """
-
-    most_stretch: float = tuned(4.0, "1", 1, 1000)
-    least_cover: float = tuned(1e-3, "1", 0, 1)
-
-
-FAULTS = FaultTuning()
+# Stretch of a face's UVs against the source's, and its inverse, above which the face is reported.
+MAX_STRETCH = 4.0
+# UV area of a face, over what it would be on the source, below which the face is reported as degenerate.
+MIN_UV_AREA = 1e-3
 
 
 def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
@@ -61,7 +47,7 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
     covered = np.bincount(target.triangle_face, signed)
     area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
     expected = chart.density[island] ** 2 * area * source.area / target.area
-    degenerate = np.abs(covered) < FAULTS.least_cover * expected
+    degenerate = np.abs(covered) < MIN_UV_AREA * expected
     flipped = _flipped(chart, mapped, seed, signed) & ~degenerate
 
     around_face, around_seed = face_edges(target), source.triangle_corners[seed][:, [[0, 1], [1, 2], [2, 0]]]
@@ -70,8 +56,8 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
     local = np.divide(in_uv, in_space, out=np.zeros(len(seed)), where=in_space > 0)
     length = mapped.circumference * np.sqrt(source.area / target.area)
     found = np.bincount(target.corner_face, edge_lengths(uv, around_face))
-    long = found > FAULTS.most_stretch * length * np.maximum(local, chart.density[island])
-    short = found * FAULTS.most_stretch < length * np.minimum(local, chart.density[island])
+    long = found > MAX_STRETCH * length * np.maximum(local, chart.density[island])
+    short = found * MAX_STRETCH < length * np.minimum(local, chart.density[island])
     return flipped, degenerate, (long | short) & ~degenerate
 
 

@@ -24,26 +24,13 @@ from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CutSurface, cut_open, ragged
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class SeamCutTuning(Tuning, set_by="judgement"):
-    """Where new vertices are placed on edges and in faces.
-
-    Attributes:
-        snap: a crossing that is nearer to an end of its edge is at that end, as slivers would result else.
-        least_share: of a face's area, which each of its edges spans with a point where seams meet; the point is not
-            taken where one spans less.
-        halvings: of an edge, to find where it crosses a seam.
-    """
-
-    snap: float = tuned(0.1, "edges", 0, 0.5)
-    least_share: float = tuned(0.02, "1", 0, 1)
-    halvings: int = tuned(14, "rounds", 1, 60)
-
-
-SEAM_CUTS = SeamCutTuning()
+# Distance of a crossing from an end of its edge, in edges, below which it snaps to that end to avoid slivers.
+SNAP_DISTANCE = 0.1
+# Smallest share of a face's area that an edge must span with the point where seams meet; else the point is not used.
+MIN_SPOKE_AREA = 0.02
+# Bisections of an edge to find where it crosses a seam.
+BISECTIONS = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +116,7 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
 
     # A vertex next to a seam counts as on it, and so do all crossings of the edges around it.
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
-    snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SEAM_CUTS.snap)
+    snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SNAP_DISTANCE)
     snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the nearest come last
     on_seam = np.zeros(n, dtype=bool)
     on_seam[nearer[snapped]] = True
@@ -192,7 +179,7 @@ def _leaves_sheet(
 def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[Floats, SurfaceMap]:
     """(e,) where edges whose ends lie on two sheets cross from one to the other, and these places on the source."""
     low, high = np.zeros(len(edge)), np.ones(len(edge))
-    for _ in range(SEAM_CUTS.halvings):
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
         beyond, _ = _leaves_sheet(cut, mapped, edge, middle)
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
@@ -327,4 +314,4 @@ def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     normal = np.cross(here, there)
     sums = segment_sum(normal, owner)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
-    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > SEAM_CUTS.least_share)
+    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > MIN_SPOKE_AREA)

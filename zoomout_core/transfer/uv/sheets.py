@@ -17,7 +17,13 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.cut_mesh import CutSurface, ragged
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import Candidates
-from zoomout_core.transfer.uv.chart import UVS, Chart
+from zoomout_core.transfer.uv.chart import Chart
+
+# Sheets that one face may lie on, at most; more meet in one face only where it is larger than islands.
+MAX_SHEETS = 4
+# Part of the way towards the middle of its face by which a corner is moved to choose its triangle, to stay on the
+# face's side of a seam.
+INWARD_SHIFT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +81,7 @@ def _read(
     gap = np.zeros(len(vertex))
     walked = near[face[candidate]]
     points = mapped.points[vertex[walked]]
-    inside = points + UVS.inward * (middle[candidate[walked]] - points)
+    inside = points + INWARD_SHIFT * (middle[candidate[walked]] - points)
     entered, _, _ = cut.walk(seed[candidate[walked]], inside)
     triangle[walked], barycentric[walked], gap[walked] = cut.walk(entered, points)
     uv = chart.at(triangle, barycentric)
@@ -102,7 +108,7 @@ def _sampled_sheets(
     off_middle = np.linalg.norm(points - middle[samples.face] / count[samples.face, None], axis=1)
     order = np.lexsort((off_middle, samples.face))
     seed_of = np.full(len(order), -1)
-    for _ in range(UVS.most_sheets):
+    for _ in range(MAX_SHEETS):
         unclaimed = order[seed_of[order] < 0]
         if len(unclaimed) == 0:
             break

@@ -19,13 +19,15 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, joined_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.potts import VOTES, elect
-from zoomout_core.transfer.uv.chart import UVS, Chart, chart_of
+from zoomout_core.transfer.potts import VOTE_WEIGHT, elect
+from zoomout_core.transfer.uv.chart import Chart, chart_of
 from zoomout_core.transfer.uv.faults import fault_notes
 from zoomout_core.transfer.uv.sheets import Sheets, sheets_of
 
 # Corners of joined faces that differ by less than this part of the UVs' range differ by rounding.
 SAME_CORNER = 1e-9
+# Largest difference of UVs at a common edge, relative to the smaller face's UV size, of faces that continue each other.
+UV_TOLERANCE = 0.25
 
 
 def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -58,7 +60,7 @@ def _elected(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
     return elect(
         sheets.candidates,
-        VOTES.loyalty * mapped.circumference,
+        VOTE_WEIGHT * mapped.circumference,
         one,
         other,
         edge_lengths(target.vertices[target.corner_vertex], first)[edge],
@@ -77,7 +79,7 @@ def _agree(
 ) -> Booleans:
     """(e,) whether two candidates continue each other over their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
-    tolerance = UVS.agreement * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
+    tolerance = UV_TOLERANCE * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
     agree = island[one] == island[other]
     for mine, theirs in zip(first.T, second.T, strict=True):
         apart = sheets.uv[sheets.rows(one, mine, target)] - sheets.uv[sheets.rows(other, theirs, target)]

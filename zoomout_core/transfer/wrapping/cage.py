@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
 
@@ -15,26 +13,13 @@ from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.wrapping.elastic import PinnedSystem, Pins
 from zoomout_core.transfer.wrapping.subdivision import limit_points
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class CageTuning(Tuning, set_by="judgement"):
-    """How a cage is found.
-
-    Attributes:
-        rounds: in which the limit's feet on the source are sought anew.
-        fairness: of differences between how a vertex and its neighbours move, against distances of the limit from its
-            feet, squared: what no limit point tells apart, such as every second vertex up and down, stays as it is.
-        staying: of each vertex's own motion, against the same.
-    """
-
-    rounds: int = tuned(4, "rounds", 1, 100)
-    fairness: float = tuned(3e-3, "1", 1e-12, 100)
-    staying: float = tuned(1e-4, "1", 1e-12, 100)
-
-
-CAGE = CageTuning()
+# Rounds of projecting the limit surface onto the source.
+PROJECTION_ROUNDS = 4
+# Weights against squared distances of the limit from its projections: of differences in motion between a vertex and its
+# neighbours, which keeps what no limit point determines (such as every second vertex up and down), and of the motion.
+FAIRNESS_WEIGHT = 3e-3
+MOTION_WEIGHT = 1e-4
 
 
 def cage_of(
@@ -55,11 +40,11 @@ def cage_of(
     cage, source, n = mapped.target, mapped.source, len(positions)
     points = limit_points(cage)
     pull = csc_array(points.limit.T @ diags_array(np.maximum(points.limit @ weight, 0)))
-    fair = csc_array(CAGE.fairness * _differences(cage) + CAGE.staying * diags_array(np.ones(n)))
+    fair = csc_array(FAIRNESS_WEIGHT * _differences(cage) + MOTION_WEIGHT * diags_array(np.ones(n)))
     limit_pins = Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions)
     system = PinnedSystem(factorised(pull @ points.limit + fair), limit_pins)
     flat, found, at = points.flat @ positions, positions, triangle[points.near]
-    for _ in range(CAGE.rounds):
+    for _ in range(PROJECTION_ROUNDS):
         at, barycentric, _ = mapped.whole.walk(at, points.limit @ found)
         feet = np.einsum("qc,qcx->qx", barycentric, source.vertices[source.triangles[at]])
         found = system.solve(pull @ (flat + detail * (feet - flat)) + fair @ positions)

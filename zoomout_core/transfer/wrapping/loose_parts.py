@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -12,31 +10,19 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import Moments, Similarities, procrustes
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.transfer.inpaint import INPAINTING
+from zoomout_core.transfer.inpaint import SMALL_PART
 from zoomout_core.transfer.wrapping.fit import Fit
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class LoosePartTuning(Tuning, set_by="judgement"):
-    """How loose parts go along.
-
-    Attributes:
-        neighbours: vertices of larger parts near each vertex that say how its part moves.
-        followed: share of a part whose images must be trusted for it to go where they are.
-    """
-
-    neighbours: int = tuned(8, "vertices", 1, 1000)
-    followed: float = tuned(0.5, "1", 0, 1)
-
-
-LOOSE_PARTS = LoosePartTuning()
+# Vertices of larger parts near each vertex of a loose part that determine its motion.
+NEIGHBOURS = 8
+# Share of a part's area with trusted images from which on the part is placed where they are.
+MIN_TRUSTED_SHARE = 0.5
 
 
 def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
     """(n,) vertices of parts that are small, or of which no vertex has a weight (n,)."""
     areas = triangle_areas(working.vertices, working.triangles)
-    small = np.bincount(working.component[working.triangles[:, 0]], areas) < INPAINTING.small_part * areas.sum()
+    small = np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
     return np.asarray((small | (np.bincount(working.component, weight) == 0))[working.component])
 
 
@@ -55,11 +41,11 @@ def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
     order = np.flatnonzero(loose)
     order = order[np.argsort(working.component[order], kind="stable")]
     for part in np.split(order, np.flatnonzero(np.diff(working.component[order])) + 1):
-        near = tree.query(rest[part], min(LOOSE_PARTS.neighbours, len(whole)))[1]
+        near = tree.query(rest[part], min(NEIGHBOURS, len(whole)))[1]
         near = whole[np.unique(near)]
         motion = procrustes(rest[near], positions[near], handedness=fit.skin.handedness[part[0]])
         trust, areas = fit.trust[part] * fit.skin.areas[part], fit.skin.areas[part]
-        if trust.sum() >= LOOSE_PARTS.followed * areas.sum():
+        if trust.sum() >= MIN_TRUSTED_SHARE * areas.sum():
             motion = _placed(motion, Moments.between(rest[part], fit.feet.images[part], trust), fit.feet.images[part])
         positions[part] = motion(rest[part])
     return positions

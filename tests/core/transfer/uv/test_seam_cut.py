@@ -14,7 +14,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.uv.seam_cut import SEAM_CUTS, SeamCut, seam_cut
+from zoomout_core.transfer.uv.seam_cut import SNAP_DISTANCE, SeamCut, seam_cut
 
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1)}
 # What counts as on a seam, in parts of an island: chords of the source leave its circles by less.
@@ -86,8 +86,8 @@ def test_the_surface_stays_what_it_was(source: Sheet, target: Sheet, layout: tup
     edges, faces_at = np.unique(np.sort(opened.corner_vertex[face_edges(opened)], axis=1), axis=0, return_counts=True)
     assert (faces_at == 2).all()
     assert len(opened.vertices) - len(edges) + len(opened.face_start) - 1 == 0  # a torus still
-    assert found.fraction.min() >= SEAM_CUTS.snap
-    assert found.fraction.max() <= 1 - SEAM_CUTS.snap
+    assert found.fraction.min() >= SNAP_DISTANCE
+    assert found.fraction.max() <= 1 - SNAP_DISTANCE
 
 
 def test_a_face_within_which_seams_meet_is_divided_from_that_point(source: Sheet, target: Sheet) -> None:
