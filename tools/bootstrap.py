@@ -52,6 +52,12 @@ EXTRAS = {
     ),
 }
 
+# The modules that the core finds the extension by, see `zoomout_core/mesh/blender_files.py`.
+EXTENSION_ENTRY_POINTS = """[zoomout.extension]
+main = blender_addon
+demo = blender_addon.demo
+"""
+
 # What the wheels load from the system, and the Debian and Ubuntu packages that hold it. Blender opens
 # libEGL only when it renders, and aborts the process when it is missing.
 SYSTEM_LIBRARIES = {
@@ -238,9 +244,17 @@ def install_project(extra: str, content: str) -> None:
     STAMP.unlink()  # also when pip failed: it undoes what it cannot finish
     if status != 0:
         fail("pip could not install the project: fix the cause above and run make again.")
-    # The wheel leaves the Blender extension out, a zip of its own: the demo, tests and tools take it from here.
+    register_extension()
+
+
+def register_extension() -> None:
+    """Make the Blender extension, which the wheel leaves out, importable and known to the core."""
     (packages,) = ENVIRONMENT.glob("lib/python3*/site-packages")
     (packages / "source_folder.pth").write_text(f"{ROOT}\n")
+    metadata = packages / "zoomout_extension-0.dist-info"
+    metadata.mkdir(exist_ok=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: zoomout-extension\nVersion: 0\n")
+    (metadata / "entry_points.txt").write_text(EXTENSION_ENTRY_POINTS)
 
 
 def pip_install(*arguments: str) -> int:

@@ -26,7 +26,8 @@ def run(commands: str, name: str, extra: str) -> None:
     except MemoryError:
         sys.exit(f"Error: {import_module('zoomout_core.mesh.memory').NO_MEMORY}")
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] in ("zoomout_core", "meshlab_filter"):
+        own = __package__, commands.partition(".")[0]
+        if error.name is None or error.name.partition(".")[0] in own:
             raise
         sys.exit(f"{name} needs the package {error.name}, which is missing: pip install 'zoomout-core[{extra}]'.")
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from creatures import Creature, mirrored_vertex, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.cli import main
+from zoomout_core.cli import demo_command, main
 from zoomout_core.runtime.threads import threads
 
 
@@ -164,6 +164,13 @@ def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tup
     assert outcome.output.strip().count("\n") == 0
     assert sentence in outcome.output
     assert not (files / "none.npz").exists()
+
+
+def test_the_demo_without_the_extension_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo_command, "extension_module", lambda _: None)
+    outcome = run("demo", "-o", tmp_path / "demo")
+    assert (outcome.exit_code, "run `make demo`" in outcome.output) == (1, True)
+    assert not (tmp_path / "demo").exists()
 
 
 def test_symmetry_writes_the_map_its_sides_and_lists_what_was_found(files: Path, bent: Creature) -> None:

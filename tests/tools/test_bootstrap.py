@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from importlib.metadata import distributions
 from pathlib import Path
 
 import bootstrap
 import pytest
+
+from zoomout_core.mesh.blender_files import ENTRY_POINTS
 
 DOWNLOAD = "  Downloading bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl (375.2 MB)"
 
@@ -48,6 +51,15 @@ def test_the_output_of_pip_goes_to_the_log_and_large_downloads_are_shown(
     assert command.startswith("$ ")
     assert command.endswith("--editable .[dev]")
     assert output == lines
+
+
+def test_the_extension_beside_the_core_is_found_by_its_entry_points(environment: Path) -> None:
+    write_python(environment, "true")
+    bootstrap.install_project("dev", "Blender")
+    (packages,) = environment.glob(".venv/lib/python3*/site-packages")
+    (found,) = distributions(path=[str(packages)])
+    modules = {entry.name: entry.module for entry in found.entry_points if entry.group == ENTRY_POINTS}
+    assert modules == {"main": "blender_addon", "demo": "blender_addon.demo"}
 
 
 def test_a_failure_of_pip_shows_the_end_of_the_log(environment: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from zoomout_core.cli.report import json_option, say
+from zoomout_core.mesh.blender_files import extension_module
 from zoomout_core.mesh.surface import MeshError
 
 
@@ -18,14 +19,12 @@ from zoomout_core.mesh.surface import MeshError
 @json_option
 def demo(output: str, as_json: bool) -> None:
     """Build, pose, match and transfer a character in headless Blender, and measure it against the truth."""
+    extension = extension_module("demo")
+    if extension is None:
+        raise click.ClickException("The demo needs the project's source and Blender as a module: run `make demo`.")
+    module = extension.load()
     try:
-        from blender_addon.demo import run, summary
-    except ModuleNotFoundError as error:
-        if error.name == "blender_addon":
-            raise click.ClickException("The demo is part of the project's source: run `make demo` there.") from None
-        raise click.ClickException(f"The demo needs Blender as a module ({error}): pip install bpy.") from None
-    try:
-        report = run(Path(output))
+        report = module.run(Path(output))
     except (MeshError, OSError) as error:
         raise click.ClickException(str(error)) from None
-    say(summary(report), report, as_json)
+    say(module.summary(report), report, as_json)

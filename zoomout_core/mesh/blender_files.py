@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that Blender reads: .blend, .fbx, and what else it imports. It does so in a process of its own.
+"""Read .blend, .fbx and other files through Blender, in a child process.
 
-What is asked of it are commands of this project's extension, `blender --command zoomout`; its results are files.
+The process runs a command of this project's extension (`blender --command zoomout`), which writes its results to files.
+An extension that is installed beside the core in a Python with `bpy` registers itself by entry points of the group
+`ENTRY_POINTS`, so that the core names no module of it.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic, sleep
@@ -30,7 +33,8 @@ SOURCE, TARGET = "source", "target"
 PROGRAM = "ZOOMOUT_BLENDER"
 # Seconds that Blender may take for one command, and between two looks at whether it has ended.
 MOST_SECONDS, PATIENCE = 3600.0, 0.05
-EXTENSION = "blender_addon"
+# The extension's entry points: `main`, the module that `python -m` runs, and `demo`, a module with `run` and `summary`.
+ENTRY_POINTS = "zoomout.extension"
 SAID = "zoomout: "
 NO_BLENDER = (
     "Reading and writing .blend and .fbx files requires Blender: install Blender 4.2 or newer with the extension "
@@ -38,12 +42,18 @@ NO_BLENDER = (
 )
 
 
+def extension_module(name: str) -> EntryPoint | None:
+    """The module that an installed extension registers by a name, or None without one or without Blender (`bpy`)."""
+    registered = entry_points(group=ENTRY_POINTS, name=name)
+    return next(iter(registered), None) if find_spec("bpy") else None
+
+
 def blender_command(program: str | None = None) -> list[str]:
-    """What begins a command line of the extension.
+    """The beginning of a command line of the extension.
 
     Args:
-        program: Blender's; if none is given, that which the environment variable names, else Blender as a module of
-            this Python beside a copy of this project, else the program on the path.
+        program: Blender's; by default the one that the environment variable names, else the extension registered in
+            this Python, else the program on the path.
 
     Raises:
         MeshError: there is no Blender.
@@ -52,8 +62,8 @@ def blender_command(program: str | None = None) -> list[str]:
     found = shutil.which(named or "blender")
     if named and found is None:
         raise MeshError(f"There is no program {named}: give the path of Blender 4.2 or newer.")
-    if not named and find_spec("bpy") and find_spec(EXTENSION):
-        return [sys.executable, "-m", EXTENSION]
+    if not named and (extension := extension_module("main")):
+        return [sys.executable, "-m", extension.module]
     if found is None:
         raise MeshError(NO_BLENDER)
     return [found, "--background", "--disable-autoexec", "--command", "zoomout"]
@@ -119,8 +129,9 @@ def write_surface(path: Path, output: Path, role: str = TARGET, program: str | N
 
 
 def _environment() -> dict[str, str]:
-    """That of this process, in which a Python finds the packages that this one has found."""
-    spec = find_spec(EXTENSION)
+    """The environment variables of this process, with the folder of the extension on Python's path."""
+    extension = extension_module("main")
+    spec = find_spec(extension.module) if extension else None
     places = [str(Path(each).resolve().parent) for each in (spec.submodule_search_locations or ())] if spec else []
     return os.environ | {"PYTHONPATH": os.pathsep.join([*places, *filter(None, [os.environ.get("PYTHONPATH")])])}
 

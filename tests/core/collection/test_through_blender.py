@@ -175,7 +175,7 @@ def test_blender_is_not_asked_where_it_is_not_needed(program: Path, folder: Path
 def test_without_blender_its_files_fail_by_name_and_a_template_is_refused_at_once(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(blender_files, "find_spec", lambda _: None)
+    monkeypatch.setattr(blender_files, "extension_module", lambda _: None)
     monkeypatch.setattr(blender_files.shutil, "which", lambda _: None)
     monkeypatch.delenv(blender_files.PROGRAM, raising=False)
     status, said = run(folder, tmp_path / "out", "--template", folder / "hero.blend", "--transfer")
