@@ -28,6 +28,8 @@ import shutil
 import subprocess
 import sys
 import venv
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, STDOUT
 from typing import NoReturn
@@ -38,6 +40,7 @@ ENVIRONMENT_PYTHON = ENVIRONMENT / "bin" / "python"
 STAMP = ENVIRONMENT / "setup-stamp"
 UNFINISHED = "unfinished"
 LOG = ROOT / "build" / "setup.log"
+LOCK = ROOT / "build" / "setup.lock"
 LOG_TAIL = 20  # lines that are shown after a failure
 LARGE_DOWNLOAD = 30  # MB; downloads from this size on are shown
 
@@ -82,7 +85,29 @@ SYSTEM_LIBRARIES = {
 
 
 def main() -> None:
-    wanted = (sys.argv[1:] or ["all"])[0]
+    with locked():
+        set_up((sys.argv[1:] or ["all"])[0])
+
+
+@contextmanager
+def locked() -> Iterator[None]:
+    """Wait until no other process sets up this checkout: two at once would break `.venv`."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    LOCK.parent.mkdir(exist_ok=True)
+    with LOCK.open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say("waiting for another make to finish its setup")
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def set_up(wanted: str) -> None:
     keep = environment_is_usable()
     enough = list(EXTRAS)[list(EXTRAS).index(wanted) :]
     finished = keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]

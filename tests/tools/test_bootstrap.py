@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import distributions
 from pathlib import Path
+from threading import Thread
 
 import bootstrap
 import pytest
@@ -89,3 +91,24 @@ def test_a_failure_of_pip_shows_the_end_of_the_log(environment: Path, capfd: pyt
 )
 def test_steps_that_can_take_minutes_are_shown(line: str, message: str | None) -> None:
     assert bootstrap.progress_message(line) == message
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no flock")
+def test_a_second_setup_waits_for_the_first(
+    environment: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bootstrap, "LOCK", environment / "build" / "setup.lock")
+    order = []
+
+    def second() -> None:
+        with bootstrap.locked():
+            order.append("second")
+
+    waiting = Thread(target=second)
+    with bootstrap.locked():
+        waiting.start()
+        while "waiting for another make" not in capfd.readouterr().out:
+            assert waiting.is_alive()
+        order.append("first")
+    waiting.join()
+    assert order == ["first", "second"]
