@@ -18,6 +18,7 @@ from benchmarks import downsampled as downsampled_table
 from benchmarks import golden as golden_tables
 from benchmarks import initial_size as initial_size_table
 from benchmarks import large as large_table
+from benchmarks import left_out as left_out_table
 from benchmarks import overfitting as overfitting_table
 from benchmarks import paper as paper_page
 from benchmarks import partial as partial_table
@@ -88,6 +89,13 @@ def collection_engine(data: Path, pairs: int | None, json_file: Path | None, pla
 def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate: bool, pictures: Path | None) -> None:
     """How often `match` is right with no hint, how exact it is, and whether it knows; published maps beside it."""
     report(correspondence_tables.run(data, pairs, ablate, pictures), data, json_file)
+
+
+@main.command()
+@common_options
+def left_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """Whole matches with and without the parts of the method that few shapes need, on the sets that need them."""
+    report(left_out_table.run(data, pairs), data, json_file)
 
 
 @main.command()
