@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from zoomout_core.runtime.progress import Progress
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+# Files of tests run side by side, one on each core: threads of their own would only compete with one another.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("ZOOMOUT_THREADS", "1")
 
 # What the long functions of this process came to that were asked for last, which tests of other modules may ask for
 # again.
@@ -65,7 +70,24 @@ def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="module")
-def remembered_matches() -> Iterator[None]:
+def quick_search() -> Iterator[None]:
+    """Matches search among fewer candidates, in two thirds of the time.
+
+    For modules that are about what becomes of a match: the search is tested in `core/matching`.
+    """
+    from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
+    from zoomout_core.matching.ranking import RANKING
+    from zoomout_core.tuning import retuned
+
+    with (
+        retuned(RANKING, direct=(2, 4), mirrored=(1, 2)),
+        retuned(EXTREMITIES, quotas=(20, 6, 2, 1), kept_consistent=3, kept=6),
+    ):
+        yield
+
+
+@pytest.fixture(scope="module")
+def remembered_matches(quick_search: None) -> Iterator[None]:
     """A match or a symmetry that is asked for again is what came of it before, with the same progress.
 
     For modules that are about what becomes of these: they are deterministic, and take most of the time.

@@ -17,6 +17,11 @@ BENDS = {"a": 0.0, "b": 0.9}
 VERTICES, PLACES = 900, 300
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _each_match_quick(quick_search: None) -> None:
+    """Matches are the core's, and tested there."""
+
+
 @pytest.fixture(scope="session")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one set of two shapes and two published maps: the truth, and its mirror image."""

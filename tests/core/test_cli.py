@@ -17,6 +17,8 @@ import zoomout_core as zo
 from zoomout_core.cli import demo_command, main
 from zoomout_core.runtime.threads import threads
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 
 @pytest.fixture(scope="module")
 def files(resting: Creature, bent: Creature, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -19,6 +19,8 @@ from guide import ROOT
 import zoomout_core as zo
 from zoomout_core import samples
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
 # `make docs` runs the other pages that have code, too.

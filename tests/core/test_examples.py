@@ -13,6 +13,8 @@ from creatures import creature, true_vertex
 
 import zoomout_core as zo
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 
 @pytest.fixture(scope="module")
 def names() -> dict[str, Any]:

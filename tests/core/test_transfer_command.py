@@ -16,6 +16,8 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:

@@ -20,6 +20,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 
 def finer_tube() -> Surface:
     """The tube by other rings and sides, closed along its seam."""
