@@ -25,6 +25,7 @@ ROOMS = (
     "evaluation",
     "colors",
     "plotting",
+    "samples",
     "collection",
 )
 # Leaves on their way down: they import nothing of the rooms.

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from guide import ROOT
 
 import zoomout_core as zo
-from zoomout_core import samples
+from zoomout_core.samples import characters
 
 pytestmark = pytest.mark.usefixtures("remembered_matches")
 
@@ -135,8 +135,8 @@ def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.chdir(tmp_path)
     # So that meshes have a thousand vertices: `make docs` runs the pages with those that they tell of.
-    monkeypatch.setattr(samples, "FINE", 3000)
-    monkeypatch.setattr(samples, "VOXELS", 32)
+    monkeypatch.setattr(characters, "FINE", 3000)
+    monkeypatch.setattr(characters, "VOXELS", 32)
     code = "\n".join(re.sub(r"(?m)^:tags:.*$", "", cell) for cell in CELL.findall(text_of(page)))
     code = re.sub(r"(?m)^!(.*)$", lambda line: f"_exit_code = _shell({line[1]!r})", code)
     exec(compile(code, page.name, "exec"), {"display": print, "_shell": shell})

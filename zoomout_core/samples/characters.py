@@ -1,27 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes to try things on: creatures whose true correspondence is known, in any pose and of any triangles.
-
-A creature is a sphere with limbs drawn out of it, given as a function of the direction from its centre. Every choice of
-directions is another mesh of the same surface, and the same direction is the same place. A pose bends the limbs, which
-leaves distances along the surface nearly as they were.
-"""
+"""The creature as a game has it, and a scan of it, with the files that they are written to."""
 
 from __future__ import annotations
 
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import COLOR, UV, Asset, Material, Skin, material_numbers
 from zoomout_core.assets.files import write_asset
 from zoomout_core.assets.gltf import Buffer, Document, library
@@ -31,21 +25,12 @@ from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
+from zoomout_core.samples.creatures import FLAT, LIMBS, NAMES, Creature, at_rest, creature, limb_weights, true_vertex
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.skinning import blended_matrices, moved
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
-
-# Directions, lengths and sharpness of the limbs; x is the creature's left, -y its front, z points up.
-NAMES = ("Arm.L", "Arm.R", "Leg.L", "Leg.R", "Head", "Tail")
-LIMBS = np.array([[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 0.05, 1], [0, 1, -0.25]])
-LENGTHS = np.array([2.6, 2.6, 3.2, 3.2, 0.8, 2.0])
-SHARPNESS = np.array([70.0, 70.0, 70.0, 70.0, 9.0, 90.0])
-# How thick the body is from front to back.
-FLAT = np.array([1, 0.7, 1])
-# Where limbs begin to bend, from the centre.
-BODY = 1.05
 
 # From the creature's frame to that of glTF, in which y points up.
 UPRIGHT = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -62,66 +47,8 @@ STANCE: Mapping[str, tuple[float, float, float]] = {
 FINE, VOXELS = 20000, 120
 # Turns of the waving arm, in degrees.
 WAVE = 0.0, 50.0, 0.0, 50.0, 0.0
-# How far beyond the body a limb begins to move with its joint, and how far it moves with it alone.
-LIMB_BEGINS, LIMB_IS_FREE = 0.1, 1.0
 # Pixels and squares along the side of the texture; of how many vertices of the scan the truth names one.
 TEXELS, SQUARES, PAIRS_EVERY = 128, 8, 10
-
-
-@dataclass(frozen=True)
-class Creature:
-    """A mesh with the direction (n, 3) that each vertex stands for."""
-
-    surface: Surface
-    directions: Floats
-
-
-def creature(
-    count: int = 4000, seed: int = 0, bend: float = 0.0, asymmetry: float = 0.0, without: int | None = None
-) -> Creature:
-    """A creature with two arms, two legs, a head and a tail.
-
-    Args:
-        count: of vertices.
-        seed: of the mesh; the surface is the same for every seed.
-        bend: of the limbs, in radians from body to tip.
-        asymmetry: how much longer the left limbs are than the right ones.
-        without: the number of a limb that it lacks.
-    """
-    where = directions(count, seed)
-    lengths = LENGTHS * (1 + asymmetry * np.sign(LIMBS[:, 0])) * (np.arange(len(LIMBS)) != without)
-    triangles = ConvexHull(where).simplices
-    a, b, c = (where[triangles[:, i]] for i in range(3))
-    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0
-    triangles = np.where(outward[:, None], triangles, triangles[:, ::-1])
-    return Creature(Surface(posed(_at_rest(where, lengths), bend), triangles), where)
-
-
-def _at_rest(where: Floats, lengths: Floats) -> Floats:
-    """(n, 3) the places in some directions (n, 3), with limbs of some lengths."""
-    return where * (1 + _shapes(where) @ lengths)[:, None] * FLAT
-
-
-def _shapes(where: Floats) -> Floats:
-    """(n, limbs) how far each limb draws what is in some directions (n, 3) out, as shares of its length."""
-    return np.exp(SHARPNESS * (where @ (LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True)).T - 1))
-
-
-def directions(count: int, seed: int) -> Floats:
-    """(count, 3) irregular but even points on the sphere."""
-    i = np.arange(count) + 0.5
-    height, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
-    ring = np.sqrt(1 - height**2)
-    points = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
-    random = np.random.default_rng(seed)
-    points = points @ np.linalg.qr(random.standard_normal((3, 3)))[0]
-    points += random.normal(scale=0.25 / np.sqrt(count), size=points.shape)
-    return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
-
-
-def true_vertex(source: Creature, target: Creature) -> Integers:
-    """(n_t,) the source vertex at, or nearest to, each target vertex's place."""
-    return np.asarray(cKDTree(source.directions).query(target.directions)[1])
 
 
 def body(count: int = 5000, seed: int = 0) -> Creature:
@@ -136,7 +63,7 @@ def body(count: int = 5000, seed: int = 0) -> Creature:
     vertices, triangles = voxel_remesh(turn.apply(fine.vertices), fine.triangles, VOXELS)
     vertices, triangles = decimate(vertices, triangles, count)[:2]
     where = unit_vectors(turn.apply(vertices, inverse=True) / FLAT)
-    return Creature(Surface(_at_rest(where, LENGTHS) @ UPRIGHT.T, triangles), where)
+    return Creature(Surface(at_rest(where) @ UPRIGHT.T, triangles), where)
 
 
 def character(count: int = 5000) -> Asset:
@@ -211,13 +138,6 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
     return files
 
 
-def limb_weights(where: Floats) -> Floats:
-    """(n, 1 + limbs) how far the body and each limb move what is in some directions (n, 3); rows sum to one."""
-    height = LENGTHS * _shapes(where)
-    limbs = np.clip((height - LIMB_BEGINS) / (LIMB_IS_FREE - LIMB_BEGINS), 0, 1)
-    return np.column_stack([1 - limbs.sum(axis=1), limbs])
-
-
 def joints() -> Floats:
     """(limbs, 3) where each limb turns, in glTF's frame."""
     return LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True) * FLAT @ UPRIGHT.T
@@ -281,21 +201,3 @@ def _skeleton() -> GLTF2:
     ]
     buffer.finish()
     return made
-
-
-def posed(points: Floats, bend: float) -> Floats:
-    """Bend what lies beyond the body around arcs: arms upwards, legs forwards, the tail down."""
-    points = points.copy()
-    if bend == 0:
-        return points
-    for along, towards, sign in ((0, 2, 1), (0, 2, -1), (2, 1, -1), (1, 2, 1)):
-        beyond = sign * points[:, along] - BODY
-        moved_here = beyond > 0
-        # The limb's middle line becomes an arc of constant curvature; sections stay plane.
-        middle = points[moved_here, towards].mean()
-        radius = beyond.max() / bend
-        angle = beyond[moved_here] / radius
-        across = points[moved_here, towards] - middle
-        points[moved_here, along] = sign * (BODY + (radius - across) * np.sin(angle))
-        points[moved_here, towards] = middle + radius - (radius - across) * np.cos(angle)
-    return points
