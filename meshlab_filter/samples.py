@@ -19,6 +19,7 @@ from meshlab_filter.files import new_mesh_set, save_mesh
 from meshlab_filter.project import ProjectMesh, write_project
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.runtime.outputs import OutputError, check_output
+from zoomout_core.samples.arcs import bend_along_arc
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -150,14 +151,8 @@ def posed(capsules: Floats, rest: Floats, curvature: Floats) -> Floats:
         side = points - t[:, None] * forward - height[:, None] * up
         t = np.where(t > 0.2 * length, t - 0.2 * length, 0)  # the root stays with the body
         before = points @ forward - t
-        angle = bend * t
-        radius_of_arc = 1 / bend - height
-        result[part == limb] = (
-            start[limb]
-            + side
-            + (before + radius_of_arc * np.sin(angle))[:, None] * forward
-            + (1 / bend - radius_of_arc * np.cos(angle))[:, None] * up
-        )
+        along_arc, across = bend_along_arc(height, bend * t, 1 / bend)
+        result[part == limb] = start[limb] + side + (before + along_arc)[:, None] * forward + across[:, None] * up
     return result
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.arcs import bend_along_arc
 
 # Rods melt into each other over this length.
 BLEND = 0.08
@@ -301,8 +302,8 @@ def _posed(figure: Figure, points: np.ndarray, bend: float) -> np.ndarray:
         towards = np.cross(along, [np.cos(2.4 * number), np.sin(2.4 * number), 0.4])
         towards /= np.linalg.norm(towards)
         s, t = np.maximum((points - start) @ along, 0), (points - start) @ towards
-        angle, radius = s * bend / length, length / bend
-        shift = ((radius - t) * np.sin(angle) - s)[:, None] * along
-        shift += (radius - (radius - t) * np.cos(angle) - t)[:, None] * towards
+        along_arc, across = bend_along_arc(t, s * bend / length, length / bend)
+        shift = (along_arc - s)[:, None] * along
+        shift += (across - t)[:, None] * towards
         moved += nearness[number + 1][:, None] * shift
     return moved
