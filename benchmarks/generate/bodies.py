@@ -7,7 +7,7 @@ armature; so a vertex of the template is the same place on all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import bpy
@@ -17,12 +17,12 @@ from scipy.spatial import cKDTree
 
 from blender_addon import mesh_data
 from blender_addon.demo.character import rig
-from blender_addon.demo.shape import surface_net
 from blender_addon.demo.target import posed_copy, rebuilt, set_pose
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges, vertex_normals
+from zoomout_core.samples.implicit import bounds, surface_net
 
 from .folder import standing_for
 from .kinds import Build, Kind
@@ -105,7 +105,7 @@ class PosedMesh:
 def build_template(kind: Kind, cell: float = CELL) -> Template:
     """A kind's template in Blender's current session, which is emptied first."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    surface = Surface(*surface_net(cell, kind.solids, kind.bounds(5 * cell)))
+    surface = Surface(*surface_net(cell, kind.solids, bounds(kind.solids, 5 * cell)))
     mesh = bpy.data.meshes.new("Template")
     mesh.from_pydata(surface.vertices, [], surface.triangles)
     body = bpy.data.objects.new("Template", mesh)
@@ -161,7 +161,7 @@ def posed_mesh(template: Template, individual: Individual, random: np.random.Gen
         garments = [_sheet(posed + OFFSET * normals, sheet) for sheet in sheets]
         share = len(body.vertices) / body.area
         loose = [remeshing(garment, int(share * garment.area), random) for garment in garments]
-        return PosedMesh(_joined([body, *_eyes(template, posed), *loose]), places, mirrored, refused)
+        return PosedMesh(Surface.joined([body, *_eyes(template, posed), *loose]), places, mirrored, refused)
     raise GenerationError(
         f"Limbs touch in each of {TRIES} poses, so that none came out as one closed body: let bones reach less far."
     )
@@ -246,12 +246,3 @@ def _sheet(points: Floats, triangles: Integers) -> Surface:
     """The surface of some triangles, without the other points."""
     used, faces = np.unique(triangles, return_inverse=True)
     return Surface(points[used], faces.reshape(triangles.shape))
-
-
-def _joined(parts: Iterable[Surface]) -> Surface:
-    parts = list(parts)
-    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    return Surface(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.triangles + start for part, start in zip(parts, first, strict=True)]),
-    )

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from blender_addon.demo.shape import Ellipsoid, Limb, Solid, both_sides, surface_net
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid, both_sides, bounds, surface_net
 
-from .kinds import Kind
 from .remeshing import isotropic
 
 CELL = 0.035
@@ -64,9 +63,8 @@ THINGS: dict[str, tuple[list[Solid], int]] = {
 def thing(name: str, vertices: int = 4000, seed: int = 0) -> Surface:
     """A thing whose mesh knows nothing of its symmetries: it is turned at random, and remeshed."""
     solids, _ = THINGS[name]
-    kind = Kind(middle=solids, left=[], middle_bones=[], left_bones=[], reach={}, builds=[])
     random = np.random.default_rng(seed)
-    points, faces = surface_net(CELL, solids, kind.bounds(5 * CELL))
+    points, faces = surface_net(CELL, solids, bounds(solids, 5 * CELL))
     turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     rebuilt = isotropic(Surface(points @ turn.T, faces), vertices, random)

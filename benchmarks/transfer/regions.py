@@ -7,9 +7,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, minimum_spanning_tree
 
-from blender_addon.demo.character import BoneRow
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
+from zoomout_core.samples.skeletons import BoneRow
 from zoomout_core.spectral.sampling import farthest_points
 
 # A bone at the end of a limb is this many times as long as the way to the middle of its region.

@@ -4,34 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.samples.implicit import Ellipsoid, Solid, surface_net
+from zoomout_core.samples.skeletons import BoneRow
 
 from . import shape
 from .seams import seam_edges
 
 UV_MAP = "UVMap"
 PAINT = "Paint"
-
-
-class BoneRow(NamedTuple):
-    """A row of the skeleton: a bone, its parent, and where it starts and ends."""
-
-    name: str
-    parent: str | None
-    head: tuple[float, float, float]
-    tail: tuple[float, float, float]
-
-    def mirrored(self) -> BoneRow:
-        """The bone of the other side."""
-        (hx, hy, hz), (tx, ty, tz) = self.head, self.tail
-        parent = self.parent and self.parent.replace(".L", ".R")
-        return BoneRow(self.name.replace(".L", ".R"), parent, (-hx, hy, hz), (-tx, ty, tz))
-
 
 MIDDLE_BONES = [
     BoneRow("hips", None, (0, 0.02, 0.52), (0, 0, 0.66)),
@@ -72,7 +57,7 @@ def build_character(cell: float) -> tuple[bpy.types.Object, bpy.types.Object]:
     Returns:
         The mesh object (UV map, vertex groups, colour attribute) and the armature object.
     """
-    vertices, faces = shape.surface_net(cell)
+    vertices, faces = surface_net(cell, shape.SOLIDS, shape.BOUNDS)
     mesh = bpy.data.meshes.new("Character")
     mesh.from_pydata(vertices, [], faces)
     mesh.shade_smooth()
@@ -107,11 +92,11 @@ def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
         opacity = np.clip(0.5 + depth / softness, 0, 1)[:, None]
         color[:] = color * (1 - opacity) + np.multiply(rgb, opacity)
 
-    def inside(solid: shape.Solid) -> Floats:
+    def inside(solid: Solid) -> Floats:
         return -solid.distance(vertices)
 
-    paint(BELLY, inside(shape.Ellipsoid((0, -0.2, 0.66), (0.15, 0.16, 0.23))), 0.03)
-    paint(BELLY, inside(shape.Ellipsoid((0, -0.30, 1.11), (0.15, 0.17, 0.085))), 0.03)
+    paint(BELLY, inside(Ellipsoid((0, -0.2, 0.66), (0.15, 0.16, 0.23))), 0.03)
+    paint(BELLY, inside(Ellipsoid((0, -0.30, 1.11), (0.15, 0.17, 0.085))), 0.03)
     striped = np.isin(shape.nearest_part(vertices), ("torso", "tail")) & (y > 0)
     width = 0.028 - 0.15 * np.abs(x)
     paint(STRIPE, np.where(striped, width - np.abs((y - z + 3) % 0.16 - 0.08), -1), 0.02)

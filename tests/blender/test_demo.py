@@ -14,6 +14,7 @@ from blender_addon import mesh_data
 from blender_addon.demo import FULL_SIZE, Size, make_demo_objects, run, shape, summary, truth
 from blender_addon.demo.character import LEFT, PAINT, RIGHT, UV_MAP
 from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.samples.implicit import distance, surface_net
 from zoomout_core.transfer import Attribute, Domain, Kind, cut_mesh
 
 SMALL = Size(cell=0.02, voxel=0.016, target_vertices=7000, width=320, samples=2)
@@ -125,12 +126,12 @@ def test_a_demo_that_fails_leaves_the_add_on_as_it_was(registered, tmp_path, mon
 
 
 def test_the_character_is_one_closed_surface_of_the_promised_size():
-    vertices, faces = shape.surface_net(FULL_SIZE.cell)
+    vertices, faces = surface_net(FULL_SIZE.cell, shape.SOLIDS, shape.BOUNDS)
     assert 10_000 <= len(vertices) <= 30_000
     surface = zo.Surface(vertices, faces)
     assert euler_characteristic(surface) == 2
     assert not surface.working.flipped.any()
-    assert np.abs(shape.distance(vertices)).max() < 1e-3
+    assert np.abs(distance(vertices, shape.SOLIDS)).max() < 1e-3
 
 
 def test_the_character_has_weights_on_the_right_sides_that_sum_to_one(objects):

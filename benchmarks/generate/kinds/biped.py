@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from blender_addon.demo.character import BoneRow
-from blender_addon.demo.shape import Ellipsoid, Limb, Solid
+from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid
+from zoomout_core.samples.skeletons import BoneRow
 
 from .kind import Build, Kind, Reach
 

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from blender_addon.demo.character import BoneRow
-from blender_addon.demo.shape import Ellipsoid, Limb, Solid
+from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid
+from zoomout_core.samples.skeletons import BoneRow, chain_of_bones
 
-from .kind import Build, Kind, chain_of_bones
+from .kind import Build, Kind
 from .quadruped import LEG_BONES, LEG_BUILDS, LEG_REACH, LEGS_LEFT, TRUNK, TRUNK_BONES, TRUNK_REACH
 
 NECK_AND_HEAD: list[Solid] = [

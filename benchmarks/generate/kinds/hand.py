@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from blender_addon.demo.character import BoneRow
-from blender_addon.demo.shape import Ellipsoid, Limb, Solid
+from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid
+from zoomout_core.samples.skeletons import BoneRow, Point, chain_of_bones
 
-from .kind import Build, Kind, Reach, chain_of_bones
+from .kind import Build, Kind, Reach
 
-Point = tuple[float, float, float]
 # Knuckles of each finger from palm to tip; the palm faces -y and the fingers point up.
 FINGERS: dict[str, tuple[Point, ...]] = {
     "index": ((0.17, 0, 0.72), (0.205, 0, 0.90), (0.225, 0, 1.03), (0.24, 0, 1.14)),

@@ -10,11 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from blender_addon.demo.character import BoneRow
-from blender_addon.demo.shape import Ellipsoid, Solid, both_sides
-from zoomout_core.arrays import Floats
+from zoomout_core.samples.implicit import Ellipsoid, Solid, both_sides
+from zoomout_core.samples.skeletons import BoneRow
 
 Range = tuple[float, float]
 # How far a bone turns about the axes x, y, z (to the left, to the back, up), in this order, seen from its parent.
@@ -74,21 +71,3 @@ class Kind:
     def symmetric(self) -> bool:
         """Whether the kind has a left and a right side."""
         return bool(self.left)
-
-    def bounds(self, margin: float) -> Floats:
-        """(2, 3) the lowest and the highest corner of the space that the solids fill."""
-        corners = np.array([corner for solid in self.solids for corner in _extent(solid)])
-        return np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
-
-
-def _extent(solid: Solid) -> list[Floats]:
-    if isinstance(solid, Ellipsoid):
-        return [np.subtract(solid.centre, solid.radii), np.add(solid.centre, solid.radii)]
-    stations = np.array(solid.stations)
-    return [*(stations[:, :3] - stations[:, 3:]), *(stations[:, :3] + stations[:, 3:])]
-
-
-def chain_of_bones(name: str, parent: str, *points: tuple[float, float, float], side: str = "") -> list[BoneRow]:
-    """Bones NAME_1, NAME_2, ... from point to point, the first on the parent."""
-    names = [f"{name}_{i}{side}" for i in range(1, len(points))]
-    return [BoneRow(*row) for row in zip(names, [parent, *names], points[:-1], points[1:], strict=False)]

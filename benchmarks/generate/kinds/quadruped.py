@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from blender_addon.demo.character import BoneRow
-from blender_addon.demo.shape import Ellipsoid, Limb, Solid
+from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid
+from zoomout_core.samples.skeletons import BoneRow, chain_of_bones
 
-from .kind import Build, Kind, Reach, chain_of_bones
+from .kind import Build, Kind, Reach
 
 TRUNK: list[Solid] = [
     Limb(((0, -0.36, 0.80, 0.165), (0, 0.0, 0.82, 0.15), (0, 0.36, 0.83, 0.155)), blend=0.08),
