@@ -21,6 +21,7 @@ from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import nearest_orthonormal, spectral_icp
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import grid_faces
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 K = 50
@@ -51,8 +52,8 @@ ONE_WRONG = np.array([0, 1, 2, 2])
 def grid(size: int = 11) -> Surface:
     """A plane of squares cut in two; vertex i * size + j lies at (i, j)."""
     i, j = np.divmod(np.arange(size**2), size)
-    corner = np.flatnonzero((i < size - 1) & (j < size - 1))
-    triangles = np.concatenate([corner[:, None] + [0, size, 1], corner[:, None] + [1, size, size + 1]])
+    quads = grid_faces(size - 1, size - 1)
+    triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [3, 1, 2]]])
     return Surface(np.column_stack([i, j, 0 * i]).astype(float), triangles)
 
 

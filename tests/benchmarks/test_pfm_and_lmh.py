@@ -25,6 +25,7 @@ from benchmarks.baselines.pfm import (
 )
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import grid_faces
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 K = 40
@@ -100,9 +101,8 @@ def test_the_border_of_a_region_is_as_long_as_it_is() -> None:
     """Of a unit square whose halves are told apart by a slope of v from 0 to 1 in the middle."""
     side = np.linspace(0, 1, 101)
     points = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-    i, j = np.divmod(np.arange(101**2), 101)
-    corner = np.flatnonzero((i < 100) & (j < 100))
-    triangles = np.concatenate([corner[:, None] + [0, 101, 1], corner[:, None] + [1, 101, 102]])
+    quads = grid_faces(100, 100)
+    triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [3, 1, 2]]])
     basis = SpectralBasis(np.zeros(1), np.ones((101**2, 1)), np.full(101**2, 101.0**-2), points)
     place = RegionEnergy.of(Side(Surface(points, triangles), basis), np.zeros((101**2, 1)), 0.5, 1)
     # The Gaussian about 1/2 has 98.8 % of its mass within 0 and 1, 2.5 standard deviations.

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.samples.grids import ring_faces
 from zoomout_core.transfer.skinning import moved, skinning_matrices
 
 LENGTH = 6.0
@@ -18,11 +19,8 @@ def tube(around=16, along=41, turned=0.0):
     angle, height = np.meshgrid(2 * np.pi * (np.arange(around) + turned) / around, np.linspace(0, 1, along))
     angle, height = angle.ravel(), height.ravel()
     points = np.column_stack([0.6 * np.cos(angle), 0.4 * np.sin(angle), LENGTH * height])
-    first = np.arange(around * (along - 1)).reshape(along - 1, around)
-    beside = np.roll(first, -1, axis=1)
-    sides = np.stack([first, beside, beside + around, first + around], axis=-1).reshape(-1, 4).tolist()
     ends = [list(range(around))[::-1], list(range(around * (along - 1), around * along))]
-    return zo.Surface(points, [*sides, *ends])
+    return zo.Surface(points, [*ring_faces(along, around).tolist(), *ends])
 
 
 def weights_of(points, softness=1.0):

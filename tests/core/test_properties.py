@@ -20,6 +20,7 @@ import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
 from zoomout_core.mesh.triangulation import triangulate
+from zoomout_core.samples.grids import grid_faces
 from zoomout_core.transfer import RULES
 
 # The same examples each time, few of them, and no limit on the time of a busy machine.
@@ -225,7 +226,7 @@ def test_functions_of_a_surface_do_not_depend_on_how_quads_are_cut(seed: int, si
     """Areas, normals and interpolated values of planar quads."""
     random = np.random.default_rng(seed)
     grid = size * np.stack(np.meshgrid(np.arange(4.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-    quads = np.array([[5 * x + y, 5 * x + 5 + y, 5 * x + 6 + y, 5 * x + 1 + y] for x in range(3) for y in range(4)])
+    quads = grid_faces(3, 4)
     turned = np.array([np.roll(quad, random.integers(4)) for quad in quads])
     surfaces = [zo.Surface(grid, faces) for faces in (quads, turned)]
     np.testing.assert_allclose(surfaces[0].area, surfaces[1].area)

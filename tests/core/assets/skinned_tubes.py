@@ -9,6 +9,7 @@ import numpy as np
 import pygltflib as gltf
 
 from zoomout_core.assets.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from zoomout_core.samples.grids import grid_faces, triangles_of
 
 RINGS, SIDES, LENGTH = 13, 12, 4.0
 # An image of one pixel.
@@ -24,14 +25,7 @@ def tube(rings: int = RINGS, sides: int = SIDES) -> tuple[np.ndarray, np.ndarray
     angle = 2 * np.pi * np.where(around == 1, 0, around)
     radius = (0.4 + 0.2 * along) * (1 + 0.3 * np.cos(2 * angle) + 0.2 * np.sin(angle))
     positions = np.stack([radius * np.cos(angle), LENGTH * along, radius * np.sin(angle)], axis=2).reshape(-1, 3)
-    i, j = (each.ravel() for each in np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij"))
-    a, b, c, d = (
-        i * (sides + 1) + j,
-        (i + 1) * (sides + 1) + j,
-        (i + 1) * (sides + 1) + j + 1,
-        i * (sides + 1) + j + 1,
-    )
-    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    triangles = triangles_of(grid_faces(rings - 1, sides))
     return positions, np.stack([around, along], axis=2).reshape(-1, 2), triangles
 
 

@@ -10,6 +10,7 @@ from creatures import Creature, creature, true_vertex
 import zoomout_core as zo
 from zoomout_core.matching.constraints import MIN_PINNING_WIDTH_RATIO, bent_to_points, missed_points
 from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +85,10 @@ def test_senseless_arguments_are_refused_in_a_sentence(pair, arguments, message)
 
 
 def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
-    x, y = np.meshgrid(np.linspace(0, 1, 31), np.linspace(0, 1, 31), indexing="ij")
-    number = np.arange(x.size).reshape(x.shape)
-    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
-    a, b, c, d = (each.ravel() for each in corners)
-    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    sheet = zo.Surface(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), faces)
+    faces = triangles_of(grid_faces(30, 30))
+    sheet = zo.Surface(grid(np.linspace(0, 1, 31), np.linspace(0, 1, 31)).vertices, faces)
     larger = zo.Surface(3 * sheet.vertices, faces)  # the target may be in another unit
-    straight = zo.SurfaceMap.from_vertices(number.ravel(), sheet)
+    straight = zo.SurfaceMap.from_vertices(np.arange(31**2), sheet)
     goal, place = np.array([[0.68, 0.5, 0.0]]), 3 * np.array([[0.5, 0.5, 0.0]])
     assert missed_points(straight, sheet, larger, goal, place) == pytest.approx([0.18])
     assert missed_points(straight, sheet, larger, place / 3, place) == pytest.approx([0], abs=1e-9)

@@ -11,6 +11,7 @@ from reports import fractions_of
 from zoomout_core.mesh import decimation
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 
 
 @pytest.fixture(autouse=True)
@@ -20,12 +21,8 @@ def small_stages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def plane(side: int) -> tuple[np.ndarray, np.ndarray]:
     """A flat grid of unit size."""
-    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
-    first = (i * side + j)[(i < side - 1) & (j < side - 1)]
-    triangles = np.concatenate(
-        [np.stack([first, first + side, first + side + 1], 1), np.stack([first, first + side + 1, first + 1], 1)]
-    )
-    return np.column_stack([i, j, 0 * i]) / (side - 1.0), triangles
+    along = np.arange(side) / (side - 1.0)
+    return grid(along, along).vertices, triangles_of(grid_faces(side - 1, side - 1))
 
 
 @pytest.mark.parametrize("count", [100, 400, 1500])

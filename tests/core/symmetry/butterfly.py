@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples import grids
 from zoomout_core.symmetry.self_map import SelfMap
 
 MIRROR = np.array([-1.0, 1, 1])
@@ -20,10 +21,7 @@ EVEN = np.concatenate([HALF, HALF * MIRROR, [[0, np.cos(t), np.sin(t)] for t in 
 
 def grid(columns: int = 12, rows: int = 5, width: float = 2.4, height: float = 1.0) -> Surface:
     """A flat grid of quads around the plane x = 0, which vertices lie on if there is an even number of columns."""
-    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns + 1), np.arange(rows + 1), indexing="ij"))
-    place = np.stack([i / columns - 0.5, j / rows], axis=1) * [width, height]
-    first = np.flatnonzero((i < columns) & (j < rows))[:, None]
-    return Surface(np.column_stack([place, np.zeros(len(place))]), first + np.array([0, rows + 1, rows + 2, 1]))
+    return grids.grid((np.arange(columns + 1) / columns - 0.5) * width, np.arange(rows + 1) / rows * height)
 
 
 def mirrored_vertex(surface: Surface) -> np.ndarray:

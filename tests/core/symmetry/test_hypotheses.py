@@ -17,6 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import ring_faces, triangles_of
 from zoomout_core.symmetry.hypotheses import (
     _choices,
     blocks_of_eigenfunctions,
@@ -65,14 +66,12 @@ def column(sides: int) -> Surface:
     rings = [np.column_stack([r * rim * np.cos(turn), r * rim * np.sin(turn), 0 * turn + z]) for z, r in PROFILE]
     vertices = np.concatenate([*rings, [[0, 0, PROFILE[0][0]], [0, 0, PROFILE[-1][0]]]])
     n, m = len(turn), len(PROFILE)
-    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(m - 1), np.arange(n), indexing="ij"))
-    a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + (j + 1) % n, (i + 1) * n + j
     k, bottom, top = np.arange(n), np.full(n, n * m), np.full(n, n * m + 1)
     caps = [
         np.stack([bottom, (k + 1) % n, k], axis=1),
         np.stack([top, (m - 1) * n + k, (m - 1) * n + (k + 1) % n], axis=1),
     ]
-    return Surface(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1), *caps]))
+    return Surface(vertices, np.concatenate([triangles_of(ring_faces(m, n)), *caps]))
 
 
 PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6, 12)]

@@ -16,6 +16,7 @@ from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 BEND = 0.6
@@ -126,12 +127,9 @@ def test_normals_are_as_good_where_a_map_mirrors_and_on_the_side_that_faces_say(
 
 
 def test_normals_jump_where_the_source_s_do() -> None:
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21), indexing="ij"), axis=-1).reshape(-1, 2)
-    roof = np.column_stack([grid, -np.abs(grid[:, 0])])
-    number = np.arange(441).reshape(21, 21)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    source = Surface(roof, quads)
-    target = Surface(roof @ TURN.T, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    flat, quads = grid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)).vertices, grid_faces(20, 20)
+    roof = np.column_stack([flat[:, :2], -np.abs(flat[:, 0])])
+    source, target = Surface(roof, quads), Surface(roof @ TURN.T, triangles_of(quads))
     slope = np.sign(roof[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0])
     flat = np.column_stack([slope, 0 * slope, np.ones(len(slope))]) / np.sqrt(2)
     result = carried(flat.repeat(4, axis=0), Kind.NORMAL, identity(source), source, target)

@@ -11,14 +11,15 @@ from zoomout_core.arrays import Floats
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import grid_faces
 from zoomout_core.tuning import retuned
 
 
 def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
     """A square of unit area; vertex i * size + j lies at (i, j) / (size - 1), but for its centre."""
     i, j = np.divmod(np.arange(size**2), size)
-    corner = np.flatnonzero((i < size - 1) & (j < size - 1))
-    triangles = np.concatenate([corner[:, None] + [0, size, 1], corner[:, None] + [1, size, size + 1]])
+    quads = grid_faces(size - 1, size - 1)
+    triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [3, 1, 2]]])
     surface = Surface(np.column_stack([i, j, 0 * i]) / (size - 1), triangles[:, ::-1] if turned_over else triangles)
     return analyse(surface.working.part(0)[0], 30, 100, 0)
 
