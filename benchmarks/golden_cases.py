@@ -12,13 +12,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, issparse
-from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from benchmarks.datasets import load_pair
 from zoomout_core import samples
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
+from zoomout_core.samples.grids import grid_faces
+from zoomout_core.samples.spheres import outward_hull
 
 Fields: TypeAlias = dict[str, Any]
 Shape: TypeAlias = zo.Surface | zo.PointCloud
@@ -144,11 +145,7 @@ def true_map(source_seed: int = 0, target_seed: int = 1, count: int = USUAL) -> 
 def round_shape(radius: Callable[[Floats], Floats], count: int = USUAL, seed: int = 0) -> zo.Surface:
     """An irregular mesh of the surface that is so far from its centre in a direction."""
     where = samples.directions(count, seed)
-    triangles = ConvexHull(where).simplices
-    a, b, c = (where[triangles[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return zo.Surface(where * radius(where)[:, None], triangles)
+    return zo.Surface(where * radius(where)[:, None], outward_hull(where))
 
 
 def solid(normals: ArrayLike) -> Callable[[Floats], Floats]:
@@ -184,9 +181,8 @@ def torus(columns: int = 48, rows: int = 24) -> zo.Surface:
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
     around, across = 2 * np.pi * i / columns, 2 * np.pi * j / rows
     ring = 2 + np.cos(across) * (1 + 0.2 * np.cos(around))
-    faces = [(i + a) % columns * rows + (j + b) % rows for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
     points = np.column_stack([ring * np.cos(around), ring * np.sin(around), np.sin(across)])
-    return zo.Surface(points, np.column_stack(faces))
+    return zo.Surface(points, grid_faces(columns, rows, (True, True)))
 
 
 def kept(surface: zo.Surface, inside: Callable[[Floats], Any]) -> zo.Surface:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from creatures import creature
-from loose_parts import ball
 
 from benchmarks import dressing
 from benchmarks.binding import pictures
@@ -16,6 +15,7 @@ from benchmarks.dressing.cases import SAME, Case
 from benchmarks.dressing.methods import WAYS
 from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 
 def skin(radius: float = 1.0) -> dressing._Skin:

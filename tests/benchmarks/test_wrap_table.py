@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from creatures import creature
-from loose_parts import ball
 
 from benchmarks import wrap
 from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 
 @pytest.fixture

@@ -13,10 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from creatures import directions
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.samples import LENGTHS, LIMBS, SHARPNESS, posed
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.samples.creatures import at_rest, posed
+from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.spectral.sampling import farthest_points
 
 # Directions to choose from, for each vertex of a garment.
@@ -87,28 +89,28 @@ def bodice(rest: np.ndarray) -> np.ndarray:
 def shell(name: str, region: Region, offset: float, count: int, seed: int) -> Piece:
     """A garment of `count` even vertices over a region of the skin, so far above it, with open borders."""
     everywhere = directions(DENSITY * count, seed)
-    inside = region(skin(everywhere))
-    where = everywhere[inside][farthest_points(skin(everywhere[inside]), count)]
+    inside = region(at_rest(everywhere))
+    where = everywhere[inside][farthest_points(at_rest(everywhere[inside]), count)]
     # A hull closes every opening, if only with what lies in it: that is left out again.
-    triangles = _hull(np.vstack([where, everywhere[~inside][::DENSITY]]))
+    triangles = outward_hull(np.vstack([where, everywhere[~inside][::DENSITY]]))
     triangles = triangles[(triangles < len(where)).all(axis=1)]
-    triangles = triangles[region(skin(_unit(where[triangles].sum(axis=1))))]
+    triangles = triangles[region(at_rest(unit_vectors(where[triangles].sum(axis=1))))]
     used, compact = np.unique(triangles, return_inverse=True)
-    return Piece(name, skin(where[used]) + offset * skin_normals(where[used]), compact.reshape(-1, 3), where[used])
+    return Piece(name, at_rest(where[used]) + offset * skin_normals(where[used]), compact.reshape(-1, 3), where[used])
 
 
 def ball(name: str, above: np.ndarray, radius: float, height: float, count: int, seed: int) -> Piece:
     """A small ellipsoid above the skin in a direction (3,) from the centre: an eye, a button."""
     where = directions(count, seed)
     above = above[None] / np.linalg.norm(above)
-    centre = skin(above) + height * skin_normals(above)
-    return Piece(name, centre + radius * where * [1, 0.8, 1.25], _hull(where), where)
+    centre = at_rest(above) + height * skin_normals(above)
+    return Piece(name, centre + radius * where * [1, 0.8, 1.25], outward_hull(where), where)
 
 
 def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
     """A creature of `count` vertices with some pieces, all of it bent."""
     where = directions(count, seed)
-    body = Piece("skin", skin(where), _hull(where), where)
+    body = Piece("skin", at_rest(where), outward_hull(where), where)
     everything = [body, *pieces]
     first = np.cumsum([0] + [len(piece.points) for piece in everything])
     points = posed(np.vstack([piece.points for piece in everything]), bend)
@@ -125,30 +127,10 @@ def true_vertices(source: Clothed, target: Clothed, name: str, source_name: str 
     return partner[cKDTree(source.keys[partner]).query(target.keys[target.parts[name]])[1]]
 
 
-def skin(where: np.ndarray) -> np.ndarray:
-    """(n, 3) places of directions (n, 3) on the creature at rest."""
-    axes = LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True)
-    radius = 1 + np.exp(SHARPNESS * (where @ axes.T - 1)) @ LENGTHS
-    return where * radius[:, None] * [1, 0.7, 1]
-
-
 def skin_normals(where: np.ndarray) -> np.ndarray:
     """(n, 3) outward unit normals there, by differences."""
     helper = np.eye(3)[np.argmin(np.abs(where), axis=1)]
-    u = np.cross(where, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u = unit_vectors(np.cross(where, helper))
     v = np.cross(where, u)
-    along = [skin(_unit(where + 1e-5 * axis)) - skin(_unit(where - 1e-5 * axis)) for axis in (u, v)]
-    return _unit(np.cross(along[0], along[1]))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _hull(where: np.ndarray) -> np.ndarray:
-    """(m, 3) triangles over directions, wound outwards."""
-    triangles = ConvexHull(where).simplices
-    a, b, c = (where[triangles[:, i]] for i in range(3))
-    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0
-    return np.where(outward[:, None], triangles, triangles[:, ::-1])
+    along = [at_rest(unit_vectors(where + 1e-5 * axis)) - at_rest(unit_vectors(where - 1e-5 * axis)) for axis in (u, v)]
+    return unit_vectors(np.cross(along[0], along[1]))

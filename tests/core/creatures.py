@@ -6,15 +6,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.samples import LENGTHS, LIMBS, SHARPNESS, Creature, creature, directions, true_vertex
+from zoomout_core.samples import LIMBS, Creature, creature, directions, true_vertex
+from zoomout_core.samples.creatures import limb_heights
 
 __all__ = ["LIMBS", "Creature", "creature", "directions", "mirrored_vertex", "on_limb", "true_vertex"]
 
 
 def on_limb(made: Creature, limb: int) -> np.ndarray:
     """(n,) whether a vertex's place stands out by the limb of that number, where the creature has it."""
-    axis = LIMBS[limb] / np.linalg.norm(LIMBS[limb])
-    return np.asarray(LENGTHS[limb] * np.exp(SHARPNESS[limb] * (made.directions @ axis - 1)) > 0.3)
+    return limb_heights(made.directions)[:, limb] > 0.3
 
 
 def mirrored_vertex(source: Creature, target: Creature) -> np.ndarray:

@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from creatures import directions
-from scipy.spatial import ConvexHull
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
@@ -15,28 +13,17 @@ from zoomout_core.matching.components.component_mapping import ComponentMap, map
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import grid, grid_faces
+from zoomout_core.samples.spheres import Place, ball
 
-Place = tuple[float, float, float]
 # Of the body, so that lengths are those at unit area.
 RADIUS = (4 * np.pi) ** -0.5
 
 
-def ball(radius: float, at: Place = (0, 0, 0), radii: Place = (1, 1, 1), count: int = 60, seed: int = 0) -> Surface:
-    """An ellipsoid."""
-    where = directions(count, seed)
-    corners = ConvexHull(where).simplices
-    a, b, c = (where[corners[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    corners[inward] = corners[inward][:, ::-1]
-    return Surface(radius * where * radii + np.array(at), corners)
-
-
 def sheet(width: float, at: Place = (0, 0, 0), count: int = 8, length: float | None = None) -> Surface:
     """A rectangle across z, of so many squares along either side."""
-    u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-0.5, 0.5, count + 1)] * 2, indexing="ij"))
-    corner = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()[:, None]
-    points = np.column_stack([width * u, (length or width) * v, 0 * u]) + np.array(at)
-    return Surface(points, np.hstack([corner, corner + count + 1, corner + count + 2, corner + 1]))
+    flat = grid(*(side * np.linspace(-0.5, 0.5, count + 1) for side in (width, length or width)))
+    return Surface(flat.vertices + np.array(at), grid_faces(count, count))
 
 
 def part_of(surface: Surface, moved: np.ndarray | float = 0.0) -> Part:

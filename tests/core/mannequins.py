@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from creatures import directions
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
+from zoomout_core.samples.spheres import outward_hull
 
 # Each part: what it hangs on, the joint that it turns about, its centre and its radii. x is the left, -y the front.
 Part = tuple[str, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -89,10 +90,7 @@ def mannequin(
         if name in without:
             continue
         where = directions(count, 100 * seed + number)
-        corners = ConvexHull(where).simplices
-        a, b, c = (where[corners[:, i]] for i in range(3))
-        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-        triangles.append(np.where(inward[:, None], corners[:, ::-1], corners) + count * len(points))
+        triangles.append(outward_hull(where) + count * len(points))
         points.append((centre + where * radii * build) @ motions[name][0].T + motions[name][1])
         names += [name] * count
         keys.append(where * radii)

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from creatures import directions
+from creatures import Creature, directions
 from scipy.spatial import ConvexHull, cKDTree
 
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 
 GOLDEN = (1 + 5**0.5) / 2
 CUBE = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
@@ -32,16 +31,10 @@ def pyramid(sides: int, height: float = 2.0) -> np.ndarray:
     return np.vstack([prism(sides)[:sides], [[0, 0, height - 0.5]]])
 
 
-@dataclass(frozen=True)
-class Solid:
-    """A mesh with the direction (n, 3), before it was turned, that each vertex stands for."""
-
-    surface: Surface
-    directions: np.ndarray
-
-
-def solid(corners: np.ndarray, count: int = 900, seed: int = 0, nose: float = 0.0) -> Solid:
+def solid(corners: np.ndarray, count: int = 900, seed: int = 0, nose: float = 0.0) -> Creature:
     """The convex hull of corners (c, 3) about the origin; each seed is another mesh of it, turned another way.
+
+    Directions are those before it was turned.
 
     Args:
         corners: in any order.
@@ -56,14 +49,5 @@ def solid(corners: np.ndarray, count: int = 900, seed: int = 0, nose: float = 0.
     radius = 1 / (where @ (planes[:, :3] / -planes[:, 3:]).T).max(axis=1)
     beside = planes[0, :3] + 0.4 * np.roll(planes[0, :3], 1) + 0.2 * np.roll(planes[0, :3], 2)
     radius += nose * np.exp(12 * (where @ (beside / np.linalg.norm(beside)) - 1))
-    triangles = ConvexHull(where).simplices
-    a, b, c = (where[triangles[:, i]] for i in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inwards] = triangles[inwards][:, ::-1]
     turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
-    return Solid(Surface(where * radius[:, None] @ (turn * np.linalg.det(turn)), triangles), where)
-
-
-def true_vertex(source: Solid, target: Solid) -> np.ndarray:
-    """(n_t,) the source vertex nearest to each target vertex's place."""
-    return np.asarray(cKDTree(source.directions).query(target.directions)[1])
+    return Creature(Surface(where * radius[:, None] @ (turn * np.linalg.det(turn)), outward_hull(where)), where)

@@ -12,11 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import grid_faces
+from zoomout_core.samples.spheres import outward_hull
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,7 @@ def plate(columns: int, rows: int, *, width: float = 1.0, height: float = 1.0, j
     inner = (i > 0) & (i < columns) & (j > 0) & (j < rows)
     move = jitter * np.random.default_rng(0).uniform(-1, 1, (len(i), 2)) * inner[:, None]
     place = (np.stack([i, j], axis=1) + move) / [columns, rows] * [width, height]
-    first = np.flatnonzero((i < columns) & (j < rows))[:, None]
-    faces = first + np.array([0, rows + 1, rows + 2, 1])
-    return Surface(np.column_stack([place, np.zeros(len(place))]), faces)
+    return Surface(np.column_stack([place, np.zeros(len(place))]), grid_faces(columns, rows))
 
 
 def sheet(
@@ -156,11 +155,7 @@ def true_map(source: Sheet, columns: int, rows: int, parameters: np.ndarray) -> 
 
 def sphere(directions: np.ndarray) -> Surface:
     """The convex hull of points on the unit sphere."""
-    triangles = ConvexHull(directions).simplices
-    a, b, c = (directions[triangles[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return Surface(directions, triangles)
+    return Surface(directions, outward_hull(directions))
 
 
 def globe(columns: int, rows: int) -> tuple[Surface, np.ndarray]:

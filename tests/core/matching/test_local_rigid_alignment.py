@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, creature
-from loose_parts import ball, shape_of
+from loose_parts import shape_of
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.evaluation import flipped_share
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, _turns, align
+from zoomout_core.samples.spheres import ball
 from zoomout_core.tuning import retuned
 
 WIDTH = 0.08

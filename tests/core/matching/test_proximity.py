@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clothes import Region, dressed, jacket, shell, shirt, skin, trousers
+from clothes import Region, dressed, jacket, shell, shirt, trousers
 from reports import reports_of
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
+from zoomout_core.samples.creatures import at_rest
+from zoomout_core.samples.grids import ring_faces
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 # Places that bones pull at, of the creature at rest.
@@ -36,7 +38,7 @@ def wearing(region: Region, offset: float, bend: float) -> tuple[zo.Surface, np.
         own = triangles[(triangles[:, 0] >= first) & (triangles[:, 0] <= last)] - first
         parts += [
             zo.Surface(both.surface.vertices[first : last + 1], own),
-            skin_weights(skin(both.keys[both.parts[name]])),
+            skin_weights(at_rest(both.keys[both.parts[name]])),
         ]
     return tuple(parts)
 
@@ -79,12 +81,7 @@ def legs(radius: float, layers: tuple[float, ...] = ()) -> tuple[zo.Surface, np.
     profile += [(r, h) for r in layers for h in height[::-1, 0]]
     ring = np.stack([np.cos(turn[0]), np.sin(turn[0])], axis=1)
     points = np.concatenate([np.column_stack([r * ring, np.full(around, h)]) for r, h in profile])
-    steps = len(profile) if layers else len(profile) - 1
-    row, column = (axis.ravel() for axis in np.meshgrid(np.arange(steps), np.arange(around), indexing="ij"))
-    after, beside = (row + 1) % len(profile), (column + 1) % around
-    quads = np.stack(
-        [row * around + column, row * around + beside, after * around + beside, after * around + column], 1
-    )
+    quads = ring_faces(len(profile), around, closed=bool(layers))
     sides = [points + np.array([x, 0, 0]) for x in (1.1, -1.1)]
     surface = zo.Surface(np.concatenate(sides), np.concatenate([quads, quads + len(points)]))
     return surface, np.arange(2 * len(points)) < len(points)
@@ -122,9 +119,7 @@ def turned(profile: np.ndarray, around: int = 40) -> tuple[np.ndarray, np.ndarra
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
     points = np.stack([np.outer(profile[:, 0], wave(angle)) for wave in (np.cos, np.sin)], axis=2)
     points = np.dstack([points, np.repeat(profile[:, 1:], around, axis=1)]).reshape(-1, 3)
-    row, column = (each.ravel() for each in np.meshgrid(np.arange(len(profile) - 1), np.arange(around), indexing="ij"))
-    here, beside = row * around + column, row * around + (column + 1) % around
-    return points, np.stack([here, beside, beside + around, here + around], axis=1)
+    return points, ring_faces(len(profile), around)
 
 
 def arc(radius: float, first: float, last: float, rows: int = 16) -> np.ndarray:

@@ -6,18 +6,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import directions
-from scipy.spatial import ConvexHull
 
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 
 
 def cap(lowest: float, inwards: bool = False) -> Surface:
     """The part of a ball above a height from -1 to 1, wound outwards or inwards."""
     where = directions(800, 0)
-    corners = ConvexHull(where).simplices
-    a, b, c = (where[corners[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    corners = np.where((inward ^ inwards)[:, None], corners[:, ::-1], corners)
+    corners = outward_hull(where)[:, :: -1 if inwards else 1]
     return Surface(where, corners[where[corners][:, :, 2].min(axis=1) > lowest])
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from butterfly import EVEN, MIRROR, self_map
 from reports import fractions_of, reports_of
-from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry import detect
 from zoomout_core.symmetry.self_map import main_shape
 
@@ -22,10 +22,7 @@ CLEAR = np.abs(EVEN[:, 0]) > 0.1
 
 def stone(places: np.ndarray) -> Surface:
     """A stone whose left and right are alike and nothing else is, with vertices that stand for places on the sphere."""
-    triangles = ConvexHull(places).simplices
-    a, b, c = (places[triangles[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
+    triangles = outward_hull(places)
     _, y, z = places.T
     return Surface(places * (1 + 0.25 * z + 0.2 * y * z + 0.15 * y)[:, None] * [1, 0.75, 0.55], triangles)
 

@@ -10,7 +10,6 @@ from typing import cast
 import numpy as np
 import pytest
 from butterfly import EVEN, MIRROR, grid, mirrored_vertex, self_map
-from scipy.spatial import ConvexHull
 from transfer_meshes import nearest_map
 
 import zoomout_core as zo
@@ -19,6 +18,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry import detect
 from zoomout_core.symmetry.detect import _place, energies, find_candidates
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
@@ -28,10 +28,7 @@ from zoomout_core.symmetry.uv import symmetrised_uv
 
 def egg(scale: float = 1.0) -> SelfMap:
     """A surface that its mirror takes to itself exactly, vertex by vertex."""
-    triangles = ConvexHull(EVEN).simplices
-    a, b, c = (EVEN[triangles[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
+    triangles = outward_hull(EVEN)
     surface = Surface(scale * EVEN * [1, 0.8, 1.3], triangles)
     shape = analyse(surface.working, 100, 150, 0)
     return replace(self_map(surface), prepared=shape)

@@ -10,22 +10,20 @@ import numpy as np
 import pytest
 from butterfly import MIRROR, grid, mirrored_vertex
 from creatures import directions
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry.involution import involution, return_error
 
 
 def lens(thickness: float, count: int = 400) -> Surface:
     """A sphere, flattened."""
     points = directions(count, seed=3)
-    triangles = ConvexHull(points).simplices
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
+    triangles = outward_hull(points)
     return Surface(points * [1, 1, thickness], triangles)
 
 

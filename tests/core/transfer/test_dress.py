@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from loose_parts import ball
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Progress
+from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Lines, carry, dress
 from zoomout_core.transfer.dressing.contact import CONTACT
 from zoomout_core.transfer.dressing.following import FOLLOWING
@@ -151,7 +151,7 @@ def test_layers_stay_in_their_order() -> None:
 
 
 def test_solid_parts_keep_their_form() -> None:
-    eye = ball(0.06, at=(0, 0, 1.02), count=100)
+    eye = ball(0.06, centre=(0, 0, 1.02), count=100)
     found = carry(BODY, EGG.vertices, EGG, [eye])
     assert similar(found.vertices[0], eye.vertices) < 1e-6
     with retuned(SOLID, small=0.0):
@@ -161,7 +161,7 @@ def test_solid_parts_keep_their_form() -> None:
 
 
 def test_a_button_goes_with_its_shirt() -> None:
-    shirt, button = shell(1.03), ball(0.02, at=(0, 0, 1.055), count=60)
+    shirt, button = shell(1.03), ball(0.02, centre=(0, 0, 1.055), count=60)
     both = Surface.joined([shirt, button])
     found = carry(BODY, noisy(0.05), EGG, [both]).vertices[0]
     place = found[len(shirt.vertices) :]
@@ -174,7 +174,7 @@ def test_a_button_goes_with_its_shirt() -> None:
 
 
 def test_a_prop_is_rigid_and_stays_outside() -> None:
-    rod = ball(0.5, at=(0, 0, 1.13), radii=(1, 0.2, 0.2), count=200)
+    rod = ball(0.5, centre=(0, 0, 1.13), radii=(1, 0.2, 0.2), count=200)
     found = carry(BODY, noisy(0.05), EGG, [rod], manners=["rigid"]).vertices[0]
     assert similar(found, rod.vertices) < 1e-6
     before = np.linalg.norm(rod.vertices, axis=1).min()

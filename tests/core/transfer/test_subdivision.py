@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from loose_parts import ball
 from transfer_meshes import globe, nearest_map, plate, sheet, torus
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import wrap
 from zoomout_core.transfer.wrapping.subdivision import _subdivided, limit_points
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from loose_parts import ball
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.closest_points import closest_points
@@ -16,6 +15,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
 from zoomout_core.runtime.progress import Cancelled, Progress
+from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Wrapped, reversed_match, wrap
 from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import FIT

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loose_parts import ball, part_of, sheet
+from loose_parts import part_of, sheet
 
 from zoomout_core.matching.components.boundary_loops import boundary_loops, loops_on_loops
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.grids import ring_faces
+from zoomout_core.samples.spheres import ball
 
 AROUND, ALONG = 24, 30
 
@@ -19,11 +21,8 @@ AROUND, ALONG = 24, 30
 def tube(radius: float = 0.1, length: float = 1.0) -> Surface:
     """A tube along z that is open at both ends, the lower one at zero."""
     turn, along = (axis.ravel() for axis in np.meshgrid(np.arange(AROUND) * 2 * np.pi / AROUND, np.arange(ALONG)))
-    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(AROUND), np.arange(ALONG - 1)))
-    after = (i + 1) % AROUND
-    quads = AROUND * j[:, None] + np.column_stack([i, after, AROUND + after, AROUND + i])
     points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), length * along / (ALONG - 1)])
-    return Surface(points, quads)
+    return Surface(points, ring_faces(ALONG, AROUND))
 
 
 TUBE = part_of(tube())

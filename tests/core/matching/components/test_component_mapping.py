@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loose_parts import ball, mapped, pair_around_body, part_of, sheet
+from loose_parts import mapped, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
     _carried,
@@ -21,6 +21,7 @@ from zoomout_core.matching.components.component_mapping import (
 )
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 LEFT, RIGHT, TOP = (0.35, 0.0, 0.0), (-0.35, 0.0, 0.0), (0.0, 0.0, 0.6)
 EYES = [ball(0.04, LEFT), ball(0.04, RIGHT)]

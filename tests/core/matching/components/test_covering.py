@@ -21,14 +21,11 @@ from zoomout_core.matching.components.skins import _principal_axes, covered_by_m
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import advance
+from zoomout_core.samples import spheres
 
 
 def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), count: int = 300) -> Surface:
-    where = directions(count, 0)
-    corners = ConvexHull(where).simplices
-    a, b, c = (where[corners[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    return Surface(radius * where + centre, np.where(inward[:, None], corners[:, ::-1], corners))
+    return spheres.ball(radius, centre, count=count)
 
 
 # --- what lies below a skin -------------------------------------------------------------------------------------

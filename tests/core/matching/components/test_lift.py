@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loose_parts import BODY, RADIUS, ball, identity, pair_around_body, shape_of, sheet
+from loose_parts import BODY, RADIUS, identity, pair_around_body, shape_of, sheet
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components import lift as module
@@ -19,6 +19,7 @@ from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 EYES = [ball(0.04, (0.35, 0, 0)), ball(0.04, (-0.35, 0, 0))]
 HAT = ball(0.1, (0, 0, 0.8))

@@ -13,7 +13,6 @@ from clothes import (
     dressed,
     shell,
     shirt,
-    skin,
     skin_normals,
     sleeve,
     trousers,
@@ -29,6 +28,8 @@ from zoomout_core.matching.components.main_parts import main_parts
 from zoomout_core.matching.components.parts import Part, paired
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.creatures import at_rest
+from zoomout_core.samples.grids import ring_faces
 from zoomout_core.spectral.sampling import farthest_points
 
 EYES = {"eye.L": np.array([0.3, -0.5, 1.0]), "eye.R": np.array([-0.3, -0.5, 1.0])}
@@ -48,13 +49,15 @@ def in_pieces(seed: int) -> list[Piece]:
 def hair(count: int, seed: int) -> list[Piece]:
     """Strips of six triangles that stand on the head."""
     where = directions(20 * count, seed)
-    where = where[skin(where)[:, 2] > 1.0]
-    where = where[farthest_points(skin(where), count)]
+    where = where[at_rest(where)[:, 2] > 1.0]
+    where = where[farthest_points(at_rest(where), count)]
     across = np.cross(skin_normals(where), np.random.default_rng(seed).standard_normal(where.shape))
     across *= 0.03 / np.linalg.norm(across, axis=1, keepdims=True)
     corners = np.array([[0, 1, 2], [1, 3, 2]])
     strip = np.vstack([corners + 2 * i for i in range(3)])
-    rows = [skin(where) + (0.02 + 0.06 * i) * skin_normals(where) + side * across for i in range(4) for side in (-1, 1)]
+    rows = [
+        at_rest(where) + (0.02 + 0.06 * i) * skin_normals(where) + side * across for i in range(4) for side in (-1, 1)
+    ]
     return [Piece(f"card {i}", points, strip, points) for i, points in enumerate(np.stack(rows, axis=1))]
 
 
@@ -131,9 +134,9 @@ def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
     image = result.surface_map.vertex[here]
     assert np.isin(image, np.concatenate([source.parts[name] for name in ("sleeve.L", "sleeve.R", "bodice")])).all()
     for side, name in ((1, "sleeve.L"), (-1, "sleeve.R")):
-        far_out = side * skin(rest)[:, 0] > 1.4
+        far_out = side * at_rest(rest)[:, 0] > 1.4
         assert np.isin(image[far_out], source.parts[name]).mean() > 0.95
-    assert np.isin(image[np.abs(skin(rest)[:, 0]) < 0.6], source.parts["bodice"]).mean() > 0.95
+    assert np.isin(image[np.abs(at_rest(rest)[:, 0]) < 0.6], source.parts["bodice"]).mean() > 0.95
 
 
 def test_more_hair_than_can_be_paired_lies_on_hair_nearby(sewn: Match) -> None:
@@ -244,9 +247,7 @@ def test_hems_that_belong_together_are_brought_together() -> None:
     """A tube that the body's map has shortened a little at either end, and one of another cut."""
     turn, along = (axis.ravel() for axis in np.meshgrid(np.arange(20) * np.pi / 10, np.linspace(0, 1, 20)))
     tube = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), along])
-    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(20), np.arange(19)))
-    quads = np.stack([20 * j + i, 20 * j + (i + 1) % 20, 20 * j + 20 + (i + 1) % 20, 20 * j + 20 + i], axis=1)
-    whole = part_of(Surface(tube, quads))
+    whole = part_of(Surface(tube, ring_faces(20, 20)))
     short, cut = (
         Part(whole.mesh, whole.vertices, whole.triangles, whole.points * [1, 1, length], whole.weights)
         for length in (0.9, 0.6)

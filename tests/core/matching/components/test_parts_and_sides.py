@@ -8,11 +8,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from loose_parts import BODY, RADIUS, ball, part_of, sheet
+from loose_parts import BODY, RADIUS, part_of, sheet
 
 from zoomout_core.matching.components.parts import Part, Side, relation_of
 from zoomout_core.matching.components.parts import paired as paired_in_regions
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 EYES = [ball(0.04, (0.35, 0, 0)), ball(0.03, (-0.35, 0, 0))]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loose_parts import ball, identity, shape_of, sheet
+from loose_parts import identity, shape_of, sheet
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
@@ -30,6 +30,7 @@ from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 
 def side_of(*shells: Surface) -> Side:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from creatures import Creature, directions, true_vertex
 from pieces import analysed, piece_of
-from scipy.spatial import ConvexHull
 from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -33,6 +32,7 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retuned
 
 # Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
@@ -53,10 +53,7 @@ def two_handed(count: int, seed: int) -> Creature:
     left = FINGERS / np.linalg.norm(FINGERS, axis=1, keepdims=True)
     fingers = np.concatenate([left, left * [-1, 1, 1]])
     radius = 1 + np.exp(90 * (where @ fingers.T - 1)) @ np.tile(LENGTHS, 2) + np.exp(4 * (where[:, 2] - 1))
-    triangles = ConvexHull(where).simplices
-    a, b, c = (where[triangles[:, i]] for i in range(3))
-    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0
-    triangles = np.where(outward[:, None], triangles, triangles[:, ::-1])
+    triangles = outward_hull(where)
     return Creature(Surface(where * radius[:, None] * [1, 1.6, 2.0], triangles), where)
 
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from loose_parts import ball
 
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
+from zoomout_core.samples.spheres import ball
 
 MADE = creature(500, seed=0)
 TAIL = MADE.directions[:, 1] > 0.8

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from loose_parts import ball
 from reports import reports_of
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +20,7 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lifted_fit
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
 
 
 def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis:

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from loose_parts import ball
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -16,6 +15,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.samples.spheres import ball
 
 TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
 
