@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers
 from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.samples.grids import triangles_of
 
 from . import shape
 
@@ -30,7 +31,7 @@ def seam_edges(vertices: Floats, faces: Integers, edges: Indices, face_edges: In
         edges: (e, 2) vertex numbers.
         face_edges: (m, 4) the edges of each face.
     """
-    normals = vertex_normals(vertices, np.concatenate([faces[:, :3], faces[:, [0, 2, 3]]]))
+    normals = vertex_normals(vertices, triangles_of(faces))
     centre, facing = vertices[faces].mean(axis=1), normals[faces].mean(axis=1)
     name, part = np.unique(shape.nearest_part(centre), return_inverse=True)
     whole = np.isin(name[part], ("torso", "tail"))

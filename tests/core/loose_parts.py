@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
@@ -14,10 +15,16 @@ from zoomout_core.matching.components.parts import Part
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import grid, grid_faces
-from zoomout_core.samples.spheres import Place, ball
+from zoomout_core.samples.spheres import Place, ball, directions
 
 # Of the body, so that lengths are those at unit area.
 RADIUS = (4 * np.pi) ** -0.5
+
+
+def egg(radii: np.ndarray | Place = (1.0, 0.6, 0.3), seed: int = 0, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and triangles of an ellipsoid that is blunt on three sides: it fits itself in one way only."""
+    where = directions(count, seed)
+    return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
 
 
 def sheet(width: float, at: Place = (0, 0, 0), count: int = 8, length: float | None = None) -> Surface:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import directions
+from loose_parts import egg
 from reports import fractions_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -117,9 +118,7 @@ def test_principal_axes_are_no_mirror(sense: list[int]) -> None:
 
 
 def test_principal_axes_turn_with_the_surface() -> None:
-    where = directions(300, 2)
-    points = (where + 0.9 * np.maximum(where, 0) ** 2) * [3.0, 2.0, 1.0]
-    corners = ConvexHull(where).simplices
+    points, corners = egg((3, 2, 1), 2, 300)
     axes = _principal_axes(Surface(points, corners).working)
     assert np.linalg.det(axes) == pytest.approx(1)
     assert np.abs(axes[0, 0]) > 0.9

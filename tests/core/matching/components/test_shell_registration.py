@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 from creatures import directions
-from scipy.spatial import ConvexHull
+from loose_parts import egg
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
@@ -15,20 +17,17 @@ from zoomout_core.matching.components.shell_registration import Shells, register
 RADII = np.array([[1.0, 0.6, 0.3], [0.5, 0.45, 0.9], [0.2, 0.8, 0.7]])
 
 
-def egg(radii: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """An ellipsoid that is blunt on three sides, so that it lies on itself in one way only."""
-    where = directions(300, seed)
-    return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
-
-
 @pytest.mark.parametrize("handed", [1, -1])
 def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
     sense = np.array([handed, 1, 1])
-    target = Shells.of([egg(radii, number) for number, radii in enumerate(RADII)])
+    target = Shells.of([egg(radii, number, 300) for number, radii in enumerate(RADII)])
     turns = Rotation.random(3, random_state=4).as_matrix() * sense
     truth = Similarities(np.array([1.1, 0.9, 1.0]), turns, np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3]]))
     source = Shells.of(
-        [(truth[i : i + 1](points[None])[0], corners) for i, (points, corners) in enumerate(map(egg, RADII, (7, 8, 9)))]
+        [
+            (truth[i : i + 1](points[None])[0], corners)
+            for i, (points, corners) in enumerate(map(egg, RADII, (7, 8, 9), repeat(300)))
+        ]
     )
     off = Rotation.from_rotvec(0.4 * directions(3, 1)).as_matrix()
     prior = Similarities(np.ones(3), off @ turns, truth.translation + 0.1)
@@ -42,7 +41,7 @@ def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
 
 
 def test_axes_are_at_right_angles_the_longest_first() -> None:
-    shells = Shells.of([egg(radii, number) for number, radii in enumerate(RADII)])
+    shells = Shells.of([egg(radii, number, 300) for number, radii in enumerate(RADII)])
     np.testing.assert_allclose(shells.axes @ shells.axes.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-9)
     along = np.einsum("pdx,pax->pda", shells.dense - shells.centre[:, None], shells.axes).std(axis=1)
     assert (np.diff(along) < 0).all()

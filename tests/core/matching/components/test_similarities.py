@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import directions
+from loose_parts import egg
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -20,12 +21,6 @@ from zoomout_core.matching.components.shell_registration import (
 from zoomout_core.tuning import retuned
 
 ONE = np.zeros(1, dtype=np.int64)
-
-
-def egg(radii: tuple[float, float, float] = (1.0, 0.6, 0.3), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """An ellipsoid that is blunt on three sides, so that it lies on itself in one way only."""
-    where = directions(200, seed)
-    return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
 
 
 def similarity(scale: float = 1.0, turn: tuple[float, float, float] = (0, 0, 0), sense: int = 1) -> Similarities:
