@@ -13,6 +13,7 @@ CORE = Path(zoomout_core.__file__).parent
 # Each may import those that stand before it.
 ROOMS = (
     "arrays",
+    "messages",
     "tuning",
     "mesh",
     "geometry",

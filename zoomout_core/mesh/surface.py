@@ -20,6 +20,7 @@ from zoomout_core.mesh.reconstruction import triangulated_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
+from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.summary import Summary
 
 # Larger coordinates overflow where areas are squared.
@@ -32,11 +33,18 @@ FARTHEST, MANY = 1e6, 10_000
 class MeshError(ValueError):
     """A mesh that cannot be used; the message says in one sentence what is wrong and what to do.
 
+    Args:
+        text: the sentence, or a template with named fields, see `messages.message`.
+        values: of these fields.
+
     Example:
         >>> zo.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
         Traceback (most recent call last):
         zoomout_core.mesh.surface.MeshError: The mesh has no area because all of its faces are degenerate: repair them.
     """
+
+    def __init__(self, text: str = "", **values: object) -> None:
+        super().__init__(message(text, **values) if values else as_message(text))
 
 
 class Surface(Summary):
@@ -383,8 +391,10 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
     broken = np.unique(corner_vertex[~measurable(vertices)[corner_vertex]])
     if len(broken):
         raise MeshError(
-            f"{len(broken)} vertices have coordinates that are not finite or far too large (the first is vertex "
-            f"{broken[0]}): remove or repair them."
+            "{count} vertices have coordinates that are not finite or far too large (the first is "
+            "vertex {vertex}): remove or repair them.",
+            count=len(broken),
+            vertex=broken[0],
         )
     _check_distances(vertices[corner_vertex], corner_vertex, face_start)
 
@@ -402,8 +412,10 @@ def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integ
     astray = np.unique(corner_vertex[far & np.repeat(partly, sizes)])
     if len(astray):
         raise MeshError(
-            f"Vertex {astray[0]} is used by faces but more than {FARTHEST:,.0f} times as far away as the other "
-            "vertices: move it back, or remove it."
+            "Vertex {vertex} is used by faces but more than {times:,.0f} times as far away as the "
+            "other vertices: move it back, or remove it.",
+            vertex=astray[0],
+            times=FARTHEST,
         )
 
 

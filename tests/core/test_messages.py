@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Messages are English text that keeps its template and values, wherever it goes."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zoomout_core as zo
+from zoomout_core.messages import (
+    Message,
+    as_message,
+    counted,
+    enumeration,
+    from_json,
+    message,
+    sentences,
+    to_json,
+)
+
+LEFT_OUT = message("'{name}' was left out: {reason}", name="A", reason=message("{share:.0%} is missing", share=0.25))
+
+
+def parts(text: str) -> object:
+    """A Message with all that it consists of."""
+    return (text.template, {name: parts(value) for name, value in text.values.items()}) if is_message(text) else text
+
+
+def is_message(value: object) -> bool:
+    return isinstance(value, Message)
+
+
+def test_it_is_its_english_text() -> None:
+    assert LEFT_OUT == "'A' was left out: 25% is missing"
+    assert f"{LEFT_OUT}!" == "'A' was left out: 25% is missing!"
+    assert hash(LEFT_OUT) == hash("'A' was left out: 25% is missing")
+
+
+@pytest.mark.parametrize(
+    "passed",
+    [
+        str,
+        copy.copy,
+        copy.deepcopy,
+        lambda text: pickle.loads(pickle.dumps(text)),
+        lambda text: from_json(json.loads(json.dumps(to_json(text)))),
+        lambda text: str(zo.MeshError(text)),
+        lambda text: zo.MeshError(text).args[0],
+        lambda text: str(pickle.loads(pickle.dumps(zo.MeshError(text)))),
+    ],
+)
+def test_its_parts_survive(passed) -> None:
+    assert parts(passed(LEFT_OUT)) == parts(LEFT_OUT)
+
+
+def test_values_are_those_that_json_holds() -> None:
+    made = message(
+        "{count:,} {share:.1f} {path} {found}", count=np.int64(1200), share=np.float32(0.5), path=Path("a"), found=None
+    )
+    assert made == "1,200 0.5 a None"
+    assert made.values == {"count": 1200, "share": 0.5, "path": "a", "found": "None"}
+    assert from_json(json.loads(json.dumps(to_json(made)))) == made
+
+
+def test_an_error_with_values_is_a_message() -> None:
+    error = zo.MeshError("'{name}' has {count} faces.", name="A", count=3)
+    assert parts(str(error)) == ("'{name}' has {count} faces.", {"name": "A", "count": 3})
+    assert parts(str(zo.MeshError("{} is text."))) == ("{{}} is text.", {})
+
+
+def test_what_is_joined_keeps_its_parts() -> None:
+    both = sentences("First.", LEFT_OUT)
+    assert both == "First. 'A' was left out: 25% is missing"
+    assert [parts(value) for value in both.values.values()] == [("First.", {}), parts(LEFT_OUT)]
+    assert enumeration(["Target", message("seams")]) == "Target, seams"
+    assert [is_message(value) for value in enumeration(["Target", message("seams")]).values.values()] == [False, True]
+    assert enumeration([]) == ""
+
+
+@pytest.mark.parametrize(("count", "text"), [(0, "0 meshes"), (1, "1 mesh"), (2, "2 meshes")])
+def test_counts_take_their_template(count: int, text: str) -> None:
+    assert counted(count, "1 mesh", "{count} meshes") == text
+
+
+def test_text_of_earlier_versions_stays() -> None:
+    old = {"notes": ["Hints used: 3 landmarks."], "vertices": 9, "without_partner": None}
+    assert from_json(json.loads(json.dumps(to_json(old)))) == old
+    assert as_message("50% of {this}") == "50% of {this}"
+
+
+def test_what_is_nested_is_stored() -> None:
+    report = {"notes": (LEFT_OUT, "plain"), "skipped": {message("seams"): LEFT_OUT}}
+    stored = from_json(json.loads(json.dumps(to_json(report))))
+    assert stored == {"notes": [LEFT_OUT, "plain"], "skipped": {"seams": LEFT_OUT}}
+    assert parts(stored["notes"][0]) == parts(stored["skipped"]["seams"]) == parts(LEFT_OUT)
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [
+        {"template": 3, "values": {}},
+        {"template": "{name}", "values": []},
+        {"template": "{name}", "values": {}},
+        {"template": "{name.__class__}", "values": {"name": "A"}},
+        {"template": "{name[0]}", "values": {"name": "A"}},
+        {"template": "{name!r}", "values": {"name": "A"}},
+        {"template": "{name:>999999999}", "values": {"name": "A"}},
+        {"template": "{name:>{wide}}", "values": {"name": "A", "wide": 999999999}},
+        {"template": "{name", "values": {"name": "A"}},
+        {"template": "{name:d}", "values": {"name": "A"}},
+    ],
+)
+def test_what_is_damaged_is_rejected(stored: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="."):
+        from_json(stored)
