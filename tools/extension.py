@@ -43,6 +43,7 @@ SHIPPED = (
     "scene/*.py",
     "services/**/*.py",
     "storage/*.py",
+    "translations/*.po",
     "translations/*.py",
     "ui/**/*.py",
     "viewport/*.py",

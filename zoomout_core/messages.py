@@ -16,6 +16,8 @@ from typing import Any
 
 # Format specifications of stored templates are at most this long: a longer one could ask for gigabytes of spaces.
 MOST_LETTERS_OF_FORMAT = 4
+# Keys of the JSON that stands for a Message, and for a dictionary whose keys are Messages.
+MESSAGE, ITEMS = "zoomout_message", "zoomout_items"
 
 
 class Message(str):
@@ -70,11 +72,13 @@ def enumeration(items: Iterable[str], separator: str = ", ") -> Message:
 
 
 def to_json(value: Any) -> Any:
-    """A value for `json.dumps`, with each Message within lists, tuples and dictionaries as its template and values."""
+    """A value for `json.dumps`; Messages, within lists, tuples and dictionaries as well, keep their parts."""
     if isinstance(value, Message):
-        return {"template": value.template, "values": to_json(value.values)}
+        return {MESSAGE: [value.template, to_json(value.values)]}
     if isinstance(value, dict):
-        return {str.__str__(key): to_json(each) for key, each in value.items()}
+        if any(isinstance(key, Message) for key in value):
+            return {ITEMS: [[to_json(key), to_json(each)] for key, each in value.items()]}
+        return {key: to_json(each) for key, each in value.items()}
     return [to_json(each) for each in value] if isinstance(value, list | tuple) else value
 
 
@@ -82,14 +86,17 @@ def from_json(stored: Any) -> Any:
     """What `to_json` was given, with lists for tuples; strings of earlier versions stay as they are.
 
     Raises:
-        ValueError: what looks like a Message is none.
+        ValueError, TypeError, KeyError: a Message is damaged.
     """
     if isinstance(stored, list):
         return [from_json(each) for each in stored]
     if not isinstance(stored, dict):
         return stored
-    held = {key: from_json(each) for key, each in stored.items()}
-    return _checked(held["template"], held["values"]) if held.keys() == {"template", "values"} else held
+    if stored.keys() == {MESSAGE}:
+        return _checked(*from_json(stored[MESSAGE]))
+    if stored.keys() == {ITEMS}:
+        return dict(from_json(stored[ITEMS]))
+    return {key: from_json(each) for key, each in stored.items()}
 
 
 def _checked(template: object, values: object) -> Message:

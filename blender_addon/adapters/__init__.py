@@ -25,15 +25,15 @@ COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
 
 # The kinds of data that can be chosen, as options and as lists in the report, and what one and several are called.
 NOUNS = {
-    "uv_maps": ("{} UV map", "{} UV maps"),
-    "color_attributes": ("{} color attribute", "{} color attributes"),
-    "attributes": ("{} attribute", "{} attributes"),
-    "vertex_groups": ("{} vertex group", "{} vertex groups"),
-    "shape_keys": ("{} shape key", "{} shape keys"),
-    "materials": ("{} material", "{} materials"),
-    "edges": ("{} kind of edge mark", "{} kinds of edge marks"),
-    "custom_normals": ("{} layer of custom normals", "{} layers of custom normals"),
-    "shape": ("{} shape", "{} shapes"),
+    "uv_maps": ("{count} UV map", "{count} UV maps"),
+    "color_attributes": ("{count} color attribute", "{count} color attributes"),
+    "attributes": ("{count} attribute", "{count} attributes"),
+    "vertex_groups": ("{count} vertex group", "{count} vertex groups"),
+    "shape_keys": ("{count} shape key", "{count} shape keys"),
+    "materials": ("{count} material", "{count} materials"),
+    "edges": ("{count} kind of edge mark", "{count} kinds of edge marks"),
+    "custom_normals": ("{count} layer of custom normals", "{count} layers of custom normals"),
+    "shape": ("{count} shape", "{count} shapes"),
 }
 DATA = tuple(NOUNS)
 # Those that are transferred unless others are asked for: the source's shape is no data that a target lacks.

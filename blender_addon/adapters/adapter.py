@@ -13,6 +13,7 @@ from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_along
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -116,7 +117,7 @@ class TransferJob:
             target: the same of the target.
             options: of the attribute's kind.
         """
-        with stage(f"Transferring {what}"):
+        with stage(message("Transferring {what}", what=what)):
             carried = transfer_along(attribute, self._between(source, target), **options)
         self.remarks.add(carried.notes)
         return carried
@@ -149,11 +150,16 @@ class TransferJob:
         if self.kept.any() or outside.any():
             how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~(outside | self.kept))
         if self.kept.any():
-            self.remarks.add([f"{self.kept.sum()} vertices without a partner keep their data."])
+            self.remarks.add([message("{count} vertices without a partner keep their data.", count=self.kept.sum())])
         if outside.any():
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
-            lie = f"{outside.sum()} vertices are on objects without this data ({names})"
-            self.remarks.add([f"{carried.name}: {lie}, and keep their data."])
+            note = message(
+                "{layer}: {count} vertices are on objects without this data ({sources}), and keep their data.",
+                layer=carried.name,
+                count=outside.sum(),
+                sources=names,
+            )
+            self.remarks.add([note])
         return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
 
     @cached_property
@@ -178,7 +184,12 @@ class TransferJob:
     def note_replaced(self, what: str) -> None:
         """Say that data of the target is replaced, where others are blended."""
         if not self.blend.replaces:
-            self.remarks.add([f"{what}: replaced those of '{self.pair.target_name}' instead of blending with them."])
+            note = message(
+                "{what}: replaced those of '{target}' instead of blending with them.",
+                what=what,
+                target=self.pair.target_name,
+            )
+            self.remarks.add([note])
 
 
 class Adapter(Protocol):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bpy.types import Object
 
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.uv.chart import uv_seams
@@ -63,7 +64,7 @@ class SeamAdapter:
         with stage("Marking seams"):
             seams = uv_seams(job.pair.target, job.uv_maps[self.uv_map].values)
         self.marks = job.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
-        job.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
+        job.remarks.add([message("Seams were marked where the islands of '{uv_map}' meet.", uv_map=self.uv_map)])
 
     def write(self, target: Object) -> None:
         if self.marks is not None:

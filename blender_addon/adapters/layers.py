@@ -9,6 +9,7 @@ from typing import Any
 from bpy.types import Object
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Kind
 
 from .. import mesh_data
@@ -106,7 +107,11 @@ def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remar
     """Say which names of what is to turn are none of attributes that can."""
     missing = set(request.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
     remarks.add(
-        f"{name}: not rotated, because '{request.source.name}' has no vectors, quaternions or matrices of this name."
+        message(
+            "{layer}: not rotated, because '{name}' has no vectors, quaternions or matrices of this name.",
+            layer=name,
+            name=request.source.name,
+        )
         for name in sorted(missing)
     )
 
@@ -116,8 +121,11 @@ def _check_uv_maps(layers: list[Layer], target: Object) -> None:
     count = len(names.union(target.data.uv_layers.keys()))
     if count > mesh_data.MOST_UV_MAPS:
         raise zo.MeshError(
-            f"'{target.name}' would have {count} UV maps, and Blender's limit is {mesh_data.MOST_UV_MAPS}: "
-            "remove some from it, or from the source."
+            "'{target}' would have {count} UV maps, and Blender's limit is {most}: remove some from "
+            "it, or from the source.",
+            target=target.name,
+            count=count,
+            most=mesh_data.MOST_UV_MAPS,
         )
 
 
@@ -127,7 +135,11 @@ def _check_names(layers: list[Layer], target: Object, remarks: Remarks) -> None:
         name = layer.attribute.name
         if name not in attributes and name in target.vertex_groups:
             raise zo.MeshError(
-                f"'{name}' is an attribute of the source but a vertex group of '{target.name}': rename one of them."
+                "'{name}' is an attribute of the source but a vertex group of '{target}': rename one of them.",
+                name=name,
+                target=target.name,
             )
         if name in attributes and not mesh_data.fits(attributes[name], layer):
-            remarks.notes.append(f"{name}: replaced an attribute of '{target.name}' of another type.")
+            remarks.notes.append(
+                message("{layer}: replaced an attribute of '{name}' of another type.", layer=name, name=target.name)
+            )

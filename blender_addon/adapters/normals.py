@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from bpy.types import Object
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
@@ -34,8 +35,8 @@ class NormalAdapter:
         return [self.normals.name]
 
     def transfer(self, job: TransferJob) -> None:
-        job.note_replaced("custom normals")
-        self.normals = job.transfer(self.normals, "custom normals", target=self.target)
+        job.note_replaced(message("custom normals"))
+        self.normals = job.transfer(self.normals, message("custom normals"), target=self.target)
         self.normals = job.kept_as(self.normals, self.present)
 
     def write(self, target: Object) -> None:
@@ -48,7 +49,9 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     flat = [source.name for source, *_ in request.sources if mesh_data.is_flat(source)]
     if flat:
-        remarks.skipped["custom normals"] = f"'{flat[0]}' has a scale of zero, so its normals have no direction"
+        remarks.skipped[message("custom normals")] = message(
+            "'{name}' has a scale of zero, so its normals have no direction", name=flat[0]
+        )
         return []
     normals = mesh_data.read_joined_normals(request.sources)
     if normals is None:

@@ -96,6 +96,8 @@ def parse_group_names(text: str) -> dict[str, str]:
     for pair in parse_names(text):
         old, equals, new = (part.strip() for part in pair.partition("="))
         if not (old and equals and new):
-            raise zo.MeshError(f"Write new group names as 'old = new, old = new': '{pair}' is not such a pair.")
+            raise zo.MeshError(
+                "Write new group names as 'old = new, old = new': '{pair}' is not such a pair.", pair=pair
+            )
         names[old] = new
     return names

@@ -12,6 +12,7 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute
 
@@ -48,10 +49,10 @@ class ShapeKeyAdapter:
         return [key.name for key in self.keys]
 
     def transfer(self, job: TransferJob) -> None:
-        job.note_replaced("shape keys")
+        job.note_replaced(message("shape keys"))
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
-        carried = job.transfer(self.offsets, "shape keys", source, target)
+        carried = job.transfer(self.offsets, message("shape keys"), source, target)
         self.offsets = job.kept_as(carried, self.present)
 
     def write(self, target: Object) -> None:
@@ -104,8 +105,12 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         check_takes_keys(request.target, [request.source.name])
         if any(modifier.show_viewport for modifier in request.target.modifiers):
             remarks.notes.append(
-                f"The key '{request.source.name}' stores the visible shape of the source, and the modifiers of "
-                f"'{request.target.name}' deform it further."
+                message(
+                    "The key '{source}' stores the visible shape of the source, and the modifiers of "
+                    "'{target}' deform it further.",
+                    source=request.source.name,
+                    target=request.target.name,
+                )
             )
         found.append(ShapeAdapter(request.source.name, mesh_data.origin(request.source)))
     return found
@@ -162,13 +167,16 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
     if _absent(source):
         return None
     if not source.data.shape_keys.use_relative:
-        remarks.skipped["shape keys"] = f"those of '{source.name}' are absolute: turn on Relative in its shape keys"
+        remarks.skipped[message("shape keys")] = message(
+            "those of '{source}' are absolute: turn on Relative in its shape keys", source=source.name
+        )
         return None
     found = mesh_data.read_shape_keys(source, faces)
     if found is None:
-        remarks.skipped["shape keys"] = (
-            f"modifiers of '{source.name}' change its faces when a single key is active: disable those that add or "
-            "remove vertices"
+        remarks.skipped[message("shape keys")] = message(
+            "modifiers of '{source}' change its faces when a single key is active: disable those "
+            "that add or remove vertices",
+            source=source.name,
         )
         return None
     offsets = replace(found.offsets, values=mesh_data.directions_in_world(source, found.offsets.values))
@@ -178,16 +186,21 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
 def check_takes_keys(target: Object, names: Sequence[str]) -> None:
     """Raise a MeshError if an object cannot take shape keys of some names."""
     if mesh_data.is_flat(target):
-        raise zo.MeshError(f"'{target.name}' has a scale of zero and cannot have shape keys: change its scale.")
+        raise zo.MeshError(
+            "'{target}' has a scale of zero and cannot have shape keys: change its scale.", target=target.name
+        )
     keys = target.data.shape_keys
     if keys is None:
         return
     if not keys.use_relative:
-        raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
+        raise zo.MeshError(
+            "The shape keys of '{name}' are absolute: turn on Relative in its shape keys.", name=target.name
+        )
     if keys.reference_key.name in names:
         raise zo.MeshError(
-            f"'{keys.reference_key.name}' is the Basis shape key of '{target.name}': rename the source's key or this "
-            "one."
+            "'{key}' is the Basis shape key of '{target}': rename the source's key or this one.",
+            key=keys.reference_key.name,
+            target=target.name,
         )
 
 
@@ -197,8 +210,11 @@ def _note_masks(keys: Sequence[ShapeKey], request: TransferRequest, remarks: Rem
         masks -= {group.name for source in request.sources for group in source.original.vertex_groups}
     if masks:
         remarks.notes.append(
-            f"Shape keys use vertex groups that '{request.target.name}' lacks ({', '.join(sorted(masks))}): transfer "
-            "these as well."
+            message(
+                "Shape keys use vertex groups that '{target}' lacks ({groups}): transfer these as well.",
+                target=request.target.name,
+                groups=", ".join(sorted(masks)),
+            )
         )
 
 
@@ -208,6 +224,8 @@ def _note_animation(source: Object, target: Object, remarks: Remarks) -> None:
     if played is None:
         return
     if played.action and own and own.action:
-        remarks.add([f"The shape keys of '{target.name}' keep their current action."])
+        remarks.add([message("The shape keys of '{target}' keep their current action.", target=target.name)])
     if played.nla_tracks:
-        remarks.skipped["NLA tracks of shape keys"] = "they are not transferred, unlike the keys' drivers and action"
+        remarks.skipped[message("NLA tracks of shape keys")] = (
+            "they are not transferred, unlike the keys' drivers and action"
+        )

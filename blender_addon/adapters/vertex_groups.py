@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from bpy.types import Object
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 
@@ -40,7 +41,7 @@ class WeightAdapter:
         return list(self.weights.labels)
 
     def transfer(self, job: TransferJob) -> None:
-        carried = job.transfer(self.weights, "vertex groups", **self.sharing)
+        carried = job.transfer(self.weights, message("vertex groups"), **self.sharing)
         self.weights = job.blended(carried, self.present, self.deforming, self.lacking)
         if self.weights is not carried and job.settings.limit:
             limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)
@@ -65,14 +66,21 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     if weights.values.nnz == 0:
         remarks.notes.append(
-            f"After its modifiers, '{request.source.name}' has no weights, so its vertex groups are transferred empty."
+            message(
+                "After its modifiers, '{source}' has no weights, so its vertex groups are transferred empty.",
+                source=request.source.name,
+            )
         )
     labels = tuple(weights.labels[i] for i in open_columns)
     hidden = [name for name in labels if name in target.data.attributes]
     if hidden:
         remarks.notes.append(
-            f"'{target.name}' has attributes with the same names as vertex groups ({', '.join(hidden)}): rename "
-            "them, because modifiers may confuse the two."
+            message(
+                "'{target}' has attributes with the same names as vertex groups ({names}): rename them, "
+                "because modifiers may confuse the two.",
+                target=target.name,
+                names=", ".join(hidden),
+            )
         )
     deforming = _deforming_groups(weights, lacking, request, remarks)
     columns = [i for i, name in enumerate(weights.labels) if name in deforming]
@@ -110,10 +118,15 @@ def _deforming_groups(
     skin = sum_to_one(weights.values[rows])
     name = request.source.name
     remarks.notes.append(
-        f"No armature has bones named like the vertex groups of '{name}': they sum to one on every vertex, and were "
-        "treated as bone weights."
+        message(
+            "No armature has bones named like the vertex groups of '{name}': they sum to one on "
+            "every vertex, and were treated as bone weights.",
+            name=name,
+        )
         if skin
-        else f"No armature has bones named like the vertex groups of '{name}': they were treated as masks."
+        else message(
+            "No armature has bones named like the vertex groups of '{name}': they were treated as masks.", name=name
+        )
     )
     return set(weights.labels) if skin else set()
 

@@ -15,6 +15,7 @@ from bpy.types import Mesh, Object
 from scipy.sparse import csr_array, vstack
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.attribute import nothing
 
@@ -70,7 +71,9 @@ def read_joined_layers(
         parts = [layers.get(name) for layers in found]
         for obj, part in zip(objects, parts, strict=True):
             if part is not None and not _alike(part, first):
-                skipped[f"{name} of '{obj.original.name}'"] = "it has another type on other objects"
+                skipped[message("{layer} of '{name}'", layer=name, name=obj.original.name)] = (
+                    "it has another type on other objects"
+                )
         of_one_type = [part if part is not None and _alike(part, first) else None for part in parts]
         joined.append(
             JoinedLayer(
@@ -95,7 +98,9 @@ def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
     """
     name = read_joined_active_layers(objects).uv
     if name is None:
-        raise zo.MeshError(f"'{objects[0].original.name}' has no UV map: unwrap it, or choose another source.")
+        raise zo.MeshError(
+            "'{source}' has no UV map: unwrap it, or choose another source.", source=objects[0].original.name
+        )
     parts = []
     for obj in objects:
         own = name if name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv

@@ -13,6 +13,7 @@ import numpy as np
 from bpy.types import Mesh, Object
 from numpy.typing import DTypeLike
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -121,14 +122,14 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
     Returns:
         Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
     """
-    layers, skipped = [], {}
+    layers, skipped = [], dict[str, str]()
     for name, role, reason in _listed(mesh):
         if reason is None:
             layers.append(read_layer(mesh, name, role, name in turning))
         elif name.startswith(EDITING_STATES):
-            skipped["selection and hiding"] = reason  # of all kinds of elements
+            skipped[message("selection and hiding")] = reason  # of all kinds of elements
         elif name.startswith(SYMMETRY_ATTRIBUTES):
-            skipped["symmetry"] = reason  # of all candidates
+            skipped[message("symmetry")] = reason  # of all candidates
         else:
             skipped[name] = reason
     return layers, skipped
@@ -158,9 +159,9 @@ def untransferable_data(obj: Object, mesh: Mesh) -> dict[str, str]:
         mesh: its mesh as the modifiers leave it.
     """
     found = (
-        ("skin radii", bool(mesh.skin_vertices), "they belong to the edges used by the Skin modifier"),
+        (message("skin radii"), bool(mesh.skin_vertices), "they belong to the edges used by the Skin modifier"),
         (
-            "multires displacement",
+            message("multires displacement"),
             any(modifier.type == "MULTIRES" for modifier in obj.modifiers),
             "it depends on the faces of the source mesh",
         ),
@@ -188,10 +189,10 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
     if attribute.is_internal and name not in SCULPTED:
         return "it is internal to Blender"
     if attribute.data_type not in STORAGE:
-        return f"values of the type {attribute.data_type} cannot be transferred"
+        return message("values of the type {kind} cannot be transferred", kind=attribute.data_type)
     rule = RULES.get(_kind(attribute, role, turning=False))
     if rule is None or Domain[attribute.domain] not in rule.domains:
-        return f"values of the type {attribute.data_type} cannot be transferred"
+        return message("values of the type {kind} cannot be transferred", kind=attribute.data_type)
     return None
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from bpy.types import Mesh, MeshEdge
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -32,15 +33,15 @@ class MarkRow(NamedTuple):
     element: str = ""
 
 
-SEAMS = "seams"
+SEAMS = message("seams")
 MARKS = (
     MarkRow("uv_seam", SEAMS, Domain.EDGE, Kind.BOOLEAN, "use_seam"),
-    MarkRow("sharp_edge", "sharp edges", Domain.EDGE, Kind.BOOLEAN, "use_edge_sharp"),
-    MarkRow("freestyle_edge", "Freestyle edges", Domain.EDGE, Kind.BOOLEAN, "use_freestyle_mark"),
-    MarkRow("crease_edge", "creases", Domain.EDGE, Kind.MARK),
-    MarkRow("bevel_weight_edge", "bevel weights", Domain.EDGE, Kind.MARK),
-    MarkRow("crease_vert", "vertex creases", Domain.POINT, Kind.MARK),
-    MarkRow("bevel_weight_vert", "vertex bevel weights", Domain.POINT, Kind.MARK),
+    MarkRow("sharp_edge", message("sharp edges"), Domain.EDGE, Kind.BOOLEAN, "use_edge_sharp"),
+    MarkRow("freestyle_edge", message("Freestyle edges"), Domain.EDGE, Kind.BOOLEAN, "use_freestyle_mark"),
+    MarkRow("crease_edge", message("creases"), Domain.EDGE, Kind.MARK),
+    MarkRow("bevel_weight_edge", message("bevel weights"), Domain.EDGE, Kind.MARK),
+    MarkRow("crease_vert", message("vertex creases"), Domain.POINT, Kind.MARK),
+    MarkRow("bevel_weight_vert", message("vertex bevel weights"), Domain.POINT, Kind.MARK),
 )
 # Attributes that hold marks, as they are called in any version.
 MARK_ATTRIBUTES = frozenset({row.attribute for row in MARKS} | {".uv_seam"})

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from bpy.types import Mesh, Object
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -24,7 +25,7 @@ def read_materials(obj: Object, mesh: Mesh) -> tuple[list[str | None], Attribute
         if slot.link == "OBJECT":
             names[i] = slot.material and slot.material.name_full
     slots = np.clip(read_array(mesh.polygons, "material_index", np.int32), 0, max(0, len(names) - 1))
-    return names, Attribute("materials", Domain.FACE, Kind.LABEL, slots)
+    return names, Attribute(message("materials"), Domain.FACE, Kind.LABEL, slots)
 
 
 def write_materials(obj: Object, names: Sequence[str | None], slots: Attribute) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from bpy.types import Mesh
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -21,7 +22,7 @@ SELECTED = {Domain.POINT: ".select_vert", Domain.EDGE: ".select_edge", Domain.FA
 def read_selection(mesh: Mesh) -> list[Attribute]:
     """Which vertices, and which faces, are selected; nothing where none is."""
     found = (
-        Attribute("selection", domain, Kind.BOOLEAN, read_array(elements, "select", np.bool_))
+        Attribute(message("selection"), domain, Kind.BOOLEAN, read_array(elements, "select", np.bool_))
         for domain, elements in ((Domain.POINT, mesh.vertices), (Domain.FACE, mesh.polygons))
     )
     return [attribute for attribute in found if attribute.values.any()]

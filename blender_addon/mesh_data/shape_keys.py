@@ -17,6 +17,7 @@ import numpy as np
 from bpy.types import FCurve, Key, Mesh, Object
 
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -61,7 +62,7 @@ class ShapeKeys:
 
 def offsets_of(names: tuple[str, ...], values: Floats) -> Attribute:
     """Offsets (n, keys, 3) of shape keys of some names."""
-    return Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, names)
+    return Attribute(message("shape keys"), Domain.POINT, Kind.OFFSET, values, names)
 
 
 def read_rest_positions(mesh: Mesh) -> Floats:

@@ -32,7 +32,7 @@ def read_strands(obj: Object, depsgraph: Depsgraph | None = None) -> zo.Lines:
         seen = check_evaluated(obj, depsgraph).data
         points = _positions(seen) if len(seen.points) == len(obj.data.points) else points
     if not len(points):
-        raise zo.MeshError(f"'{obj.name}' has no strands: leave it out.")
+        raise zo.MeshError("'{name}' has no strands: leave it out.", name=obj.name)
     return zo.Lines(positions_in_world(obj, points), _edges(_first_points(obj.data)))
 
 

@@ -98,7 +98,9 @@ def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> S
     place = nearest_surface_point(obj, point, most, depsgraph)
     if place is None:
         raise zo.MeshError(
-            f"Modifiers move the surface of '{obj.name}' away from vertex {vertex}: click on it in Object Mode instead."
+            "Modifiers move the surface of '{name}' away from vertex {vertex}: click on it in Object Mode instead.",
+            name=obj.name,
+            vertex=vertex,
         )
     return place
 

@@ -13,6 +13,7 @@ from bpy.types import Depsgraph, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import single_precision_step
+from zoomout_core.messages import message
 
 from .arrays import read_array
 from .matrices import moved_by, world_matrix
@@ -77,8 +78,9 @@ def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
     evaluated = obj.evaluated_get(depsgraph)
     if not evaluated.is_evaluated:
         raise zo.MeshError(
-            f"'{obj.name}' or its collection is disabled in the viewport: enable it, because its modifiers are not "
-            "evaluated."
+            "'{name}' or its collection is disabled in the viewport: enable it, because its "
+            "modifiers are not evaluated.",
+            name=obj.name,
         )
     return evaluated
 
@@ -192,7 +194,7 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
             _read_edges(with_edges),
         )
     except zo.MeshError as error:
-        raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
+        raise zo.MeshError("'{name}' cannot be used. {reason}", name=obj.name, reason=error) from error
 
 
 def _read_corner_vertices(mesh: Mesh) -> Integers:
@@ -221,9 +223,11 @@ def without_faces(obj: Object) -> str:
     """Why an object whose own mesh has no faces cannot receive data, and what to do."""
     making = [m.name for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
     if not making:
-        return f"'{obj.name}' has no faces: choose a mesh with a surface."
+        return message("'{name}' has no faces: choose a mesh with a surface.", name=obj.name)
     names = ", ".join(f"'{name}'" for name in making)
-    return (
-        f"The mesh of '{obj.name}' has no faces before its modifiers: apply {names}, because data is written to the "
-        "mesh itself."
+    return message(
+        "The mesh of '{name}' has no faces before its modifiers: apply {modifiers}, because data "
+        "is written to the mesh itself.",
+        name=obj.name,
+        modifiers=names,
     )

@@ -18,6 +18,7 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Indices, SingleFloats
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -48,7 +49,9 @@ def read_mask(obj: Object, name: str) -> Floats:
     """
     weights = read_weights(obj, obj.data)
     if name not in weights.labels:
-        raise zo.MeshError(f"'{obj.name}' has no vertex group '{name}' to use as a mask: choose another one.")
+        raise zo.MeshError(
+            "'{name}' has no vertex group '{group}' to use as a mask: choose another one.", name=obj.name, group=name
+        )
     return weights.values[:, [weights.labels.index(name)]].toarray()[:, 0].clip(0, 1)
 
 
@@ -86,7 +89,7 @@ def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> A
     found = np.concatenate([np.empty(0, ENTRY), *entries])
     found = found[found["group"] < len(names)]
     values = csr_array((found["weight"], (found["vertex"], found["group"])), shape=(count, len(names)))
-    return Attribute("vertex groups", Domain.POINT, Kind.WEIGHT, values, labels=names)
+    return Attribute(message("vertex groups"), Domain.POINT, Kind.WEIGHT, values, labels=names)
 
 
 def write_weights(obj: Object, weights: Attribute) -> None:

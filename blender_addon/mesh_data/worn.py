@@ -13,6 +13,7 @@ from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 
 from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, put, reshape, stands_as_modelled
 from .arrays import hash_of, read_array
@@ -65,7 +66,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
         MeshError: it is of another type, has no points, or is not evaluated.
     """
     if obj.type not in TYPES:
-        raise zo.MeshError(f"'{obj.name}' is neither a mesh nor hair curves: convert it to one of them.")
+        raise zo.MeshError("'{name}' is neither a mesh nor hair curves: convert it to one of them.", name=obj.name)
     stood = matrix_at_rest(obj) if at_rest else world_matrix(obj)
     return Worn(
         obj.name,
@@ -130,7 +131,10 @@ def add_worn_copy(
         if copy.type == "MESH" and copy.data.shape_keys and is_deformed and not stands_as_modelled(obj, seen):
             copy.shape_key_clear()
             notes.append(
-                f"The shape keys of '{obj.name}' were left out, because it is deformed: undo the deformation first."
+                message(
+                    "The shape keys of '{name}' were left out, because it is deformed: undo the deformation first.",
+                    name=obj.name,
+                )
             )
     _write_positions(copy, worn, positions, turns, place)
     if not worn.at_rest or copy.parent in bodies:
@@ -184,7 +188,7 @@ def collection_beside(context: Context, obj: Object, name: str) -> BlenderCollec
 def _mesh(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> zo.Surface | zo.Lines:
     mesh = obj.data
     if not mesh.vertices:
-        raise zo.MeshError(f"'{obj.name}' has no vertices: leave it out.")
+        raise zo.MeshError("'{name}' has no vertices: leave it out.", name=obj.name)
     check_evaluated(obj, depsgraph)
     own = read_rest_positions(mesh) if at_rest else read_base_positions(obj, depsgraph)
     positions = moved_by(stood, own)
@@ -219,7 +223,7 @@ def _free(copy: Object) -> None:
 
 def _refer_to(copy: Object, wearer: Object, bodies: Collection[Object]) -> list[str]:
     """Let what refers to bodies refer to their wearer, as far as it can; notes."""
-    notes = []
+    notes = list[str]()
     for modifier in list(copy.modifiers):
         for prop in modifier.bl_rna.properties:
             if prop.type != "POINTER" or prop.is_readonly or getattr(modifier, prop.identifier) not in bodies:
@@ -228,7 +232,11 @@ def _refer_to(copy: Object, wearer: Object, bodies: Collection[Object]) -> list[
                 name = modifier.name
                 copy.modifiers.remove(modifier)
                 notes.append(
-                    f"'{copy.name}' is no longer bound by '{name}', which was bound to another mesh: bind it again."
+                    message(
+                        "'{name}' is no longer bound by '{modifier}', which was bound to another mesh: bind it again.",
+                        name=copy.name,
+                        modifier=name,
+                    )
                 )
                 break
             setattr(modifier, prop.identifier, wearer)

@@ -8,6 +8,7 @@ from bpy.props import IntProperty
 from bpy.types import Context
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 
 from ..services.candidates import side_swapped
 from ..services.use_candidate import stored_list, use_candidate_async
@@ -32,9 +33,12 @@ class CandidateOperator(ModalOperator):
         place = self.place(stored_list(target))
         result = await use_candidate_async(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
-        return (
-            f"'{target.name}' uses candidate {place + 1}; "
-            f"{doubtful} of {len(result.confidence)} vertices are of low confidence"
+        return message(
+            "'{target}' uses candidate {number}; {doubtful} of {vertices} vertices are of low confidence",
+            target=target.name,
+            number=place + 1,
+            doubtful=doubtful,
+            vertices=len(result.confidence),
         )
 
 
@@ -57,7 +61,11 @@ class ZOOMOUT_OT_use_candidate(CandidateOperator):
 
     def place(self, listing: CandidateList) -> int:
         if self.candidate > len(listing.candidates):
-            raise zo.MeshError(f"There is no candidate {self.candidate}: the list has {len(listing.candidates)}.")
+            raise zo.MeshError(
+                "There is no candidate {number}: the list has {count}.",
+                number=self.candidate,
+                count=len(listing.candidates),
+            )
         return self.candidate - 1 if self.candidate else (listing.chosen + 1) % len(listing.candidates)
 
 

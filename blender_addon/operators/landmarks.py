@@ -7,6 +7,7 @@ import bmesh
 from bpy.types import Context, Object, Operator
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 
 from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
@@ -39,7 +40,7 @@ class LandmarkOperator(Operator):
         """Whether there are objects that may have landmarks."""
         reason = obstacle(context)
         if reason:
-            cls.poll_message_set(translated(reason))
+            cls.poll_message_set(translated(reason).removesuffix("."))
         return not reason
 
     def change(self, context: Context, objects: list[Object]) -> str:
@@ -89,7 +90,9 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         if not count:
             raise zo.MeshError("No vertex of the source or of a target is selected: select at least one.")
         if count > MOST_SELECTED:
-            raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select fewer.")
+            raise zo.MeshError(
+                "{count} vertices are selected, more than {most}: select fewer.", count=count, most=MOST_SELECTED
+            )
         depsgraph = context.evaluated_depsgraph_get()
         places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
         numbers = set()
@@ -99,10 +102,11 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
                 set_landmark(context.scene, obj, place, number)
                 numbers.add(number)
         proposed = propose_partners(context, objects, numbers)
-        placed = f"Placed {landmarks_in_words(count)}"
+        placed = message("Placed {landmarks}", landmarks=landmarks_in_words(count))
         if not proposed:
             return placed
-        return f"{placed}, and proposed 1 partner" if proposed == 1 else f"{placed}, and proposed {proposed} partners"
+        proposals = "{placed}, and proposed 1 partner" if proposed == 1 else "{placed}, and proposed {count} partners"
+        return message(proposals, placed=placed, count=proposed)
 
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
@@ -113,7 +117,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them."""
         count = import_landmarks(context, objects, self.what)
-        return f"Imported {landmarks_in_words(count)}"
+        return message("Imported {landmarks}", landmarks=landmarks_in_words(count))
 
 
 class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
@@ -123,7 +127,7 @@ class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Confirm them."""
-        return f"Confirmed {landmarks_in_words(confirm_landmarks(context.scene, objects))}"
+        return message("Confirmed {landmarks}", landmarks=landmarks_in_words(confirm_landmarks(context.scene, objects)))
 
 
 class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
@@ -145,7 +149,7 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
         settings = context.scene.zoomout
         number = settings.landmarks[settings.active_landmark].number
         remove_landmark(context.scene, number, objects)
-        return f"Removed landmark {number}"
+        return message("Removed landmark {number}", number=number)
 
 
 class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
@@ -155,7 +159,7 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove them."""
-        return f"Removed {landmarks_in_words(remove_landmarks_on(context.scene, objects))}"
+        return message("Removed {landmarks}", landmarks=landmarks_in_words(remove_landmarks_on(context.scene, objects)))
 
 
 def _selected(obj: Object) -> list[int]:

@@ -9,6 +9,7 @@ from functools import partial
 from bpy.types import Context
 
 from zoomout_core.matching.notes import MAX_UNMATCHED_SHARE
+from zoomout_core.messages import message
 
 from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
@@ -53,10 +54,22 @@ def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> st
     names = list(outcome.done)
     confidences = [match.confidence for match in outcome.done.values()]
     doubtful, vertices = (sum(map(count, confidences)) for count in (stored_match.low_confidence, len))
-    what = f"'{names[0]}'" if len(names) == 1 else f"{len(names)} meshes"
-    others = " and others" if len(set(sources)) > 1 else ""
-    text = f"Matched {what} with '{sources[0]}'{others}; {doubtful} of {vertices} vertices are of low confidence"
+    what = f"'{names[0]}'" if len(names) == 1 else message("{count} meshes", count=len(names))
+    others = message(" and others") if len(set(sources)) > 1 else ""
+    text = message(
+        "Matched {meshes} with '{source}'{others}; {doubtful} of {vertices} vertices are of low confidence",
+        meshes=what,
+        source=sources[0],
+        others=others,
+        doubtful=doubtful,
+        vertices=vertices,
+    )
     shares = stored_match.without_partner(outcome.done[names[0]]) if len(names) == 1 else None
     if shares is None or max(shares) < MAX_UNMATCHED_SHARE:
         return text
-    return f"{text}; {shares[0]:.0%} of the target and {shares[1]:.0%} of the source have no partner"
+    return message(
+        "{done}; {of_target:.0%} of the target and {of_source:.0%} of the source have no partner",
+        done=text,
+        of_target=shares[0],
+        of_source=shares[1],
+    )

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 from bpy.types import Context
 
+from zoomout_core.messages import enumeration, message
+
 from ..services.collection_match import match_collections_async
 from ..services.transfer import and_others
 from ..storage import stored_match
@@ -40,13 +42,19 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
         settings = context.scene.zoomout
         names = settings.source_collection.name, settings.target_collection.name
         matches = await match_collections_async(context, *names, detail=settings.detail.lower())
-        pairs = ", ".join(
-            f"'{target}' with '{source}'{and_others(match.others)}" for target, (source, match) in matches.items()
+        pairs = enumeration(
+            message("'{target}' with '{source}'{others}", target=target, source=source, others=and_others(match.others))
+            for target, (source, match) in matches.items()
         )
         _select(context, list(matches))
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
-        return f"Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence"
+        return message(
+            "Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence",
+            pairs=pairs,
+            doubtful=doubtful,
+            vertices=vertices,
+        )
 
 
 def _select(context: Context, names: Sequence[str]) -> None:

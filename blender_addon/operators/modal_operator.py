@@ -13,6 +13,7 @@ import bpy
 from bpy.types import Context, Event, Operator
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.progress import Progress
 
 from ..jobs import Job, run
@@ -48,7 +49,7 @@ class ModalOperator(Operator):
         """
         outcome.check()
         for name, reason in outcome.failed.items():
-            self.report({"WARNING"}, reported(f"'{name}' was left out: {reason}"))
+            self.report({"WARNING"}, reported(message("'{name}' was left out: {reason}", name=name, reason=reason)))
 
     @classmethod
     def poll(cls, context: Context) -> bool:
@@ -132,6 +133,8 @@ def _show_progress(context: Context, progress: Progress | None) -> None:
     _drawn = time.monotonic()
     text = None
     if progress is not None:
-        text = translated("{}: {} (ESC cancels)").format(translated(progress.stage), f"{progress.fraction:.0%}")
+        text = translated(
+            message("{stage}: {share:.0%} (ESC cancels)", stage=as_message(progress.stage), share=progress.fraction)
+        )
     context.workspace.status_text_set(text)
     redraw_sidebars()

@@ -11,6 +11,8 @@ from bpy.types import Area, Context, Event, Object, Operator, Region
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
+from zoomout_core.messages import message
+
 from ..mesh_data import SurfacePoint, raycast_surface_point
 from ..scene.landmarks import (
     confirm_landmarks,
@@ -50,7 +52,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         """Whether there are objects to click on."""
         reason = obstacle(context)
         if reason:
-            cls.poll_message_set(translated(reason))
+            cls.poll_message_set(translated(reason).removesuffix("."))
         return not reason
 
     def invoke(self, context: Context, event: Event) -> set[str]:
@@ -107,14 +109,16 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         objects = self._present(context)
         hit = _first_hit(context, objects, pointed)
         if hit is None:
-            self.report({"INFO"}, reported(f"There is no surface here: click on {_names(objects)}"))
+            self.report(
+                {"INFO"}, reported(message("There is no surface here: click on {names}", names=_names(objects)))
+            )
             return {"RUNNING_MODAL"}
         obj, place = hit
         number = next_number(context.scene, obj, objects)
         set_landmark(context.scene, obj, place, number)
         self._placed.append((number, obj.name))
         propose_partners(context, objects, [number])
-        bpy.ops.ed.undo_push(message=translated(f"Place Landmark {number}"))
+        bpy.ops.ed.undo_push(message=translated(message("Place Landmark {number}", number=number)))
         return self._show(context)
 
     def _drag(self, context: Context, pointed: Pointed) -> set[str]:
@@ -131,13 +135,13 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         objects = self._present(context)
         confirm_landmarks(context.scene, [obj for obj in objects if obj.name == name], [number])
         propose_partners(context, objects, [number])
-        bpy.ops.ed.undo_push(message=translated(f"Move Landmark {number}"))
+        bpy.ops.ed.undo_push(message=translated(message("Move Landmark {number}", number=number)))
         return self._show(context)
 
     def _take_back(self, context: Context) -> set[str]:
         number, name = self._placed.pop()
         remove_landmark(context.scene, number, [obj for obj in self._present(context) if obj.name == name])
-        bpy.ops.ed.undo_push(message=translated(f"Remove Landmark {number}"))
+        bpy.ops.ed.undo_push(message=translated(message("Remove Landmark {number}", number=number)))
         return self._show(context)
 
     def _present(self, context: Context) -> list[Object]:
@@ -170,11 +174,15 @@ def _advice(context: Context, objects: list[Object]) -> str:
     if waiting:
         number, obj = min(waiting, key=lambda entry: entry[0])
         proposed = number in surface_points_on(context.scene, obj, proposed=True)
-        by_dot = ", or drag or click its pale dot" if proposed else ""
-        task = f"Landmark {number}: click on '{obj.name}'{by_dot}"
+        click = (
+            "Landmark {number}: click on '{name}', or drag or click its pale dot"
+            if proposed
+            else "Landmark {number}: click on '{name}'"
+        )
+        task = message(click, number=number, name=obj.name)
     else:
-        task = f"Click on {_names(objects)}"
-    return f"{task}  |  Drag a dot to move it  |  Backspace: undo  |  ESC or right click: finish"
+        task = message("Click on {names}", names=_names(objects))
+    return message("{task}  |  Drag a dot to move it  |  Backspace: undo  |  ESC or right click: finish", task=task)
 
 
 def _names(objects: list[Object]) -> str:

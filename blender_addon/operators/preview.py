@@ -7,6 +7,8 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator, OperatorProperties
 
+from zoomout_core.messages import message
+
 from ..scene.pair import check_unedited
 from ..scene.stored_pair import read_stored_match
 from ..services import previews
@@ -43,12 +45,12 @@ class ZOOMOUT_OT_preview(ModalOperator):
         name = context.active_object.name
         if self.kind in OF_SYMMETRY:
             preview.show(await previews.of_symmetry(context, name, self.kind))
-            return f"Showing the symmetry of '{name}'"
+            return message("Showing the symmetry of '{name}'", name=name)
         pair, match = await read_stored_match(context, name)
         made = await previews.of_match(context, pair, match, self.kind)
         check_unedited(context, pair)
         preview.show(made)
-        return f"Showing the match of '{name}'"
+        return message("Showing the match of '{name}'", name=name)
 
 
 class ZOOMOUT_OT_clear_preview(Operator):

@@ -70,5 +70,5 @@ def _own_sources(context: Context) -> dict[str, str]:
     stored = {obj.name: stored_match.description(obj.data) for obj in chosen_targets(context)}
     for name, description in stored.items():
         if description is None:
-            raise zo.MeshError(f"'{name}' was not matched yet: match it first.")
+            raise zo.MeshError("'{target}' was not matched yet: match it first.", target=name)
     return {name: description["source"] for name, description in stored.items() if description}

@@ -63,7 +63,7 @@ def open_scene(context: Context, path: str | Path) -> None:
     path = Path(path)
     ending = path.suffix.lower()
     if not path.is_file():
-        raise zo.MeshError(f"There is no file {path}: check the path.")
+        raise zo.MeshError("There is no file {path}: check the path.", path=path)
     if ending not in READABLE:
         raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
     try:

@@ -18,6 +18,7 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
+from zoomout_core.messages import counted, enumeration, message
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, positions_in_world
 from ..mesh_data.arrays import hash_of
@@ -58,15 +59,23 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
         missing = [obj for obj in (source, target) if number not in places[obj]]
         lost = [obj.name for obj in (source, target) if number in places[obj] and places[obj][number] is None]
         on_one += [_how_missing(context.scene, missing[0], number)] if missing else []
-        gone += [f"{number} (on '{lost[0]}')"] if lost and not missing else []
+        gone += [message("{number} (on '{name}')", number=number, name=lost[0])] if lost and not missing else []
         if not missing and not lost:
             on_both.append(number)
     notes = []
     if on_one:
-        notes.append(f"Landmarks that are on only one of the two objects were not used: {', '.join(on_one)}.")
+        notes.append(
+            message(
+                "Landmarks that are on only one of the two objects were not used: {landmarks}.",
+                landmarks=enumeration(on_one),
+            )
+        )
     if gone:
         notes.append(
-            f"Landmarks on deleted geometry were not used: {', '.join(gone)}; place them again, or remove them."
+            message(
+                "Landmarks on deleted geometry were not used: {landmarks}; place them again, or remove them.",
+                landmarks=enumeration(gone),
+            )
         )
     of_source, of_target = (
         np.array([places[obj][number] for number in on_both]).reshape(-1, 3) for obj in (source, target)
@@ -77,7 +86,8 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
 def _how_missing(scene: Scene, obj: Object, number: int) -> str:
     """A landmark, and in what way an object lacks it, for a note."""
     proposed = number in surface_points_on(scene, obj, proposed=True)
-    return f"{number} (only proposed on '{obj.name}')" if proposed else f"{number} (missing on '{obj.name}')"
+    how = "{number} (only proposed on '{name}')" if proposed else "{number} (missing on '{name}')"
+    return message(how, number=number, name=obj.name)
 
 
 def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
@@ -89,15 +99,15 @@ def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
 
 def landmarks_in_words(number: int) -> str:
     """So many landmarks, in a sentence."""
-    return "1 landmark" if number == 1 else f"{number} landmarks"
+    return counted(number, "1 landmark", "{count} landmarks")
 
 
 def obstacle(context: Context) -> str:
-    """Why the landmarks of the source and the targets cannot be changed now, in words for a button, or nothing."""
+    """Why the landmarks of the source and the targets cannot be changed now, or nothing."""
     try:
         participants(context)
     except zo.MeshError as error:
-        return str(error).removesuffix(".")
+        return str(error)
     return ""
 
 

@@ -37,15 +37,16 @@ def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
     """
     obj = context.scene.objects.get(name)
     if obj is None:
-        raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+        raise zo.MeshError("There is no object '{name}' in the scene: choose another one.", name=name)
     if _has_namesake(context, obj):
         raise zo.MeshError(
-            f"The scene has several objects named '{name}', some linked from other files: rename the local one."
+            "The scene has several objects named '{name}', some linked from other files: rename the local one.",
+            name=name,
         )
     if obj.type != "MESH":
-        raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
+        raise zo.MeshError("'{name}' is not a mesh: choose a mesh object.", name=name)
     if obj.data.is_editmode and not (edited and obj.mode == "EDIT"):  # or another object that shares the mesh
-        raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
+        raise zo.MeshError("'{name}' is in Edit Mode: switch to Object Mode first.", name=name)
     return obj
 
 
@@ -61,10 +62,12 @@ def check_writable(target: Object) -> None:
     """Raise a MeshError if the mesh of the target belongs to another file."""
     for data in (target, target.data):
         if data.library is not None:
-            raise zo.MeshError(f"'{data.name}' is linked from another file and cannot be edited: make it local first.")
+            raise zo.MeshError(
+                "'{name}' is linked from another file and cannot be edited: make it local first.", name=data.name
+            )
         if data.override_library is not None and data == target.data:
             raise zo.MeshError(
-                f"The mesh '{data.name}' is a library override and cannot be edited: make it local first."
+                "The mesh '{mesh}' is a library override and cannot be edited: make it local first.", mesh=data.name
             )
 
 
@@ -72,12 +75,14 @@ def check_distinct(source: Object, target: Object) -> None:
     """Raise a MeshError if both are one mesh."""
     if source == target:
         raise zo.MeshError(
-            f"'{target.name}' cannot be its own source: choose another source, or make another mesh active."
+            "'{target}' cannot be its own source: choose another source, or make another mesh active.",
+            target=target.name,
         )
     if source.data == target.data:
         raise zo.MeshError(
-            f"'{source.name}' and '{target.name}' share one mesh: make the target single-user, "
-            "or choose another source."
+            "'{source}' and '{target}' share one mesh: make the target single-user, or choose another source.",
+            source=source.name,
+            target=target.name,
         )
 
 
@@ -149,7 +154,7 @@ def check_same(before: Fingerprint, now: Fingerprint) -> None:
 
 def edited(name: str) -> zo.MeshError:
     """The error for an object that was edited during the work."""
-    return zo.MeshError(f"'{name}' was edited during the operation: start again.")
+    return zo.MeshError("'{name}' was edited during the operation: start again.", name=name)
 
 
 @contextmanager

@@ -34,8 +34,8 @@ def source_name(context: Context, target: Object, named: str = "") -> str:
     name = named or (chosen.name if chosen else "")
     if not name and len(selected) > 1:
         raise zo.MeshError(
-            f"{len(selected)} meshes are selected besides the active one: select only the source, or choose it in "
-            "the sidebar."
+            "{count} meshes are selected besides the active one: select only the source, or choose it in the sidebar.",
+            count=len(selected),
         )
     name = name or "".join(selected) or matched_with(context, target)
     if not name:
@@ -98,7 +98,7 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
     name = source_name(context, active)
     source = context.scene.objects.get(name)
     if source is None or source.type != "MESH":
-        raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")
+        raise zo.MeshError("There is no mesh '{name}' in the scene: choose another source.", name=name)
     return source, chosen_targets(context, source)
 
 
@@ -129,6 +129,8 @@ def worn_names(context: Context, source: str, target: str, collection: str = "")
     if collection:
         chosen = next((each for each in context.scene.collection.children_recursive if each.name == collection), None)
         if chosen is None:
-            raise zo.MeshError(f"There is no collection '{collection}' in the scene: choose another one.")
+            raise zo.MeshError(
+                "There is no collection '{collection}' in the scene: choose another one.", collection=collection
+            )
     objects = context.selected_objects if chosen is None else chosen.all_objects
     return [obj.name for obj in objects if obj.name not in (source, target)]

@@ -50,11 +50,15 @@ async def read_stored_match(context: Context, target_name: str) -> tuple[ObjectP
     target = find_mesh(context, target_name)
     stored = description(target.data)
     if stored is None:
-        raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
+        raise zo.MeshError("'{target}' was not matched yet: match it first.", target=target_name)
     renamed = stored["source"] not in context.scene.objects
     source_name = choose_source(context, target).name if renamed else stored["source"]
     pair = await stored_pair(context, source_name, target_name)
     match = read(find_mesh(context, target_name).data, pair)
     if match is None:
-        raise zo.MeshError(f"'{source_name}' is not the source that '{target_name}' was matched with: match again.")
+        raise zo.MeshError(
+            "'{source}' is not the source that '{target}' was matched with: match again.",
+            source=source_name,
+            target=target_name,
+        )
     return pair, match

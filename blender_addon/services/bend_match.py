@@ -10,6 +10,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.constraints import bent_to_points, missed_points
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 
 from ..jobs import compute, run
@@ -48,12 +49,16 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     pair, match = await read_stored_match(context, target_name)
     landmarks = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, target_name))
     if not landmarks.numbers:
-        raise zo.MeshError(f"'{pair.source_name}' and '{target_name}' have no landmark in common: place one on both.")
+        raise zo.MeshError(
+            "'{source}' and '{target}' have no landmark in common: place one on both.",
+            source=pair.source_name,
+            target=target_name,
+        )
     with stage("Bending the match"):
         surface_map, most = await compute(partial(_bent, pair, match, landmarks))
     count = len(landmarks.numbers)
     what = landmarks_in_words(count)
-    note = f"Bent to {what}."
+    note = message("Bent to {landmarks}.", landmarks=what)
     notes = (note, *(other for other in match.notes if not other.startswith("Bent to ")))
     result = replace(match, surface_map=surface_map, notes=notes)
     following = await previews.following(context, pair, result)
@@ -62,7 +67,12 @@ async def bend_match_async(context: Context, target_name: str) -> str:
         stored_match.write(target.data, result, pair, match.settings | seen)
     if following is not None:
         preview.show(following)
-    return f"Bent the match of '{target_name}' to {what}, after a miss of up to {most:.1%} of its size"
+    return message(
+        "Bent the match of '{target}' to {landmarks}, after a miss of up to {most:.1%} of its size",
+        target=target_name,
+        landmarks=what,
+        most=most,
+    )
 
 
 def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
@@ -71,5 +81,5 @@ def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tup
     off = missed_points(*given)
     if off.max() > MOST_MISSED:
         number = landmarks.numbers[int(off.argmax())]
-        raise zo.MeshError(f"The match is too far from landmark {number} to be bent to it: match again.")
+        raise zo.MeshError("The match is too far from landmark {number} to be bent to it: match again.", number=number)
     return bent_to_points(*given), float(off.max())

@@ -17,6 +17,7 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, aligned, posed_target
@@ -87,38 +88,49 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         raise zo.MeshError("Flip Group Names cannot be used with Bind to Rig: turn it off.")
     if target.parent is not None and target.parent_type == "BONE":
         raise zo.MeshError(
-            f"'{target.name}' is already parented to a bone: clear its parent to bind it to the armature."
+            "'{target}' is already parented to a bone: clear its parent to bind it to the armature.", target=target.name
         )
     if mesh_data.armatures_of(target) and not binding.replace:
         raise zo.MeshError(
-            f"'{target.name}' is already bound to {_named(target)}: turn on Replace Binding, or remove its Armature "
-            "modifier."
+            "'{target}' is already bound to {armatures}: turn on Replace Binding, or remove its Armature modifier.",
+            target=target.name,
+            armatures=_named(target),
         )
     if (users := users_of_mesh(context, target)) > 1:
         raise zo.MeshError(
-            f"The mesh of '{target.name}' is shared by {users} objects, which would all change: make it single-user."
+            "The mesh of '{target}' is shared by {users} objects, which would all change: make it single-user.",
+            target=target.name,
+            users=users,
         )
     if target.data.shape_keys is not None and not target.data.shape_keys.use_relative:
-        raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
+        raise zo.MeshError(
+            "The shape keys of '{name}' are absolute: turn on Relative in its shape keys.", name=target.name
+        )
     if mesh_data.is_flat(source):
         raise zo.MeshError(
-            f"'{source.name}' has a scale of zero, so nothing can be bound to its armature: change its scale."
+            "'{source}' has a scale of zero, so nothing can be bound to its armature: change its scale.",
+            source=source.name,
         )
     if not mesh_data.can_be_put(source, target):
         raise zo.MeshError(
-            f"Constraints, drivers or animation control the transform of '{target.name}': remove them, so that it "
-            "can be parented to the armature."
+            "Constraints, drivers or animation control the transform of '{target}': remove them, so "
+            "that it can be parented to the armature.",
+            target=target.name,
         )
 
 
 def _check_rig(source: Object) -> None:
     """Raise a MeshError if no armature deforms an object by vertex groups."""
     if not mesh_data.armatures_of(source):
-        raise zo.MeshError(f"'{source.name}' has no Armature modifier: choose a source that an armature deforms.")
+        raise zo.MeshError(
+            "'{source}' has no Armature modifier: choose a source that an armature deforms.", source=source.name
+        )
     if not mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups}:
         raise zo.MeshError(
-            f"No deform bone of {_named(source)} is named like a vertex group of '{source.name}': add bone weights "
-            "to the source first."
+            "No deform bone of {armatures} is named like a vertex group of '{source}': add bone "
+            "weights to the source first.",
+            armatures=_named(source),
+            source=source.name,
         )
 
 
@@ -152,11 +164,20 @@ async def prepare_binding(
     with stage("Unposing", TAKING, 1):
         rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
     notes = [
-        f"'{pair.target_name}' was in a different pose, with its bones rotated by {posed.pose.bend:.0f}° on average, "
-        f"and was moved to Rest Position. Its shape key '{POSED_SHAPE}' keeps the original shape."
+        message(
+            "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
+            "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
+            target=pair.target_name,
+            angle=posed.pose.bend,
+            key=POSED_SHAPE,
+        )
     ]
     if rest.smoothed:
-        notes.append(f"Unposing: {rest.smoothed} vertices that the bones would tear follow their surroundings.")
+        notes.append(
+            message(
+                "Unposing: {count} vertices that the bones would tear follow their surroundings.", count=rest.smoothed
+            )
+        )
     return Bound("rest_pose", pair.target.vertices, rest, tuple(notes))
 
 
@@ -201,8 +222,10 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
         return
     if not mesh_data.stands_as_modelled(target, seen):
         raise zo.MeshError(
-            f"'{target.name}' has shape keys and is posed by {_named(target)}: set that armature to Rest Position, "
-            "and match again."
+            "'{target}' has shape keys and is posed by {armatures}: set that armature to Rest "
+            "Position, and match again.",
+            target=target.name,
+            armatures=_named(target),
         )
 
 
@@ -230,8 +253,9 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
         positions = mesh_data.read_undeformed_positions(source, each)
         if positions is None:
             raise zo.MeshError(
-                f"Modifiers of '{name}' change its faces when the armature is off, so its rest pose cannot be read: "
-                "disable those that add or remove vertices, and match again."
+                "Modifiers of '{name}' change its faces when the armature is off, so its rest pose "
+                "cannot be read: disable those that add or remove vertices, and match again.",
+                name=name,
             )
         rest.append(mesh_data.positions_in_world(source, positions))
     return np.concatenate(rest)

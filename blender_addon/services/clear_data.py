@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import counted, message
 
 from ..scene.landmarks import landmarks_in_words, remove_landmarks_on
 from ..storage import stored_candidates, stored_match, stored_report, stored_symmetry
@@ -42,13 +43,17 @@ def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> s
     own = [mesh for mesh in meshes if mesh.library is None and mesh.override_library is None]
     for mesh in own:
         if mesh.is_editmode:
-            raise zo.MeshError(f"The mesh '{mesh.name}' is being edited: leave its Edit Mode.")
+            raise zo.MeshError("The mesh '{mesh}' is being edited: leave its Edit Mode.", mesh=mesh.name)
     cleared = [mesh for mesh in own if _clear_mesh(mesh)]
     landmarks = sum(remove_landmarks_on(scene, objects) for scene in context.blend_data.scenes if not scene.library)
     shown = preview.current()
     if shown is not None and shown.object_uid in {obj.session_uid for obj in objects if obj.data in cleared}:
         preview.clear()
-    return f"Cleared {'1 mesh' if len(cleared) == 1 else f'{len(cleared)} meshes'} and {landmarks_in_words(landmarks)}"
+    return message(
+        "Cleared {meshes} and {landmarks}",
+        meshes=counted(len(cleared), "1 mesh", "{count} meshes"),
+        landmarks=landmarks_in_words(landmarks),
+    )
 
 
 def _clear_mesh(mesh: Mesh) -> bool:

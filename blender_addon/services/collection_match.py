@@ -21,6 +21,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.triangles import vertex_areas
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
 
@@ -123,7 +124,9 @@ async def prepare_collections(
     sources = await _read(context, source, fingerprint_source, mesh_data.read_source_surface)
     targets = await _read(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
-        raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two collections without common meshes.")
+        raise zo.MeshError(
+            "'{name}' is in both collections: choose two collections without common meshes.", name=min(shared)
+        )
     return await prepare_parts(context, sources, targets, None, detail, **options)
 
 
@@ -186,11 +189,13 @@ async def _read(
     """The meshes of a collection that have faces; of those that share one, the first."""
     found = context.blend_data.collections.get(collection)
     if found is None:
-        raise zo.MeshError(f"There is no collection '{collection}': choose another one.")
+        raise zo.MeshError("There is no collection '{collection}': choose another one.", collection=collection)
     objects = {obj.data: obj for obj in reversed(found.all_objects) if obj.type == "MESH" and obj.data.polygons}
     names = [obj.name for obj in reversed(objects.values())]
     if not names:
-        raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
+        raise zo.MeshError(
+            "There is no mesh in the collection '{collection}': choose another one.", collection=collection
+        )
     del found, objects  # Blender data, which may be freed in a pause
     fingerprints, surfaces = [], []
     with stage(READING, 0, 0):
@@ -270,7 +275,11 @@ def _match_of_target(
     notes = list(result.notes)
     if len(contributors) > 1:
         notes.append(
-            f"'{pair.target_name}' corresponds to several objects and receives data from all of them: {names}."
+            message(
+                "'{target}' corresponds to several objects and receives data from all of them: {sources}.",
+                target=pair.target_name,
+                sources=names,
+            )
         )
     if len(elsewhere):
         images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
@@ -279,8 +288,12 @@ def _match_of_target(
         )
         confidence[elsewhere] = 0
         notes.append(
-            f"{len(elsewhere)} vertices correspond to objects other than {names}: mapped to the nearest point there, "
-            "with zero confidence."
+            message(
+                "{count} vertices correspond to objects other than {sources}: mapped to the nearest "
+                "point there, with zero confidence.",
+                count=len(elsewhere),
+                sources=names,
+            )
         )
     surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
     has_partner = result.has_partner[slice(*targets.first_vertex[number : number + 2])]

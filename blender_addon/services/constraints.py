@@ -20,6 +20,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.messages import counted, enumeration, message, sentences
 from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
@@ -42,8 +43,8 @@ CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
 # What one and several are called that help a match.
 HINTS = {
-    GROUP: ("{} vertex group of the same name", "{} vertex groups of the same name"),
-    MATERIAL: ("{} material of the same name", "{} materials of the same name"),
+    GROUP: ("{count} vertex group of the same name", "{count} vertex groups of the same name"),
+    MATERIAL: ("{count} material of the same name", "{count} materials of the same name"),
 }
 # Starts that may weigh landmarks.
 OF_LANDMARKS = ("auto", "landmarks")
@@ -119,13 +120,19 @@ async def match_pair(
     except LandmarkError as error:
         name = pair.source_name if error.role == "source" else pair.target_name
         number = landmarks.numbers[error.number] if landmarks.numbers else error.number
-        raise zo.MeshError(f"Landmark {number} on '{name}', {error.fault}") from error
+        raise zo.MeshError(
+            "Landmark {number} on '{name}', {fault}", number=number, name=name, fault=error.fault
+        ) from error
     if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
         notes.append(
             "The map contradicts most names that the two objects share: check whether names or sides are swapped."
         )
     if whole is not None:
-        notes.append(f"'{pair.target_name}' was matched together with the half created by its Mirror modifier.")
+        notes.append(
+            message(
+                "'{target}' was matched together with the half created by its Mirror modifier.", target=pair.target_name
+            )
+        )
         result = HalfResult.of(result, pair.target)
     return replace(result, notes=(*notes, *result.notes))
 
@@ -163,10 +170,13 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
         return NO_LANDMARKS
     found = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, pair.target_name))
     if initial == "landmarks" and not found.numbers:
-        reasons = " ".join(("", *found.notes))
+        reasons = sentences("", *found.notes)
         raise zo.MeshError(
-            f"Matching from landmarks needs at least one landmark on both '{pair.source_name}' and "
-            f"'{pair.target_name}': place some, or choose another method.{reasons}"
+            "Matching from landmarks needs at least one landmark on both '{source}' and '{target}': "
+            "place some, or choose another method.{reasons}",
+            source=pair.source_name,
+            target=pair.target_name,
+            reasons=reasons,
         )
     return found
 
@@ -188,7 +198,7 @@ async def _constraints(
             notes.append("Names that the target received by an earlier transfer were not used as hints.")
     if same_up:
         arguments["common_axes"] = (0, 0, 1)  # the surfaces are in world space
-        used.append("the same up axis")
+        used.append(message("the same up axis"))
     if from_last:
         with target_mesh(context, pair) as (_, mesh):
             last = _last_match(mesh, pair)
@@ -196,9 +206,9 @@ async def _constraints(
             notes.append("There is no current match of these two meshes to start from: turn off Last Match.")
         else:
             arguments["initial_map"] = last
-            used.append("the last match")
+            used.append(message("the last match"))
     if used:
-        notes.insert(0, f"Hints used: {', '.join(used)}.")
+        notes.insert(0, message("Hints used: {hints}.", hints=enumeration(used)))
     return arguments, notes
 
 
@@ -261,4 +271,4 @@ def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
 def _counted(regions: Collection[tuple[str, str]]) -> list[str]:
     """The number of each sort, in words."""
     numbers = Counter(what for what, _ in regions)
-    return [HINTS[what][numbers[what] > 1].format(numbers[what]) for what in HINTS if numbers[what]]
+    return [counted(numbers[what], *HINTS[what]) for what in HINTS if numbers[what]]

@@ -14,6 +14,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.messages import message, sentences
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
 
@@ -187,8 +188,13 @@ async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> W
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    done = f"Dressed '{report['target']}' with {len(report['objects'])} objects of '{report['source']}'."
-    return " ".join([done, *report["left_out"].values(), *report["notes"]])
+    done = message(
+        "Dressed '{target}' with {count} objects of '{source}'.",
+        target=report["target"],
+        count=len(report["objects"]),
+        source=report["source"],
+    )
+    return sentences(done, *report["left_out"].values(), *report["notes"])
 
 
 def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
@@ -208,23 +214,32 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
     chosen = [name for name in dict.fromkeys(names) if name not in (pair.source_name, pair.target_name)]
     if not chosen:
         raise zo.MeshError(
-            f"There is nothing to dress '{pair.target_name}' with: select clothes, hair or other objects besides the "
-            "source and the target, or choose their collection."
+            "There is nothing to dress '{target}' with: select clothes, hair or other objects "
+            "besides the source and the target, or choose their collection.",
+            target=pair.target_name,
         )
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     armatures = set(mesh_data.armatures_of(source))
     at_rest = bool(armatures & set(mesh_data.armatures_of(target)))
-    surface, onto, notes = pair.source, pair.target, []
+    surface, onto, notes = pair.source, pair.target, list[str]()
     if at_rest:
         surface = surface.with_vertices(read_sources_at_rest(context, pair))
         onto = onto.with_vertices(mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data)))
     elif armatures:
         notes.append(
-            f"'{target.name}' is not bound to the armature of '{source.name}': bind it, so that these objects follow "
-            "the bones."
+            message(
+                "'{target}' is not bound to the armature of '{source}': bind it, so that these objects "
+                "follow the bones.",
+                target=target.name,
+                source=source.name,
+            )
         )
     notes.extend(
-        f"The particle hair of '{each.name}' was not copied: convert it to curves, and dress '{target.name}' with them."
+        message(
+            "The particle hair of '{name}' was not copied: convert it to curves, and dress '{target}' with them.",
+            name=each.name,
+            target=target.name,
+        )
         for each in (find_mesh(context, name) for name in pair.source_names)
         if any(system.settings.type == "HAIR" for system in each.particle_systems)
     )
@@ -246,9 +261,9 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
 def _read(context: Context, name: str, at_rest: bool) -> Worn:
     obj = context.scene.objects.get(name)
     if obj is None:
-        raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+        raise zo.MeshError("There is no object '{name}' in the scene: choose another one.", name=name)
     if obj.mode == "EDIT" or (obj.type == "MESH" and obj.data.is_editmode):
-        raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
+        raise zo.MeshError("'{name}' is in Edit Mode: switch to Object Mode first.", name=name)
     return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
 
 

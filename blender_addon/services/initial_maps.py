@@ -10,6 +10,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import read_vertex_map
+from zoomout_core.messages import message
 
 from ..mesh_data import ObjectPair
 from ..storage.stored_match import StoredMatch
@@ -27,17 +28,28 @@ def same_order(pair: ObjectPair) -> StoredMatch:
     source, target = pair.source, pair.target
     if len(source.vertices) != len(target.vertices):
         raise zo.MeshError(
-            f"'{pair.source_name}' has {len(source.vertices)} vertices but '{pair.target_name}' has "
-            f"{len(target.vertices)}, so their vertex order differs: choose another method."
+            "'{source}' has {source_vertices} vertices but '{target}' has {target_vertices}, so "
+            "their vertex order differs: choose another method.",
+            source=pair.source_name,
+            source_vertices=len(source.vertices),
+            target=pair.target_name,
+            target_vertices=len(target.vertices),
         )
     count = len(target.vertices)
     shared = np.isin(_numbered(target.edges, count), _numbered(source.edges, count)).mean()
     if shared < SHARED_EDGES:
         raise zo.MeshError(
-            f"'{pair.source_name}' and '{pair.target_name}' share only {shared:.0%} of their edges, so their vertex "
-            "order differs: choose another method."
+            "'{source}' and '{target}' share only {share:.0%} of their edges, so their vertex order "
+            "differs: choose another method.",
+            source=pair.source_name,
+            target=pair.target_name,
+            share=shared,
         )
-    notes = [] if shared == 1 else [f"{1 - shared:.1%} of the target's edges connect different vertices on the source."]
+    notes = (
+        []
+        if shared == 1
+        else [message("{share:.1%} of the target's edges connect different vertices on the source.", share=1 - shared)]
+    )
     of_faces = np.zeros(count, dtype=bool)
     of_faces[source.triangles] = True
     loose = np.flatnonzero(~of_faces)
@@ -47,7 +59,10 @@ def same_order(pair: ObjectPair) -> StoredMatch:
         places = closest_points(source.vertices[loose], source.vertices, source.triangles)
         surface_map.triangle[loose], surface_map.barycentric[loose] = places
         notes.append(
-            f"{len(loose)} vertices belong to no face of the source: mapped to the nearest point, with zero confidence."
+            message(
+                "{count} vertices belong to no face of the source: mapped to the nearest point, with zero confidence.",
+                count=len(loose),
+            )
         )
     return StoredMatch(surface_map, of_faces.astype(float), tuple(notes))
 
@@ -65,9 +80,16 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
     least = int(vertex.max(initial=-1)) + 1 if whole else 0
     if not whole or len(vertex) != len(pair.target.vertices) or least > len(pair.source.vertices) or vertex.min() < 0:
         raise zo.MeshError(
-            f"{path} maps {len(vertex)} vertices to a mesh of at least {least}, but '{pair.target_name}' has "
-            f"{len(pair.target.vertices)} and '{pair.source_name}' has {len(pair.source.vertices)}: choose the file "
-            "of these two meshes, in this direction."
+            "{path} maps {vertices} vertices to a mesh of at least {least}, but '{target}' has "
+            "{target_vertices} and '{source}' has {source_vertices}: choose the file of these two "
+            "meshes, in this direction.",
+            path=path,
+            vertices=len(vertex),
+            least=least,
+            target=pair.target_name,
+            target_vertices=len(pair.target.vertices),
+            source=pair.source_name,
+            source_vertices=len(pair.source.vertices),
         )
     return vertex
 

@@ -9,6 +9,7 @@ from mathutils import Vector
 
 import zoomout_core as zo
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
+from zoomout_core.messages import message
 
 from ..mesh_data import (
     SurfacePoint,
@@ -48,8 +49,9 @@ def import_landmarks(context: Context, objects: list[Object], what: str) -> int:
     shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
     if not shared:
         raise zo.MeshError(
-            f"'{objects[0].name}' and the target have no {NOUNS[what]} with matching names: give corresponding ones "
-            "the same name."
+            "'{name}' and the target have no {nouns} with matching names: give corresponding ones the same name.",
+            name=objects[0].name,
+            nouns=message(NOUNS[what]),
         )
     numbers = {landmark.name: landmark.number for landmark in context.scene.zoomout.landmarks}
     for name in shared:

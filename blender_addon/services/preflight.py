@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, enumeration, message
 
 from .. import mesh_data
 from ..scene.landmarks import landmarks_fingerprint
@@ -70,7 +71,7 @@ def findings(context: Context) -> list[Finding]:
     if not _is_any_chosen(context) and not matched_with(context, target):
         return [HOW_TO_BEGIN]
     if reason := obstacle(context):
-        return [Finding(f"{reason}.", True, begins=reason == NO_TARGET)]
+        return [Finding(message("{reason}.", reason=as_message(reason)), True, begins=reason == NO_TARGET)]
     if several:
         return []
     try:
@@ -121,11 +122,13 @@ def stale(context: Context, target: Object) -> str:
     for then in ({"name": stored["source"], **recorded["source"]}, *stored_match.others(stored)):
         source = context.scene.objects.get(then["name"])
         if source is None or source.type != "MESH":
-            return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
+            return message(
+                "Its source '{source}' is not in the scene: choose the source, then match again.", source=then["name"]
+            )
         if _edited(source, evaluated_data(context, source), then):
-            return f"The source '{source.name}' was edited after the match: match again."
+            return message("The source '{source}' was edited after the match: match again.", source=source.name)
     if _edited(target, target.data, recorded["target"]):
-        return f"The target '{target.name}' was edited after the match: match again."
+        return message("The target '{target}' was edited after the match: match again.", target=target.name)
     return ""
 
 
@@ -147,7 +150,7 @@ def outdated(context: Context, target: Object) -> list[str]:
     if stored is None or source is None:
         return []
     if source.name != stored["source"]:
-        return [f"The source is now '{source.name}': match again to use it."]
+        return [message("The source is now '{source}': match again to use it.", source=source.name)]
     then = stored.get("settings", {}).get(stored_match.LANDMARKS)
     if then is not None and then != landmarks_fingerprint(context.scene, source, target):
         return ["Landmarks have changed since the match: match again to use them."]
@@ -158,18 +161,18 @@ def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]
     for obj in (source, target):
         seen = evaluated_data(context, obj)
         if seen is None:
-            yield f"'{obj.name}' or its collection is disabled in the viewport: enable it."
+            yield message("'{name}' or its collection is disabled in the viewport: enable it.", name=obj.name)
         elif obj == target and not len(obj.data.polygons):
             yield mesh_data.without_faces(obj)
         elif not len(seen.polygons):
-            yield f"'{obj.name}' has no faces: choose a mesh with a surface."
+            yield message("'{name}' has no faces: choose a mesh with a surface.", name=obj.name)
 
 
 def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
     """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
     for other in chosen_targets(context, source):
         if other != target and (reason := _reason(context, source, other)):
-            yield f"{reason} Until then, '{other.name}' is skipped."
+            yield message("{reason} Until then, '{target}' is skipped.", reason=reason, target=other.name)
 
 
 def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
@@ -179,9 +182,10 @@ def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
     characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
     for character, number in characters.items():
         if character is not None and number > 1:
-            yield (
-                f"{number} targets are parts of '{character.name}': match them together for a better result, see "
-                "Collections."
+            yield message(
+                "{count} targets are parts of '{character}': match them together for a better result, see Collections.",
+                count=number,
+                character=character.name,
             )
 
 
@@ -199,26 +203,38 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
     for obj in both:
         count, known = len(obj.data.vertices), facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
-            yield (
-                f"'{obj.name}' has only {count} vertices, too few for automatic matching: subdivide it, or use "
-                "Nearest Points."
+            yield message(
+                "'{name}' has only {count} vertices, too few for automatic matching: subdivide it, or "
+                "use Nearest Points.",
+                name=obj.name,
+                count=count,
             )
         if known is not None and known.non_manifold_edges:
-            yield (
-                f"'{obj.name}' has edges with more than two faces ({known.non_manifold_edges}): if the match is "
-                "wrong there, find them with Select > All by Trait > Non Manifold and repair them."
+            yield message(
+                "'{name}' has edges with more than two faces ({count}): if the match is wrong there, "
+                "find them with Select > All by Trait > Non Manifold and repair them.",
+                name=obj.name,
+                count=known.non_manifold_edges,
             )
     parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
     if max(parts.values(), default=1) > 1:
-        counts = ", ".join(f"{number} in '{name}'" for name, number in parts.items())
-        yield f"Loose parts ({counts}) are paired by position and size: check eyes, teeth and clothes after the match."
+        counts = enumeration(message("{count} in '{name}'", count=number, name=name) for name, number in parts.items())
+        yield message(
+            "Loose parts ({counts}) are paired by position and size: check eyes, teeth and clothes after the match.",
+            counts=counts,
+        )
     mirrored = [obj.name for obj in both if mesh_data.is_mirrored(obj)]
     if len(mirrored) == 1:
-        yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale unless this is intended."
+        yield message(
+            "'{name}' has a negative scale, which swaps its sides: apply the scale unless this is intended.",
+            name=mirrored[0],
+        )
     if target.data.users > 1 and (users := users_of_mesh(context, target)) > 1:
-        yield (
-            f"{users} objects share the mesh of '{target.name}' and all receive the data: make it single-user to "
-            "prevent this."
+        yield message(
+            "{users} objects share the mesh of '{target}' and all receive the data: make it "
+            "single-user to prevent this.",
+            users=users,
+            target=target.name,
         )
 
 

@@ -9,6 +9,7 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.redo import redo_shares, redone
+from zoomout_core.messages import message
 
 from .. import mesh_data
 from ..mesh_data import ObjectPair
@@ -39,9 +40,11 @@ def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Fl
         weights = mesh_data.read_mask(target, group)
     mask = 1 - weights if keeps else weights
     if not mask.any() and keeps:
-        raise zo.MeshError(f"The vertex group '{group}' covers the whole mesh: remove the part to match again from it.")
+        raise zo.MeshError(
+            "The vertex group '{group}' covers the whole mesh: remove the part to match again from it.", group=group
+        )
     if not mask.any():
-        raise zo.MeshError(f"The vertex group '{group}' is empty: paint the part to match again into it.")
+        raise zo.MeshError("The vertex group '{group}' is empty: paint the part to match again into it.", group=group)
     return mask
 
 
@@ -58,7 +61,9 @@ def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floa
         has_partner = np.where(shares >= MOSTLY, after.has_partner, has_partner)
         of_source = np.where(_reached_anew(pair, surface_map, shares), new_of_source, of_source)
         without = pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_source)
-    note = f"{pair.target.share_of_area(shares > 0):.0%} of the area was matched again, and the rest was kept."
+    note = message(
+        "{share:.0%} of the area was matched again, and the rest was kept.", share=pair.target.share_of_area(shares > 0)
+    )
     return StoredMatch(
         surface_map,
         (1 - shares) * before.confidence + shares * after.confidence,

@@ -10,6 +10,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
@@ -48,7 +49,9 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
     pair = await stored_pair(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     if stored is None:
-        raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
+        raise zo.MeshError(
+            "'{target}' was not matched with '{source}' yet: match them first.", target=target_name, source=source_name
+        )
     with evaluated_sources(context, pair) as sources:
         uv = read_joined_active_uv_map(sources)
     mapped = map_target(stored, pair.source, pair.target)
@@ -66,8 +69,15 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
         divided.free()
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
-    whole = f"; {cut.left} faces crossed by several seams were not cut" if cut.left else ""
-    return f"Cut '{target_name}' along the seams of '{uv.name}', adding {vertices} vertices and {faces} faces{whole}"
+    whole = message("; {count} faces crossed by several seams were not cut", count=cut.left) if cut.left else ""
+    return message(
+        "Cut '{target}' along the seams of '{uv_map}', adding {vertices} vertices and {faces} faces{left}",
+        target=target_name,
+        uv_map=uv.name,
+        vertices=vertices,
+        faces=faces,
+        left=whole,
+    )
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:

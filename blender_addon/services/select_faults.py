@@ -13,6 +13,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.evaluation import flipped_triangles
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -56,6 +57,18 @@ async def select_faults_async(context: Context, target_name: str, what: str) -> 
     return select(context)
 
 
+# Elements of an object: none, one, several.
+VERTICES = (
+    "no vertices of '{name}', {share:.1%} of its area",
+    "{count} vertex of '{name}', {share:.1%} of its area",
+    "{count} vertices of '{name}', {share:.1%} of its area",
+)
+FACES = (
+    "no faces of '{name}', {share:.1%} of its area",
+    "{count} face of '{name}', {share:.1%} of its area",
+    "{count} faces of '{name}', {share:.1%} of its area",
+)
+
 # Selects what was found, and returns a sentence about it.
 Select = Callable[[Context], str]
 
@@ -63,7 +76,9 @@ Select = Callable[[Context], str]
 def _doubtful(pair: ObjectPair, match: StoredMatch) -> Select:
     chosen = match.confidence < LOW_CONFIDENCE
     share = pair.target.share_of_area(chosen)
-    return lambda context: f"Doubtful: {_select_vertices(find_mesh(context, pair.target_name), chosen, share)}"
+    return lambda context: message(
+        "Doubtful: {selected}", selected=_select_vertices(find_mesh(context, pair.target_name), chosen, share)
+    )
 
 
 def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
@@ -81,14 +96,16 @@ def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     def select(context: Context) -> str:
         obj = find_mesh(context, pair.target_name)
         mesh_data.select_only(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, chosen))
-        return f"Flipped: {_counted(chosen, 'face', 'faces', obj, share)}"
+        return message("Flipped: {selected}", selected=_counted(chosen, FACES, obj, share))
 
     return select
 
 
 def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
     if match.has_partner is None:
-        raise zo.MeshError(f"The match of '{pair.target_name}' has no information about partners: match again.")
+        raise zo.MeshError(
+            "The match of '{target}' has no information about partners: match again.", target=pair.target_name
+        )
     chosen = ~match.has_partner
     share = pair.target.share_of_area(chosen)
 
@@ -96,7 +113,7 @@ def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
         found = [_select_vertices(find_mesh(context, pair.target_name), chosen, share)]
         if match.source_has_partner is not None:
             found += _select_on_sources(context, pair, ~match.source_has_partner)
-        return f"Without a partner: {'; '.join(found)}"
+        return message("Without a partner: {selected}", selected=enumeration(found, "; "))
 
     return select
 
@@ -121,9 +138,9 @@ def _select_on_sources(context: Context, pair: ObjectPair, chosen: Booleans) -> 
 
 def _select_vertices(obj: Object, chosen: Booleans, share: float) -> str:
     mesh_data.select_only(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
-    return _counted(chosen, "vertex", "vertices", obj, share)
+    return _counted(chosen, VERTICES, obj, share)
 
 
-def _counted(chosen: Booleans, one: str, several: str, obj: Object, share: float) -> str:
+def _counted(chosen: Booleans, templates: tuple[str, str, str], obj: Object, share: float) -> str:
     count = int(np.count_nonzero(chosen))
-    return f"{count or 'no'} {one if count == 1 else several} of '{obj.name}', {share:.1%} of its area"
+    return message(templates[min(count, 2)], count=count, name=obj.name, share=share)

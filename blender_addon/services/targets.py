@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.progress import portion, renaming, stage
 
 from ..jobs import Work, pause
@@ -39,8 +40,11 @@ class Outcome(Generic[Result]):
         """Raise a MeshError if nothing was done."""
         if self.failed and not self.done:
             name, reason = next(iter(self.failed.items()))
-            several = f"All {len(self.failed)} targets failed. '{name}': {reason}"
-            raise zo.MeshError(several if len(self.failed) > 1 else reason)
+            if len(self.failed) == 1:
+                raise zo.MeshError(reason)
+            raise zo.MeshError(
+                "All {count} targets failed. '{name}': {reason}", count=len(self.failed), name=name, reason=reason
+            )
 
 
 async def each_target(
@@ -81,7 +85,10 @@ def _place(i: int, names: Sequence[str]) -> Iterator[None]:
     """The i-th of several pieces of work that are alike, whose progress says which it is."""
 
     def placed(title: str) -> str:
-        return f"'{names[i]}', {i + 1} of {len(names)}: {title}" if len(names) > 1 else title
+        if len(names) == 1:
+            return title
+        values = {"name": names[i], "number": i + 1, "count": len(names), "title": as_message(title)}
+        return message("'{name}', {number} of {count}: {title}", **values)
 
     with portion(i / len(names), (i + 1) / len(names)), renaming(placed):
         yield

@@ -11,6 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, counted, enumeration, message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
@@ -172,7 +173,7 @@ async def prepare_transfer(
         await compute(partial(transfer_all, adapters, job))
     if binding is not None:
         if not weights:
-            raise zo.MeshError(f"All bone vertex groups of '{target_name}' are locked: unlock them.")
+            raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
         with portion(done, 1):
             bound = await prepare_binding(context, job, *weights[0], binding)
         remarks.notes.extend(bound.notes)
@@ -204,8 +205,12 @@ def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any])
     unused = [name for name, value in settings.items() if name not in stored.settings or stored.settings[name] != value]
     if not unused:
         return []
-    labels = ", ".join(option_label(name) for name in unused)
-    return [f"The existing match was used: to apply the changed settings ({labels}), match again."]
+    labels = enumeration(as_message(option_label(name)) for name in unused)
+    return [
+        message(
+            "The existing match was used: to apply the changed settings ({settings}), match again.", settings=labels
+        )
+    ]
 
 
 async def _collect(
@@ -223,7 +228,7 @@ async def _collect(
             with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
                 adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
     if not adapters:
-        raise zo.MeshError(f"'{pair.source_name}' has none of the data to transfer: choose other data.")
+        raise zo.MeshError("'{source}' has none of the data to transfer: choose other data.", source=pair.source_name)
     return adapters, remarks, blend
 
 
@@ -234,7 +239,11 @@ def _write_report(
     written: dict[str, list[str]] = {kind: [] for kind in DATA}
     for one in adapters:
         written[one.kind].extend(one.names)
-    shared = f"The mesh '{target.data.name}' is shared by {users} objects, which all received the data."
+    shared = message(
+        "The mesh '{mesh}' is shared by {users} objects, which all received the data.",
+        mesh=target.data.name,
+        users=users,
+    )
     report = {
         "source": pair.source_name,
         "others": list(pair.source_names[1:]),
@@ -253,20 +262,28 @@ def _write_report(
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    written = ", ".join(_counted(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
+    written = enumeration(counted(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
     bound = report.get("bound")  # which reports of earlier versions lack
-    bound = f", bound to '{bound['armature']}'" if bound else ""
+    bound = message(", bound to '{armature}'", armature=bound["armature"]) if bound else ""
     others = and_others(report["others"])
-    done = f"Transferred {written} from '{report['source']}'{others} to '{report['target']}'{bound}"
+    done = message(
+        "Transferred {written} from '{source}'{others} to '{target}'{bound}",
+        written=written,
+        source=report["source"],
+        others=others,
+        target=report["target"],
+        bound=bound,
+    )
     if report["skipped"]:
-        done = f"{done}; {len(report['skipped'])} skipped"
-    return f"{done}; {report['low_confidence']} of {report['vertices']} vertices are of low confidence"
+        done = message("{done}; {count} skipped", done=done, count=len(report["skipped"]))
+    return message(
+        "{done}; {doubtful} of {vertices} vertices are of low confidence",
+        done=done,
+        doubtful=report["low_confidence"],
+        vertices=report["vertices"],
+    )
 
 
 def and_others(names: Sequence[str]) -> str:
     """What follows the name of a source where the target lies on others, too."""
-    return _counted(len(names), " and {} other", " and {} others") if names else ""
-
-
-def _counted(number: int, one: str, several: str) -> str:
-    return (one if number == 1 else several).format(number)
+    return counted(len(names), " and {count} other", " and {count} others") if names else ""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
 from ..jobs import run
@@ -42,7 +43,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
     """`use_candidate` as a coroutine, which holds no Blender data while it waits."""
     target = find_mesh(context, target_name)
     listing = stored_list(target)
-    note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
+    note = message("Candidate {number} of {count} was chosen.", number=place + 1, count=len(listing.candidates))
     with previews.approximate_candidate(target, listing, place):
         pair, stored = await read_stored_match(context, target_name)
         result = await _result(context, pair, listing, place, stored)
@@ -81,5 +82,5 @@ def stored_list(target: Object) -> CandidateList:
     """
     listing = stored_candidates.read(target.data)
     if listing is None:
-        raise zo.MeshError(f"There are no candidates for '{target.name}': match it first.")
+        raise zo.MeshError("There are no candidates for '{target}': match it first.", target=target.name)
     return listing

@@ -14,6 +14,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.messages import message, sentences
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import reversed_match
 
@@ -168,12 +169,15 @@ def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
     if report["key"]:
-        where = f"key '{report['key']}'"
+        where = message("key '{key}'", key=report["key"])
     elif report["object"] == report["wrapped"]:
-        where = "the mesh itself"
+        where = message("the mesh itself")
     else:
-        where = f"new object '{report['object']}'"
-    return " ".join([f"Wrapped '{report['wrapped']}' onto '{report['shape']}' ({where}).", *report["notes"]])
+        where = message("new object '{object}'", object=report["object"])
+    done = message(
+        "Wrapped '{wrapped}' onto '{shape}' ({where}).", wrapped=report["wrapped"], shape=report["shape"], where=where
+    )
+    return sentences(done, *report["notes"])
 
 
 def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
@@ -188,13 +192,15 @@ def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
     if wrapping.reverse:
         _check_reverse(context, pair, source)
     if wrapping.result != "object" and mesh_data.is_flat(obj):
-        raise zo.MeshError(f"'{obj.name}' has a scale of zero and cannot be reshaped: change its scale.")
+        raise zo.MeshError("'{name}' has a scale of zero and cannot be reshaped: change its scale.", name=obj.name)
     if wrapping.result == "shape_key":
         check_takes_keys(obj, [other.name])
     rest = _without_key(obj, other.name, seen)
     mask = Settings(mask_group=wrapping.mask).blend(obj).mask
     if mask is not None and not np.any(mask):
-        raise zo.MeshError(f"The vertex group '{wrapping.mask}' of '{obj.name}' is empty: choose another mask.")
+        raise zo.MeshError(
+            "The vertex group '{group}' of '{name}' is empty: choose another mask.", group=wrapping.mask, name=obj.name
+        )
     landmarks = _landmarks(context, source, target, wrapping, seen, rest) if wrapping.landmarks else None
     is_cage = wrapping.subdivided and mesh_data.is_cage(obj)
     return _Given(obj.name, other.name, rest, onto, None if mask is None else np.asarray(mask), landmarks, is_cage)
@@ -204,15 +210,17 @@ def _check_reverse(context: Context, pair: ObjectPair, source: Object) -> None:
     """Raise a MeshError if a source cannot be wrapped onto its target."""
     if len(pair.sources) > 1:
         raise zo.MeshError(
-            f"'{pair.target_name}' corresponds to {len(pair.sources)} objects, which cannot be wrapped onto it "
-            "together: turn Reverse off."
+            "'{target}' corresponds to {count} objects, which cannot be wrapped onto it together: turn Reverse off.",
+            target=pair.target_name,
+            count=len(pair.sources),
         )
     check_writable(source)
     seen = mesh_data.read_source_faces(source, context.evaluated_depsgraph_get())
     if seen != mesh_data.read_faces(source.data):
         raise zo.MeshError(
-            f"'{source.name}' cannot be wrapped, because its modifiers change its faces: disable or apply those that "
-            "add or remove vertices, and match again."
+            "'{source}' cannot be wrapped, because its modifiers change its faces: disable or apply "
+            "those that add or remove vertices, and match again.",
+            source=source.name,
         )
 
 
@@ -268,7 +276,7 @@ def _write(
     notes: tuple[str, ...] = ()
     shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
     if len(shown) > given.is_cage:
-        notes = (f"The modifiers of '{obj.name}' also deform its new shape.",)
+        notes = (message("The modifiers of '{name}' also deform its new shape.", name=obj.name),)
     if wrapping.result == "mesh":
         mesh_data.move_vertices(obj.data, shape - mesh_data.read_rest_positions(obj.data))
         obj.data.update()

@@ -9,6 +9,8 @@ from typing import Any
 
 from bpy.types import Mesh
 
+from zoomout_core.messages import from_json
+
 
 def read_json(mesh: Mesh, name: str, kinds: Mapping[str, type]) -> dict[str, Any] | None:
     """What is stored on a mesh under a name, or None without it, or where it is damaged: as good as none.
@@ -20,8 +22,8 @@ def read_json(mesh: Mesh, name: str, kinds: Mapping[str, type]) -> dict[str, Any
     """
     text = mesh.get(name)
     try:
-        stored = json.loads(text) if isinstance(text, str) else None
-    except (ValueError, RecursionError):
+        stored = from_json(json.loads(text)) if isinstance(text, str) else None
+    except (ValueError, TypeError, KeyError, RecursionError):
         return None
     if not isinstance(stored, dict) or not all(isinstance(stored.get(key), kind) for key, kind in kinds.items()):
         return None

@@ -23,6 +23,7 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import fault_of_map
+from zoomout_core.messages import to_json
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import HAS_PARTNER, MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
@@ -115,7 +116,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "low_confidence": low_confidence(match.confidence),
             "without_partner": without_partner(match),
             "source_has_partner": None if of_source is None else _packed(of_source),
-            "notes": match.notes,
+            "notes": to_json(match.notes),
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
     )
@@ -138,14 +139,18 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         if digest != source.digest:
             if stored["source"] != pair.source_name:
                 return None
-            raise zo.MeshError(f"The source '{source.name}' was edited since it was matched: match again.")
+            raise zo.MeshError(
+                "The source '{source}' was edited since it was matched: match again.", source=source.name
+            )
     if stored["target_fingerprint"] != pair.target_fingerprint.digest:
-        raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
+        raise zo.MeshError(
+            "The target '{target}' was edited since it was matched: match again.", target=pair.target_name
+        )
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
     exchanged = stored.get("entries") not in (None, _hash_of_entries(mesh))  # which earlier versions do not have
     fault = fault_of_map(triangle, barycentric, len(pair.source.triangles))
     if exchanged or fault or not np.isfinite(confidence).all():
-        raise zo.MeshError(f"The match stored on '{pair.target_name}' is damaged: match again.")
+        raise zo.MeshError("The match stored on '{target}' is damaged: match again.", target=pair.target_name)
     # Stored in single precision: brought back to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(

@@ -8,6 +8,8 @@ from typing import Any
 
 from bpy.types import Mesh, Object
 
+from zoomout_core.messages import to_json
+
 from .stored_json import read_json
 
 PROPERTY = "zoomout_report"
@@ -15,7 +17,7 @@ PROPERTY = "zoomout_report"
 
 def write(target: Object, report: dict[str, Any]) -> None:
     """Store a report in place of an earlier one."""
-    target.data[PROPERTY] = json.dumps(report)
+    target.data[PROPERTY] = json.dumps(to_json(report))
 
 
 def remove(mesh: Mesh) -> None:

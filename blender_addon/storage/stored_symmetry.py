@@ -18,6 +18,7 @@ from bpy.types import Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.maps.surface_map import fault_of_map
+from zoomout_core.messages import message, to_json
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -85,7 +86,7 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
     points, colors = _pictures(obj, found)
     mesh[PROPERTY] = json.dumps(
         {
-            "candidates": [described(symmetry) for symmetry in found],
+            "candidates": to_json([described(symmetry) for symmetry in found]),
             "pictures": [to_text(color, np.uint8) for color in colors],
             "key": hash_of("", points, *colors),
             "points": to_text(points, np.float32),
@@ -125,7 +126,8 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 def described(symmetry: zo.Symmetry) -> dict[str, Any]:
     """The description of a symmetry, without map and thumbnail, one of the candidates of `description`."""
-    turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
+    turn = message("Turn of order {order}", order=symmetry.order) if symmetry.order else "Turn"
+    turn = "Half turn" if symmetry.order == 2 else turn
     reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
     return {
         "name": reflection if symmetry.reverses_orientation else turn,
@@ -178,8 +180,8 @@ def read(obj: Object) -> SelfMap:
     stored, now = _required_description(obj), _surface_now(obj)
     if stored["fingerprint"] != fingerprint_of(now):
         raise zo.MeshError(
-            f"'{obj.name}' was reshaped since its symmetry was detected: use Mirror Sculpt, or detect the symmetry "
-            "again."
+            "'{name}' was reshaped since its symmetry was detected: use Mirror Sculpt, or detect the symmetry again.",
+            name=obj.name,
         )
     return _chosen(obj.data, stored, now)
 
@@ -235,7 +237,9 @@ def _surface_now(obj: Object) -> zo.Surface:
     """The surface of a mesh that has the faces which it had when its symmetry was detected."""
     surface = rest_surface(obj)
     if _required_description(obj)["topology"] != hash_of("", surface.corner_vertex, surface.face_start):
-        raise zo.MeshError(f"The mesh of '{obj.name}' was edited since its symmetry was detected: detect it again.")
+        raise zo.MeshError(
+            "The mesh of '{name}' was edited since its symmetry was detected: detect it again.", name=obj.name
+        )
     return surface
 
 
@@ -248,7 +252,7 @@ def _chosen(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
         fault_of_map(values["triangle"], barycentric, len(surface.triangles))
         or not np.isfinite(values["distance"]).all()
     ):
-        raise zo.MeshError(f"The symmetry stored on '{mesh.name}' is damaged: detect it again.")
+        raise zo.MeshError("The symmetry stored on '{mesh}' is damaged: detect it again.", mesh=mesh.name)
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     return SelfMap(
         surface=surface,
@@ -269,7 +273,7 @@ def _elements(obj: Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _required_description(obj: Object) -> dict[str, Any]:
     stored = description(obj.data)
     if stored is None:
-        raise zo.MeshError(f"'{obj.name}' has no detected symmetry: detect it first.")
+        raise zo.MeshError("'{name}' has no detected symmetry: detect it first.", name=obj.name)
     return stored
 
 

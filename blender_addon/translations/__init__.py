@@ -1,43 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the interface says in other languages.
+"""The interface in other languages.
 
-A language has two modules. `MESSAGES` of the one has the text of each label and tooltip, which Blender looks up by
-itself. `SENTENCES` of the other has errors, notes, reports, stages and whatever else is composed while the add-on
-works: `{}` stands for each value, see `templates`. These are made in English, and kept so in the .blend file;
-`translated` and `reported` give them in the user's language where they are shown, before they are broken into lines.
+A language is a .po file of gettext in this folder, named by its code. It has labels and tooltips, which Blender looks
+up by itself, and errors, notes, reports and stages. These are composed in English while the add-on works, as Messages
+(`zoomout_core/messages.py`), and are stored as such in the .blend file. `translated` and `reported` give them in the
+user's language where they are shown: a template is looked up, and so are the Messages among its values. Names of
+objects and layers are plain text among the values, and stay as they are.
 
-To add a language copy `german.py` and `german_sentences.py`, translate the values, and name both tables in `LANGUAGES`
-by the language's code. Nouns that are put into sentences are entries as well ("shape keys"), so that they can be
-declined; where a sentence needs another article for each of some words, it may be given once for each ("… of the
-source …", "… of the target …"). `tests/blender/test_translations.py` and `test_sentences.py` name what is missing, and
-what no longer stands in the code.
+To add a language, copy `de.po`, change the code in its header, and translate each `msgstr`. It has the fields of its
+`msgid`, such as `{name}` or `{share:.0%}`, in any order. `tests/blender/test_translations.py` lists what is missing,
+and what is no longer in the code.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
-from typing import NamedTuple
+from pathlib import Path
 
 import bpy
 
-from . import german, german_sentences
-from .templates import Translator
+from zoomout_core.messages import Message
+
+from .catalogue import read_catalogue
 
 # Of what Blender has words for that mean something else, as of a "Fast" that is short for "fasten".
 CONTEXT = "ZoomOut"
-# How many texts are kept translated: more than all panels show at a time.
-KEPT = 1024
 
-
-class Language(NamedTuple):
-    """The tables of a language."""
-
-    messages: Mapping[str, str]
-    sentences: Mapping[str, str]
-
-
-LANGUAGES = {"de": Language(german.MESSAGES, german_sentences.SENTENCES)}
+# The translations of each language by its code, by their English text.
+LANGUAGES = {path.stem: read_catalogue(path) for path in sorted(Path(__file__).parent.glob("*.po"))}
 
 
 def register() -> None:
@@ -45,8 +35,8 @@ def register() -> None:
     known = bpy.app.translations.contexts
     contexts = known.default, known.operator_default, CONTEXT
     table = {
-        code: {(context, message): text for message, text in language.messages.items() for context in contexts}
-        for code, language in LANGUAGES.items()
+        code: {(context, english): text for english, text in catalogue.items() for context in contexts}
+        for code, catalogue in LANGUAGES.items()
     }
     bpy.app.translations.register(__package__, table)
 
@@ -54,8 +44,6 @@ def register() -> None:
 def unregister() -> None:
     """Take them away again."""
     bpy.app.translations.unregister(__package__)
-    _translator.cache_clear()
-    _in_language.cache_clear()
 
 
 def translated(text: str) -> str:
@@ -71,7 +59,7 @@ def reported(text: str) -> str:
 def in_language(text: str, locale: str) -> str:
     """A text in a language by its code, with or without a country ("de", "de_DE"), or as it is in another one."""
     code = locale if locale in LANGUAGES else locale.partition("_")[0]
-    return _in_language(text, code) if text and code in LANGUAGES else text
+    return _translation(text, LANGUAGES[code]) if code in LANGUAGES else text
 
 
 def user_language(setting: str) -> str:
@@ -80,11 +68,12 @@ def user_language(setting: str) -> str:
     return bpy.app.translations.locale if getattr(view, setting, view.use_translate_interface) else ""
 
 
-@lru_cache(maxsize=KEPT)
-def _in_language(text: str, code: str) -> str:
-    return _translator(code)(text)
-
-
-@lru_cache
-def _translator(code: str) -> Translator:
-    return Translator(*LANGUAGES[code])
+def _translation(text: str, catalogue: Mapping[str, str]) -> str:
+    """A text by the catalogue of a language: a Message by its template and values, another text as a whole."""
+    if not isinstance(text, Message):
+        return catalogue.get(text, text)
+    values = {
+        name: _translation(value, catalogue) if isinstance(value, Message) else value
+        for name, value in text.values.items()
+    }
+    return catalogue.get(text.template, text.template).format(**values)

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 import bpy
 from bpy.types import Context, Menu, Operator, UILayout
 
+from zoomout_core.messages import as_message, message
+
 from ..operators import landmarks, select_faults, symmetry
 from ..operators.bend_match import ZOOMOUT_OT_bend_match
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
@@ -92,7 +94,7 @@ class ZOOMOUT_MT_symmetry(Menu):
             return
         layout.separator()
         for number, candidate in enumerate(stored["candidates"]):
-            text = translated(f"Use {summary(candidate)}")
+            text = translated(message("Use {candidate}", candidate=summary(candidate)))
             layout.operator(symmetry.ZOOMOUT_OT_choose_symmetry.bl_idname, text=text).number = number
 
 
@@ -147,4 +149,6 @@ def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:
 def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:
     """An item for each of some previews."""
     for name, kind in kinds.items():
-        layout.operator(ZOOMOUT_OT_preview.bl_idname, text=translated(f"Show {kind.label}")).kind = name
+        layout.operator(
+            ZOOMOUT_OT_preview.bl_idname, text=translated(message("Show {what}", what=as_message(kind.label)))
+        ).kind = name

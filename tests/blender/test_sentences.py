@@ -1,226 +1,66 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is composed while the add-on works is translated as whole sentences, and every sentence has its translation."""
+"""What is composed while the add-on works is shown in the language of the user, with all its parts."""
 
 from __future__ import annotations
 
-import ast
-import re
-import string
+import json
+import pickle
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import bpy
 import pytest
 from drawing import Context, Layout
 
-import blender_addon
-import zoomout_core
+import zoomout_core as zo
 from blender_addon import translations
+from blender_addon.mesh_data.marks import SEAMS
 from blender_addon.operators import activity, modal_operator
-from blender_addon.services import transfer
+from blender_addon.services import targets, transfer
+from blender_addon.services.symmetry import detect
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.translations import in_language
 from blender_addon.ui.panels import sidebar
+from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
+from zoomout_core.matching.pair import LandmarkError
+from zoomout_core.messages import as_message, enumeration, from_json, message, sentences, to_json
 from zoomout_core.runtime.progress import Progress
 
-# A language that lacks more is no help: whoever adds sentences may leave a few to those who know it.
-MOST_MISSING = 0.1
-ADDON, CORE = (Path(package.__file__).parent for package in (blender_addon, zoomout_core))
-# What is said at the command line, or by the demo, and the tables themselves.
-ELSEWHERE = ("cli", "demo", "translations", "api.py")
-# What Blender's panels can run into of the core: other errors are about arguments that the add-on sets itself.
-OF_CORE = (
-    "maps/surface_map.py",
-    "matching/components/lift.py",
-    "matching/components/main_parts.py",
-    "matching/notes.py",
-    "matching/pair.py",
-    "matching/proximity.py",
-    "symmetry/detect.py",
-    "symmetry/mirror.py",
-    "symmetry/offsets.py",
-    "symmetry/self_map.py",
-    "symmetry/uv.py",
-    "transfer",
-)
-# Calls whose arguments are said to the user.
-SAYING = {
-    "Finding",
-    "Kind",
-    "LandmarkError",
-    "MeshError",
-    "Progress",
-    "add",
-    "append",
-    "poll_message_set",
-    "report",
-    "reported",
-    "sentences",
-    "stage",
-    "status_text_set",
-    "translated",
+NOT_A_MESH = message("'{name}' is not a mesh: choose a mesh object.", name="Body")
+LEFT_OUT = message("'{name}' was left out: {reason}", name="Body", reason=NOT_A_MESH)
+PLACED = message("'{name}', {number} of {count}: {title}", name="A", number=2, count=3, title=as_message("Refining"))
+REPORT: dict[str, Any] = {
+    "source": "A",
+    "others": ["C"],
+    "target": "B",
+    "written": {"shape": ["shape"], "edges": [SEAMS], "uv_maps": []},
+    "skipped": {message("symmetry"): "it maps the source mesh onto itself", "Mask": "it is internal to Blender"},
+    "notes": [LEFT_OUT],
+    "vertices": 9,
+    "low_confidence": 3,
 }
-# What such calls are given besides: names of files, keys and icons, and what only scripts can do wrong.
-NOT_SAID = {"BLANK1", "CHECKMARK", "DOT", "ERROR", "INFO", "WARNING", "MOUSEMOVE"}
-
-
-def text_of(node: ast.AST) -> str | None:
-    """A literal or f-string with `{}` for each value, or None."""
-    if isinstance(node, ast.Constant):
-        return re.sub(r"{[^{}]*}", "{}", node.value) if isinstance(node.value, str) else None
-    if isinstance(node, ast.JoinedStr):
-        parts = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
-        return "".join(map(str, parts))
-    return None
-
-
-def literals_of(node: ast.AST) -> Iterator[str]:
-    """All texts within a node; those that stand within f-strings, in their braces, are texts of their own."""
-    text = text_of(node)
-    if text is not None:
-        yield text
-    for child in ast.iter_child_nodes(node):
-        if not (isinstance(node, ast.JoinedStr) and isinstance(child, ast.Constant)):
-            yield from literals_of(child)
-
-
-def modules() -> Iterator[tuple[Path, ast.Module]]:
-    for root in (ADDON, CORE):
-        for path in sorted(root.rglob("*.py")):
-            if path.relative_to(root).parts[0] not in ELSEWHERE:
-                yield path, ast.parse(path.read_text(encoding="utf-8"))
-
-
-def literals() -> set[str]:
-    """All texts that stand in the code."""
-    return {text for _, tree in modules() for text in literals_of(tree)}
-
-
-def is_said(text: str) -> bool:
-    """Whether a text has words of its own that are no identifier."""
-    own = text.replace("{}", "").strip(string.punctuation + " ")
-    return own not in NOT_SAID and re.search("[a-z]{2}", own) is not None and (" " in own or own[:1].isupper())
-
-
-def outside_errors_of_python(tree: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a module but those that make errors which only scripts run into, such as a ValueError."""
-    yield tree
-    for child in ast.iter_child_nodes(tree):
-        if not (isinstance(child, ast.Call) and getattr(child.func, "id", "") in ("TypeError", "ValueError")):
-            yield from outside_errors_of_python(child)
-
-
-def said() -> set[str]:
-    """Texts that are returned, named, or given to calls that say something, and all f-strings: most sentences."""
-    found = set()
-    for path, tree in modules():
-        if CORE in path.parents and not path.relative_to(CORE).as_posix().startswith(OF_CORE):
-            continue
-        for node in outside_errors_of_python(tree):
-            if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in SAYING:
-                found |= {text for argument in node.args for text in literals_of(argument)}
-            elif isinstance(node, ast.JoinedStr):
-                found.add(text_of(node))
-            elif isinstance(node, ast.Return | ast.Assign) and isinstance(node.value, ast.Constant):
-                found |= {text for text in literals_of(node.value) if " " in text and "\n" not in text}
-    return {text for text in found if is_said(text)}
-
-
-def without_name(text: str) -> str:
-    """A sentence without the name of what it is about."""
-    return text.removeprefix("{}: ")
-
-
-def specialises(key: str, text: str, every: set[str]) -> bool:
-    """Whether a key of a table is a text, or one in which words of the code stand for some of its values."""
-    if key == text:
-        return True
-    if "{}" not in text or len(text.replace("{}", "")) < 8:
-        return False
-    match = re.fullmatch("(.*?)".join(map(re.escape, text.split("{}"))), key)
-    words = {value.removeprefix("{}") for value in match.groups()} if match else set()
-    return match is not None and all(not re.search("[a-z]", value) or value in every for value in words)
-
-
-def is_covered(text: str, keys: set[str], every: set[str]) -> bool:
-    """Whether a text has a translation, as a whole, or without its full stop or the name of what it is about."""
-    forms = {text, text.removesuffix("."), without_name(text)}
-    return bool(forms & keys) or any(specialises(key, form, every) for key in keys for form in forms)
-
-
-@pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_nearly_every_sentence_is_translated(code: str) -> None:
-    every, language = literals(), translations.LANGUAGES[code]
-    keys = {*language.sentences, *language.messages}
-    texts = said()
-    missing = sorted(text for text in texts if not is_covered(text, keys, every))
-    assert len(missing) < MOST_MISSING * len(texts), "\n".join(missing)
-
-
-@pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_no_sentence_is_stale_or_empty(code: str) -> None:
-    every, sentences = literals(), translations.LANGUAGES[code].sentences
-    forms = {form for text in every for form in (text, without_name(text))}
-    assert [key for key in sentences if not any(specialises(key, form, every) for form in forms)] == []
-    assert all(sentences.values())
-
-
-@pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_translations_have_the_values_of_the_sentence(code: str) -> None:
-    for english, text in translations.LANGUAGES[code].sentences.items():
-        places = [field for _, field, *_ in string.Formatter().parse(text) if field is not None]
-        count = english.count("{}")
-        assert sorted(places) in ([""] * count, sorted(map(str, range(count)))), english
-        assert english.endswith(".") == text.endswith("."), english
-
-
-@pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_a_table_translates_its_own_sentences(code: str) -> None:
-    """Each is found again with values in it, and not taken for another one."""
-    for english, text in translations.LANGUAGES[code].sentences.items():
-        values = [f"{number + 1}" for number in range(english.count("{}"))]
-        assert in_language(english.format(*values), code) == text.format(*values)
-
-
 COMPOSED = {
-    "Switch to Edit Mode.": "In den Bearbeitungsmodus wechseln.",
-    "'A', 2 of 3: Transferring vertex groups": "'A', 2 von 3: Punktgruppen übertragen",
-    "UVMap: 3 of 90 faces have flipped UVs.": "UVMap: 3 von 90 Flächen haben umgekehrte UVs.",
-    "sharp edges: 3 edges of the source belong to no face and were left out.": (
-        "scharfe Kanten: 3 Kanten der Quelle gehören zu keiner Fläche und wurden ausgelassen."
+    message("Exchanged the sides of {what}", what=enumeration([SEAMS, "seams"])): "Seiten ausgetauscht: Nähte, seams",
+    LEFT_OUT: "'Body' wurde ausgelassen: 'Body' ist kein Mesh: ein Mesh-Objekt wählen.",
+    PLACED: "'A', 2 von 3: Verfeinern",
+    message("{layer}: {count} of {total} faces have flipped UVs.", layer="UVMap", count=3, total=90): (
+        "UVMap: 3 von 90 Flächen haben umgekehrte UVs."
     ),
-    "Reflection, 95%": "Spiegelung, 95%",
-    "Found 2 symmetries of 'X'; the first: Half turn, 60%": (
-        "2 Symmetrien von 'X' gefunden; die erste: Halbe Drehung, 60%"
+    message("{layer}: {count} edges of the source belong to no face and were left out.", layer=SEAMS, count=3): (
+        "Nähte: 3 Kanten der Quelle gehören zu keiner Fläche und wurden ausgelassen."
     ),
-    "Hints used: 3 landmarks, the same up axis.": "Benutzte Anhaltspunkte: 3 Landmarken, gleiche Hochachse.",
-    "Show Matching Colors": "Gleiche Farben zeigen",
-    "Without a partner: 3 faces of 'A', 1.0% of its area; no vertices of 'B', 0.0% of its area": (
-        "Ohne Gegenstück: 3 Flächen von 'A', 1.0% der Oberfläche; keine Vertices von 'B', 0.0% der Oberfläche"
+    detect.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",
+    transfer.summary(REPORT): (
+        "1 Form, 1 Art von Kantenmarkierung übertragen, von 'A' und 1 weiteren auf 'B'; 2 ausgelassen; "
+        "3 von 9 Vertices sind unsicher"
     ),
-    "Doubtful: 3 vertices of 'A', 1.0% of its area": "Zweifelhaft: 3 Vertices von 'A', 1.0% der Oberfläche",
-    "Cleared 1 mesh and 3 landmarks": "Zuordnungsdaten entfernt: 1 Mesh und 3 Landmarken",
-    "Transferred 1 shape from 'A' to 'B'; 0 of 9 vertices are of low confidence; Transferred 1 shape from 'A' to 'C'; "
-    "2 skipped; 0 of 9 vertices are of low confidence": (
-        "1 Form übertragen, von 'A' auf 'B'; 0 von 9 Vertices sind unsicher; 1 Form übertragen, von 'A' auf 'C'; "
-        "2 ausgelassen; 0 von 9 Vertices sind unsicher"
+    sentences(NOT_A_MESH, "Make a mesh active.", "Unknown words follow."): (
+        "'Body' ist kein Mesh: ein Mesh-Objekt wählen. Ein Mesh aktiv machen. Unknown words follow."
     ),
-    "Matched 'X' with 'Y' and others; 3 of 9 vertices are of low confidence; 5% of the target and 0% of the source "
-    "have no partner": (
-        "'X' zugeordnet, Quelle 'Y' und andere; 3 von 9 Vertices sind unsicher; 5% des Ziels und 0% der Quelle haben "
-        "kein Gegenstück"
-    ),
-    "The existing match was used: to apply the changed settings (Detail, Method), match again.": (
-        "Die vorhandene Zuordnung wurde benutzt: um die geänderten Einstellungen (Feinheit, Verfahren) anzuwenden, "
-        "erneut zuordnen."
-    ),
-    "The largest part of the target has only 7 vertices, too few for matching: subdivide it to at least 50.": (
-        "Der größte Teil des Ziels hat nur 7 Vertices, zu wenige zum Zuordnen: auf mindestens 50 unterteilen."
-    ),
-    "'Body' was left out: 'Body' is not a mesh: choose a mesh object.": (
-        "'Body' wurde ausgelassen: 'Body' ist kein Mesh: ein Mesh-Objekt wählen."
+    message("{vertices} is used {vertices} times", vertices=1): "1 is used 1 times",
+    message("The mesh '{mesh}' is shared by {users} objects, which all received the data.", mesh="{users}", users=2): (
+        "2 Objekte teilen sich das Mesh '{users}'; alle haben die Daten erhalten."
     ),
 }
 
@@ -230,36 +70,48 @@ def test_what_is_composed_is_translated_with_its_parts(english: str) -> None:
     assert in_language(english, "de") == in_language(english, "de_DE") == COMPOSED[english]
 
 
-def test_sentences_side_by_side_are_translated_each() -> None:
-    source, target = (
-        "The source 'A' was edited after the match: match again.",
-        "The target 'B' was edited after the match: match again.",
-    )
-    german = " ".join(in_language(text, "de") for text in (source, target))
-    assert in_language(f"{source} {target}", "de") == german
-    assert in_language(f"{source} Unknown words follow.", "de") == f"{in_language(source, 'de')} Unknown words follow."
-    assert "{}" not in german
+@pytest.mark.parametrize(
+    "passed",
+    [
+        lambda text: str(zo.MeshError(text)),
+        lambda text: pickle.loads(pickle.dumps(text)),
+        lambda text: str(pickle.loads(pickle.dumps(zo.MeshError(text)))),
+        lambda text: from_json(json.loads(json.dumps(to_json(text)))),
+    ],
+    ids=["an exception", "pickle", "an exception in pickle", "JSON"],
+)
+def test_it_is_translated_after_its_way(passed) -> None:
+    for english, german in COMPOSED.items():
+        assert in_language(passed(english), "de") == german
 
 
-def test_a_value_does_not_reach_into_the_next_sentence() -> None:
-    shared = "The mesh '{}' is shared by {} objects, which all received the data."
-    german = (
-        "2 Objekte teilen sich das Mesh 'A'; alle haben die Daten erhalten. 3 Objekte teilen sich das Mesh 'B'; alle"
-    )
-    assert in_language(f"{shared.format('A', 2)} {shared.format('B', 3)}", "de").startswith(german)
+def test_errors_about_landmarks_have_the_article_of_their_mesh() -> None:
+    fault = message("at vertex {vertex}, is not on its main part: move it.", vertex=3)
+    shown = [in_language(str(LandmarkError(role, 2, fault)), "de") for role in ("source", "target")]
+    assert shown == [
+        "Landmarke 2 auf der Quelle, bei Vertex 3, liegt nicht auf dessen Hauptteil: verschieben.",
+        "Landmarke 2 auf dem Ziel, bei Vertex 3, liegt nicht auf dessen Hauptteil: verschieben.",
+    ]
 
 
-def test_names_stay_as_they_are() -> None:
-    """Though labels and nouns of the tables are the same words."""
-    for name in ("Target", "Mask", "seams", "Bob's head", "shape keys"):
-        assert in_language(f"'{name}' is not a mesh: choose a mesh object.", "de").startswith(f"'{name}' ist kein")
-    assert in_language("Mask: 3 of 90 faces have flipped UVs.", "de").startswith("Mask: 3 von")
-    assert in_language("Mask: skipped, it is internal to Blender", "de").startswith("Mask: ausgelassen, es ist")
+def test_failures_of_several_targets_are_translated() -> None:
+    failed = {"A": NOT_A_MESH, "B": "Make a mesh active."}
+    with pytest.raises(zo.MeshError) as caught:
+        targets.Outcome({}, failed).check()
+    german = "Alle 2 Ziele sind misslungen. 'A': 'Body' ist kein Mesh: ein Mesh-Objekt wählen."
+    assert in_language(str(caught.value), "de") == german
+
+
+@pytest.mark.parametrize("name", ["Target", "Mask", "seams", "Bob's head", "shape keys", "{reason}"])
+def test_names_stay_as_they_are(name: str) -> None:
+    """Though labels and nouns of the catalogue are the same words."""
+    text = message("'{name}' is not a mesh: choose a mesh object.", name=name)
+    assert in_language(text, "de") == f"'{name}' ist kein Mesh: ein Mesh-Objekt wählen."
 
 
 @pytest.mark.parametrize("text", ["", "Whatever else: it stays.", "An unknown shape", "Unknown, and 3 of {}"])
 def test_what_has_no_translation_stays_english(text: str) -> None:
-    assert in_language(text, "de") == text
+    assert in_language(text, "de") == in_language(as_message(text), "de") == text
 
 
 def test_other_languages_stay_english() -> None:
@@ -300,7 +152,7 @@ def labels(text: str, width: int) -> list[str]:
 
 
 def test_sentences_are_wrapped_in_the_language_that_is_read(in_german: None) -> None:
-    lines = labels("The source 'Body' was edited after the match: match again.", 300)
+    lines = labels(message("The source '{source}' was edited after the match: match again.", source="Body"), 300)
     assert len(lines) > 1
     assert max(map(len, lines)) <= (300 - sidebar.BORDER) / sidebar.LETTER
     assert " ".join(lines) == "Die Quelle 'Body' wurde nach der Zuordnung bearbeitet: erneut zuordnen."
@@ -311,7 +163,7 @@ def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeyp
     everything: list[tuple[str, str, object]] = []
     monkeypatch.setattr(activity, "running", None)
     context = SimpleNamespace(workspace=SimpleNamespace(status_text_set=said.append))
-    modal_operator._show_progress(context, Progress(0.5, "'A', 2 of 3: Refining"))
+    modal_operator._show_progress(context, Progress(0.5, PLACED))
     sidebar.main_button(Layout(everything), "zoomout.match", "Match", "NONE", True)
     assert said == ["'A', 2 von 3: Verfeinern: 50% (ESC bricht ab)"]
     assert ("progress", "'A', 2 von 3: Verfeinern") in [entry[:2] for entry in everything]
@@ -325,7 +177,7 @@ def test_operators_report_in_the_language_that_is_read(target: bpy.types.Object,
         bpy.ops.zoomout.match()
 
 
-def test_what_is_stored_is_english(target: bpy.types.Object, in_german: None) -> None:
+def test_what_is_stored_is_shown_in_the_language_that_is_read(target: bpy.types.Object, in_german: None) -> None:
     assert bpy.ops.zoomout.match(initial="NEAREST") == {"FINISHED"}
     assert bpy.ops.zoomout.transfer(shape=True) == {"FINISHED"}
     report = stored_report.transfer_report(target)
@@ -336,11 +188,47 @@ def test_what_is_stored_is_english(target: bpy.types.Object, in_german: None) ->
     assert all(in_language(note, "de") != note for note in notes)
 
 
+def test_reports_are_shown_with_what_was_skipped(target: bpy.types.Object, in_german: None) -> None:
+    stored_report.write(target, REPORT)
+    assert lines_of_report(target)[-3:] == [
+        "Symmetrie: ausgelassen, sie bildet das Quell-Mesh auf sich selbst ab",
+        "Mask: ausgelassen, es ist Blender-intern",
+        "'Body' wurde ausgelassen: 'Body' ist kein Mesh: ein Mesh-Objekt wählen.",
+    ]
+
+
+def test_reports_of_earlier_versions_are_shown(target: bpy.types.Object, in_german: None) -> None:
+    """In English, but for sentences without values."""
+    notes = ["3 of 90 faces have flipped UVs.", "Make a mesh active."]
+    target.data[stored_report.PROPERTY] = json.dumps(REPORT | {"skipped": {"symmetry": "no reason"}, "notes": notes})
+    assert lines_of_report(target)[-3:] == [
+        "symmetry: ausgelassen, no reason",
+        "3 of 90 faces have flipped UVs.",
+        "Ein Mesh aktiv machen.",
+    ]
+
+
+def test_a_damaged_message_is_no_report(target: bpy.types.Object) -> None:
+    stored_report.write(target, REPORT)
+    target.data[stored_report.PROPERTY] = target.data[stored_report.PROPERTY].replace("{reason}", "{reason:>999999999}")
+    assert stored_report.transfer_report(target) is None
+
+
+def lines_of_report(target: bpy.types.Object) -> list[str]:
+    """The sentences of the report's panel."""
+    everything: list[tuple[str, str, object]] = []
+    context = Context()
+    context.region = SimpleNamespace(width=10000)
+    bpy.context.view_layer.objects.active = target
+    panel = SimpleNamespace(layout=Layout(everything))
+    ZOOMOUT_PT_report.draw(panel, context)
+    return [line for kind, line, _ in everything if kind == "label"]
+
+
 def test_panels_are_drawn_as_fast(in_german: None) -> None:
-    """What is shown again and again is looked up once: less than a millisecond for more than panels ever show."""
-    texts = [f"The source 'Body {number}' was edited after the match: match again." for number in range(50)]
-    for text in texts:
-        translations.translated(text)
+    """Less than a millisecond for more than panels ever show."""
+    text = "The source '{source}' was edited after the match: match again."
+    texts = [message(text, source=f"Body {number}") for number in range(50)]
     begin = time.perf_counter()
     for text in texts:
         translations.translated(text)

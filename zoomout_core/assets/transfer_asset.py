@@ -16,6 +16,7 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -95,7 +96,7 @@ def transfer_asset(
     notes: list[str] = []
     for number, attribute in enumerate(chosen):
         start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
-        with stage(f"Transferring {attribute.name}", start, end):
+        with stage(message("Transferring {what}", what=attribute.name), start, end):
             carried = transfer_along(attribute, mapped)
         received[attribute.name] = carried
         notes += carried.notes

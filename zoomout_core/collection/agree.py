@@ -14,6 +14,7 @@ from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, su
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance, portion, stage
 
 # The source, beside the names of targets, which are not empty.
@@ -23,7 +24,8 @@ AGREED = (
     "A candidate other than the most likely one was chosen, because it is consistent with the maps of other targets."
 )
 THROUGH = (
-    "No candidate was consistent with the maps of other targets, so the match was started from the map through '{}'."
+    "No candidate was consistent with the maps of other targets, so the match was started from the map through "
+    "'{name}'."
 )
 
 
@@ -84,7 +86,7 @@ def _take(
             begun = replace(options, initial="given", initial_map=given)
             surfaces = result.pair.source, result.pair.target
             with portion(start, end):
-                found, note = match(*surfaces, begun), THROUGH.format(third)
+                found, note = match(*surfaces, begun), message(THROUGH, name=third)
         taken[pair.target] = replace(found, notes=(note, *found.notes))
     advance(1.0)
     return taken

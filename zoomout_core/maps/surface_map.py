@@ -16,6 +16,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.outputs import written_whole
 
@@ -57,8 +58,8 @@ class SurfaceMap:
         corner = corner_at[vertex]
         if (corner < 0).any():
             raise MeshError(
-                f"The map points to vertex {vertex[corner < 0][0]} of the source, which belongs to no face: correct "
-                "the map."
+                "The map points to vertex {vertex} of the source, which belongs to no face: correct the map.",
+                vertex=vertex[corner < 0][0],
             )
         barycentric = np.zeros((len(vertex), 3))
         barycentric[np.arange(len(vertex)), corner % 3] = 1
@@ -133,11 +134,17 @@ class SurfaceMap:
         missing = {"triangle", "barycentric"}.difference(arrays)
         if missing:
             raise MeshError(
-                f"{path} contains no map, because it lacks {' and '.join(sorted(missing))}: choose another file."
+                "{path} contains no map, because it lacks {names}: choose another file.",
+                path=path,
+                names=" and ".join(sorted(missing)),
             )
         fault = fault_of_map(arrays["triangle"], arrays["barycentric"], len(source.triangles))
         if fault:
-            raise MeshError(f"{path} is not a map onto this source ({fault}): choose another file.")
+            raise MeshError(
+                "{path} is not a map onto this source ({fault}): choose another file.",
+                path=path,
+                fault=as_message(fault),
+            )
         triangle, barycentric = arrays["triangle"].astype(np.int64), arrays["barycentric"].astype(np.float64)
         return cls(triangle, barycentric, source.triangles)
 
@@ -153,7 +160,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
     vertex = _arrays_of_map(path, ("vertex",)).get("vertex")
     if vertex is None or vertex.ndim != 1 or vertex.dtype.kind not in "iu" or (vertex < 0).any():
         raise MeshError(
-            f"{path} contains no map, because it lists no vertices: choose a file written by `zoomout match`."
+            "{path} contains no map, because it lists no vertices: choose a file written by `zoomout match`.", path=path
         )
     return vertex
 
@@ -163,9 +170,13 @@ def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str,
     try:
         return read_arrays(path, names)
     except FileNotFoundError:
-        raise MeshError(f"There is no file {path}: check the path.") from None
+        raise MeshError("There is no file {path}: check the path.", path=path) from None
     except (ArrayFileError, MemoryError) as error:
-        raise MeshError(f"{path} contains no map ({error or 'it is too large'}): choose another file.") from error
+        raise MeshError(
+            "{path} contains no map ({reason}): choose another file.",
+            path=path,
+            reason=as_message(str(error) or "it is too large"),
+        ) from error
 
 
 def _npz(path: str | PathLike[str]) -> str:
@@ -177,12 +188,24 @@ def _npz(path: str | PathLike[str]) -> str:
 def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     """What is wrong with the arrays of a map onto `count` triangles, or nothing."""
     if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
-        return f"its triangles are of type {triangle.dtype} and its barycentric coordinates of {barycentric.dtype}"
+        return message(
+            "its triangles are of type {triangles} and its barycentric coordinates of {barycentric}",
+            triangles=triangle.dtype,
+            barycentric=barycentric.dtype,
+        )
     if triangle.ndim != 1 or barycentric.shape != (len(triangle), 3):
-        return f"its triangles {triangle.shape} and barycentric coordinates {barycentric.shape} do not fit together"
+        return message(
+            "its triangles {triangles} and barycentric coordinates {barycentric} do not fit together",
+            triangles=triangle.shape,
+            barycentric=barycentric.shape,
+        )
     wrong = triangle[(triangle < 0) | (triangle >= count)]
     if len(wrong):
-        return f"it refers to triangle {wrong[0]} of {count}, so it was computed for another source"
+        return message(
+            "it refers to triangle {number} of {count}, so it was computed for another source",
+            number=wrong[0],
+            count=count,
+        )
     off = np.maximum(np.abs(barycentric.sum(axis=1) - 1), -barycentric.min(axis=1, initial=0))
     if not (off <= BARYCENTRIC_TOLERANCE).all():
         return "its barycentric coordinates are not all numbers from 0 to 1 that sum to one"

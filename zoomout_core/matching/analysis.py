@@ -213,8 +213,9 @@ def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: 
             )
     except MemoryError:
         raise MeshError(
-            f"There is not enough memory to analyse a mesh of {len(areas)} vertices: match a smaller proxy, by a "
-            "coarser detail or a lower proxy_vertices."
+            "There is not enough memory to analyse a mesh of {count} vertices: match a smaller "
+            "proxy, by a coarser detail or a lower proxy_vertices.",
+            count=len(areas),
         ) from None
     basis = SpectralBasis(*pairs, areas, mesh.vertices)
     return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)

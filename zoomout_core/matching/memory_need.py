@@ -12,6 +12,7 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.matching.proxy import ProxyVertices, proxy_size
 from zoomout_core.mesh.memory import NotEnoughMemoryError
+from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.memory import free_memory
 
 # Bytes that matches took, within a quarter (pairs of creatures of 5,000 to 300,000 vertices, by all details): in any
@@ -47,14 +48,23 @@ def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVer
         coarser = MatchOptions(**numbers)  # type: ignore[arg-type]
         coarser_need = memory_need(vertices, coarser.k_final, coarser.proxy_vertices)
         if coarser_need < need and coarser_need <= free:
-            ways.append(f"use detail '{name}' (in Python proxy_vertices={coarser.proxy_vertices!r})")
+            ways.append(
+                message(
+                    "use detail '{detail}' (in Python proxy_vertices={vertices})",
+                    detail=name,
+                    vertices=repr(coarser.proxy_vertices),
+                )
+            )
             break
     parts = np.linspace(0.99, 0.01, 99)
     sizes = ([int(part * n) for n in vertices] for part in parts)
     fitting = next((size for size in sizes if memory_need(size, k_final, proxy_vertices) <= free), None)
     if fitting is not None:
-        ways.append(f"simplify them to {' and '.join(map(str, fitting))} vertices")
+        ways.append(message("simplify them to {vertices} vertices", vertices=" and ".join(map(str, fitting))))
     raise NotEnoughMemoryError(
-        f"Meshes of {' and '.join(map(str, vertices))} vertices need about {need / GIB:.1f} GiB of memory, but only "
-        f"{free / GIB:.1f} GiB are free: {', or '.join([*ways, 'close other programs'])}."
+        "Meshes of {vertices} vertices need about {need:.1f} GiB of memory, but only {free:.1f} GiB are free: {ways}.",
+        vertices=" and ".join(map(str, vertices)),
+        need=need / GIB,
+        free=free / GIB,
+        ways=enumeration([*ways, message("close other programs")], ", or "),
     )

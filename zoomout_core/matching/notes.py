@@ -12,22 +12,25 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.messages import message
 
 UNSURE = (
-    "This map is correct with a probability of only {:.0%}: check whether sides are swapped, and if so, try another "
-    "candidate or add landmarks."
+    "This map is correct with a probability of only {certainty:.0%}: check whether sides are swapped, and if so, "
+    "try another candidate or add landmarks."
 )
 NOT_RECOGNISED = (
-    "No reliable match was found (a probability of {:.0%}): add a few landmarks, or align the two meshes in the same "
-    "pose and start from nearest points."
+    "No reliable match was found (a probability of {certainty:.0%}): add a few landmarks, or align the two meshes in "
+    "the same pose and start from nearest points."
 )
 TURNED = (
-    "The shape looks the same when rotated: at least {} maps fit as well as this one, which is correct with a "
-    "probability of only {:.0%}; try another candidate, or add landmarks that tell them apart."
+    "The shape looks the same when rotated: at least {turns} maps fit as well as this one, which is correct with a "
+    "probability of only {certainty:.0%}; try another candidate, or add landmarks that tell them apart."
 )
-FOLDED = "The map flips {:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+FOLDED = (
+    "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+)
 OTHER_UNITS = "The two meshes differ greatly in size: if one is a part of the other, scale both to the same unit."
-RESCALED = "The two meshes seem to use different units: the target was scaled by {:.3g} for the match."
+RESCALED = "The two meshes seem to use different units: the target was scaled by {times:.3g} for the match."
 TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
@@ -72,8 +75,11 @@ def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
     if coarse < MAX_ROUNDING:
         return ()
     return (
-        f"The {role} is so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge length: "
-        "move it to the origin in the program that created it.",
+        message(
+            f"The {role} is so far from its origin that its coordinates are rounded by {{share:.0%}} of an edge "
+            "length: move it to the origin in the program that created it.",
+            share=coarse,
+        ),
     )
 
 
@@ -86,21 +92,30 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         placed: the part of the target's area for which there is something on the source.
         folded: the part of it that the map turns over.
     """
-    notes: tuple[str, ...] = (FOLDED.format(folded),) if folded > MAX_FOLDED_SHARE else ()
+    notes: tuple[str, ...] = (message(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
     if certainty >= SURE_CERTAINTY:
         return notes
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
-        return (TURNED.format(turns, certainty), *notes)
-    return ((UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED).format(certainty), *notes)
+        return (message(TURNED, turns=turns, certainty=certainty), *notes)
+    doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
+    return (message(doubt, certainty=certainty), *notes)
 
 
 def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
     """Parts that only one of the two surfaces has."""
     notes = (
-        (pair.target, partners.target, "target has no counterpart on the source: confidence is low there."),
-        (pair.source, partners.source, "source has no counterpart on the target: nothing was matched to it."),
+        (
+            pair.target,
+            partners.target,
+            "About {share:.0%} of the target has no counterpart on the source: confidence is low there.",
+        ),
+        (
+            pair.source,
+            partners.source,
+            "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it.",
+        ),
     )
     shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
-    return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > MAX_UNMATCHED_SHARE)
+    return tuple(message(text, share=share) for share, text in shares if share > MAX_UNMATCHED_SHARE)

@@ -15,6 +15,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
+from zoomout_core.messages import as_message, message
 
 # A landmark is rejected if it is farther than this from its surface, at unit area.
 MAX_LANDMARK_DISTANCE = 0.05
@@ -30,7 +31,7 @@ class LandmarkError(MeshError):
     """
 
     def __init__(self, role: str, number: int, fault: str) -> None:
-        super().__init__(f"Landmark {number} on the {role}, {fault}")
+        super().__init__(f"Landmark {{number}} on the {role}, {{fault}}", number=number, fault=as_message(fault))
         self.role, self.number, self.fault = role, number, fault
 
 
@@ -116,14 +117,23 @@ def distinct_landmarks(
         first, second = (np.argwhere(np.triu(here & ~there, 1)).tolist() or [(0, 0)])[0]
         if first < second:
             raise MeshError(
-                f"Landmarks {first} and {second} are at the same point on the {role}, but at different points on the "
-                f"{other}: remove one of them."
+                f"Landmarks {{first}} and {{second}} are at the same point on the {role}, but at different points on "
+                f"the {other}: remove one of them.",
+                first=first,
+                second=second,
             )
     original = np.argmax(same[0], axis=1)
     again = np.flatnonzero(original < np.arange(len(original)))
     if not len(again):
         return landmarks, ()
-    said = (f"Landmark {one} is the same pair as landmark {original[one]}: it counts once." for one in again)
+    said = (
+        message(
+            "Landmark {number} is the same pair as landmark {original}: it counts once.",
+            number=one,
+            original=original[one],
+        )
+        for one in again
+    )
     return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), tuple(said)
 
 
@@ -165,7 +175,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
     on_part = shape.proxy.full.vertex_of[corners]
     astray = np.flatnonzero((on_part < 0).any(axis=1))
     if len(astray):
-        fault = f"at vertex {corners[astray[0], 0]}, is not on its main part: move it."
+        fault = message("at vertex {vertex}, is not on its main part: move it.", vertex=corners[astray[0], 0])
         raise LandmarkError(role, int(astray[0]), fault)
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
@@ -183,9 +193,10 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
     off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * np.sqrt(surface.area))
     if len(off):
-        fault = (
-            f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: give points in the "
-            "mesh's own coordinates and units."
+        fault = message(
+            "at {point}, is {distance:.3g} away from its surface: give points in the mesh's own coordinates and units.",
+            point=points[off[0]].tolist(),
+            distance=distance[off[0]],
         )
         raise LandmarkError(role, int(off[0]), fault)
     return corners, barycentric

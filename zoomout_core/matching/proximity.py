@@ -19,6 +19,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 
 # Defaults of the public signature: over the square root of the source's area, and in degrees. The paper has a
@@ -26,6 +27,10 @@ from zoomout_core.runtime.progress import stage
 # to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
 MOST_DISTANCE = 0.08
 MOST_ANGLE = 30.0
+
+# Notes on vertices without a partner.
+TOO_FAR = "{count} of {total} vertices have no partner on the source: the nearest point is too far away."
+TURNED_AWAY = "{count} of {total} vertices have no partner on the source: the nearest point faces another way."
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +110,8 @@ def _matched(
     cosine = _cosines(surface_map, source, target, near)
     facing = (np.abs(cosine) if either_side else cosine) >= least_cosine
     notes = tuple(
-        f"{count} of {len(near)} vertices have no partner on the source: the nearest point {why}."
-        for count, why in ((int((~near).sum()), "is too far away"), (int((near & ~facing).sum()), "faces another way"))
+        message(text, count=count, total=len(near))
+        for count, text in ((int((~near).sum()), TOO_FAR), (int((near & ~facing).sum()), TURNED_AWAY))
         if count
     )
     return ProximityMatch(surface_map, (near & facing).astype(float), notes)

@@ -29,6 +29,7 @@ from zoomout_core.matching.partial.region import REGION, is_small
 from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_unknown_scale, times_as_large
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank, with_others
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, with_turned
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 
 
@@ -77,7 +78,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     pair, candidates = found
     times, likely = times_as_large(pair), PART_MATCH.likely
     if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
-        pair, likely = _with_note(pair, RESCALED.format(times)), UNKNOWN_SCALE.likely
+        pair, likely = _with_note(pair, message(RESCALED, times=times)), UNKNOWN_SCALE.likely
     rescaled = _as_part(whole, pair, candidates, likely)
     keep_unit = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
     return best if keep_unit or rescaled is whole else rescaled

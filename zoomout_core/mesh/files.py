@@ -120,7 +120,7 @@ def existing(path: str | PathLike[str]) -> Path:
         raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
     path = Path(path)
     if not path.is_file():
-        raise MeshError(f"There is no file {path}: check the path.")
+        raise MeshError("There is no file {path}: check the path.", path=path)
     return path
 
 

@@ -263,7 +263,11 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
     n = len(areas)
     if not 1 <= k < n:
         raise MeshError(
-            f"{k} eigenfunctions were requested, but a mesh of {n} vertices has at most {n - 1}: request fewer."
+            "{count} eigenfunctions were requested, but a mesh of {vertices} vertices has at most "
+            "{most}: request fewer.",
+            count=k,
+            vertices=n,
+            most=n - 1,
         )
     root = np.sqrt(areas)
     if n < max(MIN_SPARSE_VERTICES, 4 * k):

@@ -78,7 +78,8 @@ def symmetrised(
         return replace(other, values=np.where(share >= 0.5, own, theirs))
     if not has_mean(attribute):
         raise MeshError(
-            f"The values of '{attribute.name}' cannot be averaged: copy the left or the right side, or exchange them."
+            "The values of '{name}' cannot be averaged: copy the left or the right side, or exchange them.",
+            name=attribute.name,
         )
     return replace(other, values=np.maximum(own, theirs))
 

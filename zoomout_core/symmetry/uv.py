@@ -53,7 +53,9 @@ def symmetrised_uv(
     if layout not in LAYOUTS:
         raise ValueError(f"layout is {layout!r}: give one of {', '.join(LAYOUTS)}.")
     if direction == "average":
-        raise MeshError(f"'{attribute.name}' is a UV map, which cannot be averaged: copy the left or the right side.")
+        raise MeshError(
+            "'{name}' is a UV map, which cannot be averaged: copy the left or the right side.", name=attribute.name
+        )
     losing = own_share_of(Domain.CORNER, symmetry, direction) < 0.5
     other = mirrored(attribute, symmetry)
     before, mirrored_uv = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)

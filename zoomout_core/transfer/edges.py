@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.messages import message
 from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut_mesh import ragged
@@ -88,8 +89,13 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     np.maximum.at(at_vertices, place.nearest[place.covered], values[marked[place.covered]])
     left = int((~place.covered).sum())
     note = (
-        f"{attribute.name}: {left} of {len(marked)} marked vertices were left out, where the target has no reliable "
-        "counterpart on the source.",
+        message(
+            "{layer}: {left} of {count} marked vertices were left out, where the target has no "
+            "reliable counterpart on the source.",
+            layer=attribute.name,
+            left=left,
+            count=len(marked),
+        ),
     )
     values = at_vertices[mapped.target.working.vertex_of]
     return replace(attribute, values=values, notes=attribute.notes + note * bool(left))
@@ -389,20 +395,32 @@ def _notes(
     """What did not arrive: of loose edges, of parts that the target lacks, and of pieces that have no path."""
     notes = []
     if loose:
-        notes.append(f"{name}: {loose} edges of the source belong to no face and were left out.")
+        notes.append(
+            message(
+                "{layer}: {count} edges of the source belong to no face and were left out.", layer=name, count=loose
+            )
+        )
     last = np.flatnonzero(np.diff(samples.chain, append=-1))
     total = float(samples.along[last].sum())
     length = samples.along[pieces.last] - samples.along[pieces.first]
     missing = 1 - float(length.sum()) / total if total else 0.0
     if missing > ROUNDING:
         notes.append(
-            f"{name}: {missing:.1%} of the length of its lines was left out, where the target has no reliable "
-            "counterpart on the source."
+            message(
+                "{layer}: {share:.1%} of the length of its lines was left out, where the target has no "
+                "reliable counterpart on the source.",
+                layer=name,
+                share=missing,
+            )
         )
     torn = float(length[lost][length[lost] > edge_length].sum())
     if torn:
         notes.append(
-            f"{name}: {torn / total:.1%} of the length of its lines was left out, where the map is discontinuous or "
-            "the target's edges are too long."
+            message(
+                "{layer}: {share:.1%} of the length of its lines was left out, where the map is "
+                "discontinuous or the target's edges are too long.",
+                layer=name,
+                share=torn / total,
+            )
         )
     return tuple(notes)

@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, segment_sum
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
+from zoomout_core.messages import message
 from zoomout_core.transfer.attribute import Attribute, Domain
 
-NOT_FINITE = "{} of {} values of '{}' are not finite, and were replaced by the nearest finite values."
+NOT_FINITE = "{count} of {total} values of '{name}' are not finite, and were replaced by the nearest finite values."
 
 
 def _face_centres(surface: Surface) -> Floats:
@@ -50,11 +51,11 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     somewhere = measurable(places)
     known = np.flatnonzero(finite & somewhere)
     if not len(known):
-        raise MeshError(f"'{attribute.name}' has no finite values: correct them.")
+        raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
     filled = values.copy()
     unknown = np.flatnonzero(~finite)
     # What lies nowhere is of no face, and takes any.
     at = np.where(somewhere[unknown, None], places[unknown], 0)
     filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
-    note = NOT_FINITE.format(len(unknown), len(values), attribute.name)
+    note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)
     return replace(attribute, values=filled, notes=(*attribute.notes, note))

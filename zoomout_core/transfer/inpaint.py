@@ -21,6 +21,7 @@ from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.messages import message
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 # Columns that are solved for together: bounds the memory.
@@ -107,15 +108,18 @@ class Filling:
         """What the user should know of it, a sentence each; `following` as for `fill`."""
         left = self.left + (0 if following else len(self.follower))
         told = (
-            (len(self.filled), "{} vertices of low confidence were filled in from their surroundings."),
-            (len(self.follower) * following, "{} vertices of small parts of low confidence follow the nearest part."),
+            (len(self.filled), "{count} vertices of low confidence were filled in from their surroundings."),
+            (
+                len(self.follower) * following,
+                "{count} vertices of small parts of low confidence follow the nearest part.",
+            ),
             (
                 left,
-                "{} vertices of low confidence were left as mapped, because no vertex of their part has higher "
+                "{count} vertices of low confidence were left as mapped, because no vertex of their part has higher "
                 "confidence.",
             ),
         )
-        return tuple(text.format(count) for count, text in told if count)
+        return tuple(message(text, count=count) for count, text in told if count)
 
     def _solved(self, right: Floats) -> Floats:
         """(u, b) solutions for right-hand sides (u, b)."""

@@ -271,7 +271,9 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     if tuple(columns[1:]) != rule.column or sum(columns[:1]) not in rule.widths or values.dtype.kind not in rule.dtypes:
         raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
     if rule.finite and not (finite := np.isfinite(values.data if rule.sparse else values)).all():
-        raise MeshError(f"'{name}' has {(~finite).sum()} values that are not finite: correct them.")
+        raise MeshError(
+            "'{name}' has {count} values that are not finite: correct them.", name=name, count=(~finite).sum()
+        )
 
 
 def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_vertices: Floats | Booleans) -> None:

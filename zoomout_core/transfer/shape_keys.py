@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import (
@@ -63,7 +64,13 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:
-        notes += (f"{attribute.name}: {filled} vertices of low confidence follow their surroundings.",)
+        notes += (
+            message(
+                "{layer}: {count} vertices of low confidence follow their surroundings.",
+                layer=attribute.name,
+                count=filled,
+            ),
+        )
     return replace(attribute, values=carried, notes=notes)
 
 

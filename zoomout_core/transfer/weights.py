@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.messages import message
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -82,8 +83,13 @@ def mix_weights(
     mixed.sort_indices()
     if without:
         notes += (
-            f"{attribute.name}: locked groups leave no weight for other groups on {without} of {len(wanted)} "
-            "vertices: reduce or unlock them.",
+            message(
+                "{layer}: locked groups leave no weight for other groups on {without} of {count} "
+                "vertices: reduce or unlock them.",
+                layer=attribute.name,
+                without=without,
+                count=len(wanted),
+            ),
         )
     return replace(attribute, values=mixed.astype(attribute.values.dtype), notes=notes)
 

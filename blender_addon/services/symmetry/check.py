@@ -12,6 +12,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import asymmetry
@@ -84,7 +85,7 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     if check == "weights" and not obj.vertex_groups:
-        raise zo.MeshError(f"'{name}' has no vertex groups: add some, or check the shape instead.")
+        raise zo.MeshError("'{name}' has no vertex groups: add some, or check the shape instead.", name=name)
     with stage(READING, 0, READ):
         await pause()
         if check == "shape":
@@ -111,10 +112,18 @@ def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Float
 
 def _described(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
     """The values in words, and the value that red stands for."""
-    head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
+    head = {"shape": message("Shape"), "weights": message("Weights"), "key": message("Shape key {key}", key=repr(key))}[
+        check
+    ]
     show = "{:.0%}".format if check == "weights" else partial(_length, context, obj)
     mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), red))
-    return f"{head}: the sides differ by {mean} on average, at most {largest}; red is {hottest} and more"
+    return message(
+        "{what}: the sides differ by {mean} on average, at most {largest}; red is {red} and more",
+        what=head,
+        mean=mean,
+        largest=largest,
+        red=hottest,
+    )
 
 
 def _length(context: Context, obj: Object, value: float) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, counted, message
 from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
@@ -45,7 +46,7 @@ async def detect_symmetry_async(context: Context, name: str, left: str = "X") ->
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:
-        raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
+        raise zo.MeshError("No symmetry of '{name}' was found: it may have none.", name=name)
     with stage(WRITING, 1):
         await pause()
     with writing(context, name, surface) as obj:
@@ -63,10 +64,12 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
     stored = stored_symmetry.description(obj.data)
     candidates = stored["candidates"] if stored else []
     if number >= len(candidates):
-        raise zo.MeshError(f"'{obj.name}' has only {_count(len(candidates))}: choose a lower number.")
+        raise zo.MeshError(
+            "'{name}' has only {symmetries}: choose a lower number.", name=obj.name, symmetries=_count(len(candidates))
+        )
     stored_symmetry.choose(obj.data, number)
     previews.follow_symmetry(context, obj)
-    return f"'{obj.name}': {summary(candidates[number])}"
+    return message("'{name}': {symmetry}", name=obj.name, symmetry=summary(candidates[number]))
 
 
 def swap_sides(context: Context, obj: Object) -> str:
@@ -77,18 +80,23 @@ def swap_sides(context: Context, obj: Object) -> str:
     """
     stored_symmetry.swap_sides(obj)
     previews.follow_symmetry(context, obj)
-    return f"Left and right of '{obj.name}' were swapped"
+    return message("Left and right of '{name}' were swapped", name=obj.name)
 
 
 def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
     """What was found on an object of some name, in a sentence."""
-    return f"Found {_count(len(found))} of '{name}'; the first: {summary(stored_symmetry.described(found[0]))}"
+    return message(
+        "Found {symmetries} of '{name}'; the first: {first}",
+        symmetries=_count(len(found)),
+        name=name,
+        first=summary(stored_symmetry.described(found[0])),
+    )
 
 
 def summary(candidate: dict[str, Any]) -> str:
     """One of `stored_symmetry.description`'s candidates in a few words."""
-    return f"{candidate['name']}, {candidate['certainty']:.0%}"
+    return message("{name}, {certainty:.0%}", name=as_message(candidate["name"]), certainty=candidate["certainty"])
 
 
 def _count(number: int) -> str:
-    return "one symmetry" if number == 1 else f"{number} symmetries"
+    return counted(number, "one symmetry", "{count} symmetries")

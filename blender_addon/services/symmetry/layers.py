@@ -12,6 +12,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
+from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
@@ -66,20 +67,24 @@ async def mirror_attributes_async(
     found = [one for one in read if direction != "average" or has_mean(one.attribute)]
     skipped = [one.attribute.name for one in read if one not in found]
     if not read:
-        raise zo.MeshError(f"'{name}' has none of the data to mirror: choose other data.")
+        raise zo.MeshError("'{name}' has none of the data to mirror: choose other data.", name=name)
     if not found:
         raise zo.MeshError(
-            f"{', '.join(skipped)} cannot be averaged: copy the left or the right side, or exchange them."
+            "{names} cannot be averaged: copy the left or the right side, or exchange them.", names=enumeration(skipped)
         )
     made = await compute(partial(_symmetrise_all, found, symmetry, direction, uv_layout))
     with writing(context, name, symmetry.surface) as obj:
         for one in made:
             one.write(obj, one.attribute)
         obj.data.update()
-    left_out = f"; skipped {', '.join(skipped)}, which cannot be averaged" if skipped else ""
-    names = ", ".join(dict.fromkeys(one.attribute.name for one in made))
-    exchanged = f"Exchanged the sides of {names} of '{name}'{left_out}"
-    return exchanged if direction == "exchange" else f"Mirrored {names} of '{name}'{left_out}"
+    left_out = message("; skipped {names}, which cannot be averaged", names=enumeration(skipped)) if skipped else ""
+    names = enumeration(dict.fromkeys(one.attribute.name for one in made))
+    done = (
+        "Exchanged the sides of {what} of '{name}'{left_out}"
+        if direction == "exchange"
+        else "Mirrored {what} of '{name}'{left_out}"
+    )
+    return message(done, what=names, name=name, left_out=left_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +140,7 @@ def _write_materials(names: Sequence[str | None], obj: Object, slots: Attribute)
 def _symmetrise_all(found: Sequence[_Data], symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> list[_Data]:
     made = []
     for i, one in enumerate(found):
-        with stage(f"Mirroring '{one.attribute.name}'", i / len(found), (i + 1) / len(found)):
+        with stage(message("Mirroring '{name}'", name=one.attribute.name), i / len(found), (i + 1) / len(found)):
             made.append(replace(one, attribute=_symmetrised(one, symmetry, direction, uv_layout)))
     return made
 

@@ -9,6 +9,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrised_offsets
@@ -51,20 +52,26 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
-    return f"Mirrored the sculpt of '{name}': {count} vertices moved"
+    return message("Mirrored the sculpt of '{name}': {count} vertices moved", name=name, count=count)
 
 
 def _unmoved(obj: Object) -> str:
     """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:
-        return (
-            f"No vertex of '{obj.name}' was moved since its symmetry was detected: the sculpt is stored in the "
-            f"levels of '{levels[0]}', so use its Apply Base first."
+        return message(
+            "No vertex of '{name}' was moved since its symmetry was detected: the sculpt is stored "
+            "in the levels of '{modifier}', so use its Apply Base first.",
+            name=obj.name,
+            modifier=levels[0],
         )
     if obj.data.shape_keys and obj.active_shape_key_index > 0:
-        return (
-            f"No vertex of '{obj.name}' was moved since its symmetry was detected: the sculpt is stored in the "
-            "active shape key, so use Mirror Shape Key."
+        return message(
+            "No vertex of '{name}' was moved since its symmetry was detected: the sculpt is stored "
+            "in the active shape key, so use Mirror Shape Key.",
+            name=obj.name,
         )
-    return f"No vertex of '{obj.name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."
+    return message(
+        "No vertex of '{name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key.",
+        name=obj.name,
+    )

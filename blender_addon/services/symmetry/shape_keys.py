@@ -13,6 +13,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
@@ -95,11 +96,15 @@ def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
     """
     present = obj.data.shape_keys
     if not name:
-        raise zo.MeshError(f"No shape key of '{obj.name}' is active: add one, or make it active.")
+        raise zo.MeshError("No shape key of '{name}' is active: add one, or make it active.", name=obj.name)
     if present is None or name not in present.key_blocks or name == present.reference_key.name:
-        raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} besides the Basis: make another key active.")
+        raise zo.MeshError(
+            "'{name}' has no shape key {key} besides the Basis: make another key active.", name=obj.name, key=repr(name)
+        )
     if not present.use_relative:
-        raise zo.MeshError(f"The shape keys of '{obj.name}' are absolute: turn on Relative in its shape keys.")
+        raise zo.MeshError(
+            "The shape keys of '{name}' are absolute: turn on Relative in its shape keys.", name=obj.name
+        )
     keys = mesh_data.read_own_shape_keys(obj.data)
     number = keys.offsets.labels.index(name)
     return keys.keys[number], keys.offsets.values[:, number].astype(np.float64)
@@ -111,7 +116,9 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
         return f"{name}.L", f"{name}.R"
     partner = partner_of(name, present)
     if mode == "mirror" and partner == name:
-        raise zo.MeshError(f"The name {name!r} has no side: end it with .L or .R, or use Left and Right Keys.")
+        raise zo.MeshError(
+            "The name {name} has no side: end it with .L or .R, or use Left and Right Keys.", name=repr(name)
+        )
     return (partner if mode == "mirror" else name,)
 
 
@@ -121,16 +128,21 @@ def _check_unlocked(obj: Object, names: Collection[str]) -> None:
     for name in names:
         if name in blocks and blocks[name].lock_shape:
             raise zo.MeshError(
-                f"The shape key {name!r} of '{obj.name}' is locked: unlock it in the list of shape keys."
+                "The shape key {key} of '{name}' is locked: unlock it in the list of shape keys.",
+                key=repr(name),
+                name=obj.name,
             )
 
 
 def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
     """A sentence that says what was done."""
-    made, exchanged = f"'{names[0]}'" if len(names) == 1 else f"'{names[0]}' and '{names[1]}'", direction == "exchange"
+    first, *others = names
+    made = message("'{first}' and '{second}'", first=first, second=others[0]) if others else f"'{first}'"
     if mode == "symmetrise":
-        return f"Exchanged the sides of {made}" if exchanged else f"Made {made} symmetric"
-    return f"Exchanged {key!r} and {made}" if exchanged and mode == "mirror" else f"From {key!r} made {made}"
+        done = "Exchanged the sides of {what}" if direction == "exchange" else "Made {what} symmetric"
+        return message(done, what=made)
+    done = "Exchanged {key} and {made}" if direction == "exchange" and mode == "mirror" else "From {key} made {made}"
+    return message(done, key=repr(key), made=made)
 
 
 def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:

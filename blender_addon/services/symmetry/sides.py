@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
+from zoomout_core.messages import message
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -35,7 +36,7 @@ def select_symmetry_line(obj: Object) -> str:
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, faces))
         obj.data.update()
-    return f"Selected {int(chosen.sum())} vertices on the symmetry line of '{obj.name}'"
+    return message("Selected {count} vertices on the symmetry line of '{name}'", count=int(chosen.sum()), name=obj.name)
 
 
 def vertices_on_line(symmetry: SelfMap) -> Booleans:
@@ -70,7 +71,13 @@ def name_sides(obj: Object, width: float) -> str:
         mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
         obj.data.update()
     left, right, middle = members.sum(axis=0)
-    return f"'{obj.name}': {left} vertices on the left, {right} on the right, {middle} in the middle"
+    return message(
+        "'{name}': {left} vertices on the left, {right} on the right, {middle} in the middle",
+        name=obj.name,
+        left=left,
+        right=right,
+        middle=middle,
+    )
 
 
 def _with_sides(obj: Object) -> SelfMap:

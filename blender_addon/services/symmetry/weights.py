@@ -12,6 +12,7 @@ from bpy.types import Context, Object
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
@@ -76,10 +77,10 @@ class _Chosen:
 
 def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
-        raise zo.MeshError(f"'{obj.name}' has no vertex groups: add some, or make another mesh active.")
+        raise zo.MeshError("'{name}' has no vertex groups: add some, or make another mesh active.", name=obj.name)
     wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
-        raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
+        raise zo.MeshError("'{name}' has no vertex group '{group}': choose another one.", name=obj.name, group=only)
     locked_groups = mesh_data.locked_groups(obj)
     locked = [
         label
@@ -88,7 +89,9 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
-        raise zo.MeshError(f"All the vertex groups to change on '{obj.name}' are locked: unlock at least one.")
+        raise zo.MeshError(
+            "All the vertex groups to change on '{name}' are locked: unlock at least one.", name=obj.name
+        )
     values, deforming = csr_array(weights.values), _deforming(obj, weights)
     labels = tuple(weights.labels[i] for i in columns)
     shared = [i for i, label in enumerate(weights.labels) if label in deforming]
@@ -104,11 +107,13 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
 def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     """What was done with an object's groups, in a sentence."""
     labels = chosen.weights.labels
-    groups = f"{len(labels)} vertex groups of '{name}'"
-    done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
+    groups = message("{count} vertex groups of '{name}'", count=len(labels), name=name)
+    done = message("Exchanged the sides of {what}" if direction == "exchange" else "Made {what} symmetric", what=groups)
     if all(partner_of(label, labels) == label for label in labels):
-        done = f"{done}; no name has a side, so each group was made symmetric"
-    return f"{done}; locked groups were not changed ({', '.join(chosen.locked)})" if chosen.locked else done
+        done = message("{done}; no name has a side, so each group was made symmetric", done=done)
+    if chosen.locked:
+        done = message("{done}; locked groups were not changed ({groups})", done=done, groups=", ".join(chosen.locked))
+    return done
 
 
 def _deforming(obj: Object, weights: Attribute) -> set[str]:

@@ -8,6 +8,7 @@ from typing import Any
 from bpy.types import Context, Panel, UILayout, UIList
 
 import zoomout_core as zo
+from zoomout_core.messages import message
 
 from ...operators.bend_match import ZOOMOUT_OT_bend_match
 from ...operators.landmarks import (
@@ -75,7 +76,18 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
         if len(pair) == 2:
             on = [set(surface_points_on(context.scene, obj)) for obj in pair]
             both = len(on[0] & on[1])
-            sentences(context, layout, [f"{both} on both; the marks are for '{pair[0].name}' and '{pair[1].name}'"])
+            sentences(
+                context,
+                layout,
+                [
+                    message(
+                        "{landmarks} on both; the marks are for '{source}' and '{target}'",
+                        landmarks=both,
+                        source=pair[0].name,
+                        target=pair[1].name,
+                    )
+                ],
+            )
         layout.operator(ZOOMOUT_OT_bend_match.bl_idname, text="Bend Match", icon="MOD_SIMPLEDEFORM")
         row = layout.row(align=True)
         row.label(text="Import")

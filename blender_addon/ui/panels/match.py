@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel, UILayout
 
+from zoomout_core.messages import message
+
 from ...operators.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
 from ...scene.selection import chosen_targets
@@ -30,13 +32,13 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         is_mesh = target is not None and target.type == "MESH"
         source = likely_source(context) if is_mesh else None
         if settings.source is None and source:
-            how = "{} (selected)" if source.select_get() and source != target else "{} (matched)"
-            _object_row(column, "", translated(how).format(source.name))
-        _object_row(column, "Target", translated("{} (active)").format(target.name) if is_mesh else "")
+            how = "{name} (selected)" if source.select_get() and source != target else "{name} (matched)"
+            _object_row(column, "", translated(message(how, name=source.name)))
+        _object_row(column, "Target", translated(message("{name} (active)", name=target.name)) if is_mesh else "")
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
         if others:
-            names = others[0].name if len(others) == 1 else translated("{} more").format(len(others))
-            _object_row(column, "", translated("{} (selected)").format(names))
+            names = others[0].name if len(others) == 1 else message("{count} more", count=len(others))
+            _object_row(column, "", translated(message("{name} (selected)", name=names)))
         layout.prop(settings, "initial")
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
@@ -50,7 +52,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         main_button(
             layout,
             ZOOMOUT_OT_match.bl_idname,
-            "Match Again" if again and not others else counted("Match", "Match {} Targets", context, source),
+            "Match Again" if again and not others else counted("Match", "Match {count} Targets", context, source),
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )

@@ -6,6 +6,7 @@ from __future__ import annotations
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching import candidate_differences
+from zoomout_core.messages import message
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ...operators.select_faults import (
@@ -74,8 +75,8 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             doubtful = stored["low_confidence"] / stored["vertices"]
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
-            text = f"Matched with {names}, {doubtful:.0%} doubtful"
-            sentences(context, layout, [text], _mark(doubtful, listing))
+            matched = message("Matched with {sources}, {doubtful:.0%} doubtful", sources=names, doubtful=doubtful)
+            sentences(context, layout, [matched], _mark(doubtful, listing))
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
@@ -92,8 +93,12 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         if not reason:
             of_target, of_source = stored.get("without_partner") or (0, 0)
             if max(of_target, of_source) >= TOLD:
-                text = f"Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source"
-                sentences(context, layout, [text], "DOT")
+                without = message(
+                    "Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source",
+                    of_target=of_target,
+                    of_source=of_source,
+                )
+                sentences(context, layout, [without], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         sentences(context, layout, stored["notes"], "DOT")
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from bpy.app.translations import pgettext_iface
 from bpy.types import Context, Object, UILayout
+
+from zoomout_core.messages import message
 
 from ...operators import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
@@ -105,7 +106,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
 def counted(one: str, several: str, context: Context, source: Object | None) -> str:
     """The text of a button for one target, or that for several, in which their number is put."""
     number = len(own_sources(context)) or (len(chosen_targets(context, source)) if source else 1)
-    return pgettext_iface(several, CONTEXT).format(number) if number > 1 else one
+    return translated(message(several, count=number)) if number > 1 else one
 
 
 def help_button(layout: UILayout, page: str) -> None:

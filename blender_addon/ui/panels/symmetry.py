@@ -7,6 +7,8 @@ from typing import Any
 
 from bpy.types import Context, Object, Panel, UILayout
 
+from zoomout_core.messages import message
+
 from ...operators import symmetry as operators
 from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
 from ...services.preflight import FEW_VERTICES, Finding, is_reshaped
@@ -147,7 +149,11 @@ def _doubts(target: Object) -> list[Finding]:
     found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
     halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
     return found + [
-        Finding(f"The modifier '{name}' creates the other half of the mesh: apply it first.", False) for name in halves
+        Finding(
+            message("The modifier '{modifier}' creates the other half of the mesh: apply it first.", modifier=name),
+            False,
+        )
+        for name in halves
     ]
 
 

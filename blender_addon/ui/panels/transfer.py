@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
+from zoomout_core.messages import as_message, message
+
 from ...operators.choose_data import ZOOMOUT_OT_choose_data
 from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...presets import ZOOMOUT_PT_transfer_presets
@@ -41,9 +43,9 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
             found += [Finding(text, False) for obj in known for text in outdated(context, obj)]
         show_findings(context, layout, found)
         if matched:
-            text = counted("Transfer", "Transfer to {} Targets", context, source)
+            text = counted("Transfer", "Transfer to {count} Targets", context, source)
         else:
-            text = counted("Match and Transfer", "Match and Transfer to {} Targets", context, source)
+            text = counted("Match and Transfer", "Match and Transfer to {count} Targets", context, source)
         free = not any(finding.blocks for finding in found)
         main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
 
@@ -64,7 +66,10 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
         if report is None:
             return
         sentences(context, self.layout, [summary(report)], "CHECKMARK")
-        skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]
+        skipped = [
+            message("{name}: skipped, {reason}", name=name, reason=as_message(reason))
+            for name, reason in report["skipped"].items()
+        ]
         sentences(context, self.layout, [*skipped, *report["notes"]], "DOT")
 
 

@@ -21,6 +21,9 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.messages import counted, message
+
+TOO_MANY = "{parts} beyond the {most} largest, too many to pair: mapped to the nearest surface."
 
 
 class LiftedMap(NamedTuple):
@@ -122,9 +125,14 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
     if shells.in_place:
         notes.append("The two meshes overlap in place, so each vertex was mapped to the nearest point.")
     if shells.paired:
-        others = "; the others were mapped to the nearest surface" if shells.paired < count else ""
+        others = message("; the others were mapped to the nearest surface") if shells.paired < count else ""
         notes.append(
-            f"{shells.paired} of {count} parts matched to their counterparts by position, size and shape{others}."
+            message(
+                "{paired} of {count} parts matched to their counterparts by position, size and shape{others}.",
+                paired=shells.paired,
+                count=count,
+                others=others,
+            )
         )
     return tuple(notes)
 
@@ -145,16 +153,18 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
-    too_many = f"{{}} beyond the {MAX_PAIRED_PARTS} largest, too many to pair: mapped to the nearest surface."
     if pair.source is pair.target:
         smaller = ["The symmetry was detected on the main part, which is not the largest part."]
         return (
             *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
             *_worded(
-                (loose.paired, "{} mapped to their counterparts, or to themselves, by position, size and shape."),
-                (loose.others, "{} mapped to other parts at the same position."),
-                (loose.too_many, too_many),
-                (loose.alone, "{} without a partner: mapped to the nearest point of the body, with zero confidence."),
+                (loose.paired, "{parts} mapped to their counterparts, or to themselves, by position, size and shape."),
+                (loose.others, "{parts} mapped to other parts at the same position."),
+                (loose.too_many, TOO_MANY),
+                (
+                    loose.alone,
+                    "{parts} without a partner: mapped to the nearest point of the body, with zero confidence.",
+                ),
             ),
         )
     roles = (("source", pair.source, pair.source_shape), ("target", pair.target, pair.target_shape))
@@ -167,14 +177,14 @@ def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
         if _is_smaller(surface, shape)
     ]
     worded = _worded(
-        (loose.paired, "{} paired with parts of the source by position, size and shape."),
-        (loose.others, "{} of the target mapped to other parts of the source at the same position."),
-        (loose.too_many, too_many),
+        (loose.paired, "{parts} paired with parts of the source by position, size and shape."),
+        (loose.others, "{parts} of the target mapped to other parts of the source at the same position."),
+        (loose.too_many, TOO_MANY),
         (
             loose.alone,
-            "{} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
+            "{parts} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
         ),
-        (loose.left, "{} of the source without a partner: no part of the target was matched to them."),
+        (loose.left, "{parts} of the source without a partner: no part of the target was matched to them."),
     )
     return (*smaller, *worded)
 
@@ -184,8 +194,10 @@ def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
     return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
 
 
-def _worded(*counted: tuple[int, str]) -> tuple[str, ...]:
+def _worded(*told: tuple[int, str]) -> tuple[str, ...]:
     """Sentences about numbers of loose parts, of those that there are."""
     return tuple(
-        text.format("1 loose part" if count == 1 else f"{count} loose parts") for count, text in counted if count
+        message(text, parts=counted(count, "1 loose part", "{count} loose parts"), most=MAX_PAIRED_PARTS)
+        for count, text in told
+        if count
     )

@@ -21,6 +21,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import Barrier, Skin, held_off, held_off_as_a_whole
 from zoomout_core.transfer.dressing.following import Following, Motion
@@ -187,7 +188,7 @@ def _carried(
             triangles = fit.facing_away(barriers[0].before)
             barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
         advance(0.5 + 0.5 * done / len(order))
-    notes = (f"{stuck} points still intersect the skin: check these.",) if stuck else ()
+    notes = (message("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
     return Dressed(vertices, turns, notes)
 

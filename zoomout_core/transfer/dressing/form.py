@@ -45,7 +45,9 @@ class Lines:
         if not np.isfinite(self.vertices).all():
             raise MeshError("Some points of the lines have coordinates that are not finite: remove them.")
         if self.edges.size and not (self.edges.min() >= 0 and self.edges.max() < len(self.vertices)):
-            raise MeshError(f"An edge of the lines has no point among the {len(self.vertices)}: correct the edges.")
+            raise MeshError(
+                "An edge of the lines has no point among the {count}: correct the edges.", count=len(self.vertices)
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.messages import message
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import Chart, signed_areas
@@ -23,13 +24,13 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
     flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
-    sentences = (
-        (flipped, f"{flipped} of {faces} faces have flipped UVs."),
-        (degenerate, f"{degenerate} of {faces} faces have UVs without an area."),
-        (stretched, f"{stretched} of {faces} faces have strongly stretched UVs."),
-        (missing, f"{missing} of {islands} UV islands of the source received no face."),
+    told = (
+        (flipped, faces, "{layer}: {count} of {total} faces have flipped UVs."),
+        (degenerate, faces, "{layer}: {count} of {total} faces have UVs without an area."),
+        (stretched, faces, "{layer}: {count} of {total} faces have strongly stretched UVs."),
+        (missing, islands, "{layer}: {count} of {total} UV islands of the source received no face."),
     )
-    return tuple(f"{name}: {sentence}" for count, sentence in sentences if count)
+    return tuple(message(text, layer=name, count=count, total=total) for count, total, text in told if count)
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:

@@ -20,6 +20,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.transfer.wrapping.cage import cage_of
@@ -259,8 +260,8 @@ def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
     told = (
-        (int(kept.sum()), "{} vertices without a partner, or outside the mask, keep their shape."),
-        (parts, "{} loose parts follow as rigid pieces."),
-        (turned_over, "{} triangles are folded over: place landmarks there, or increase Smoothness."),
+        (int(kept.sum()), "{count} vertices without a partner, or outside the mask, keep their shape."),
+        (parts, "{count} loose parts follow as rigid pieces."),
+        (turned_over, "{count} triangles are folded over: place landmarks there, or increase Smoothness."),
     )
-    return tuple(text.format(count) for count, text in told if count)
+    return tuple(message(text, count=count) for count, text in told if count)
