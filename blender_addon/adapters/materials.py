@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bpy.types import Object
 
+from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
@@ -37,7 +38,7 @@ class MaterialAdapter:
         return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
 
     def transfer(self, job: TransferJob) -> None:
-        carried = job.transfer(self.face_slots, "materials")
+        carried = job.transfer(self.face_slots, message("materials"))
         self.face_slots = job.blended(carried, self.present, lacking=self.lacking)
 
     def write(self, target: Object) -> None:
