@@ -32,7 +32,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blended_matrices, moved
+from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
@@ -183,8 +183,8 @@ def in_stance(made: Creature) -> Surface:
     for number, (name, joint) in enumerate(zip(NAMES, joints(), strict=True), start=1):
         turn = Rotation.from_euler("xyz", STANCE[name], degrees=True).as_matrix()
         transforms[number] = np.column_stack([turn, joint - turn @ joint])
-    matrices = blended_matrices(transforms, csr_array(limb_weights(made.directions)))
-    return surface.with_vertices(moved(matrices, surface.vertices))
+    matrices = blend_matrices(transforms, csr_array(limb_weights(made.directions)))
+    return surface.with_vertices(transform_points(matrices, surface.vertices))
 
 
 def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:

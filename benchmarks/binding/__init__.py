@@ -18,7 +18,7 @@ from benchmarks.binding.methods import WAYS, matched
 from benchmarks.binding.pictures import draw
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.transfer.skinning import moved
+from zoomout_core.transfer.skinning import transform_points
 
 # The way that has the true weights and the true rest pose, which others are compared with.
 TRUE = "true weights"
@@ -124,7 +124,7 @@ def _by_true_weights(case: Case) -> Iterator[Floats]:
     rest = np.einsum("nxy,ny->nx", np.linalg.pinv(posed[:, :, :3]), case.target.vertices - posed[:, :, 3])
     for stance in case.taken:
         take(case.armature, stance)
-        yield moved(matrices(), rest)
+        yield transform_points(matrices(), rest)
     take(case.armature, {})
 
 

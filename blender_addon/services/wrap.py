@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.runtime.progress import portion
-from zoomout_core.transfer import reversed_match
+from zoomout_core.transfer import reverse_match
 
 from .. import mesh_data
 from ..adapters import Settings, check_takes_keys
@@ -249,7 +249,7 @@ def _wrap(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: 
     if not wrapping.reverse:
         return zo.wrap(match, given.onto, given.rest, landmarks=landmarks, **options)
     with portion(0, TURNING_ROUND):
-        turned = reversed_match(match, pair.source, pair.target)
+        turned = reverse_match(match, pair.source, pair.target)
     landmarks = None if landmarks is None else landmarks[::-1]
     with portion(TURNING_ROUND, 1):
         return zo.wrap(turned, given.onto, given.rest, landmarks=landmarks, **options)

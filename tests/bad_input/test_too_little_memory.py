@@ -32,7 +32,7 @@ CORE: dict[str, tuple[Callable[[], object], str]] = {
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
     "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank"),
     "transfer": (lambda: zo.transfer(VALUES, MAP, SOURCE, TARGET), "transfer.rules:transfer_along"),
-    "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conformed"),
+    "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conform_target"),
     "wrap": (lambda: zo.wrap(MAP, SOURCE, TARGET), "transfer.wrapping.wrap:map_target"),
     "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry"),
 }

@@ -12,7 +12,7 @@ from blender_addon import mesh_data
 from blender_addon.adapters import Settings
 from blender_addon.services.transfer import transfer_objects
 from zoomout_core.transfer import frames
-from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.cut_mesh import cut_surface
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def unwrapped_islands(obj):
     bpy.ops.object.mode_set(mode="OBJECT")
     surface = mesh_data.read_surface_at_rest(obj)
     uv = values(obj.data, obj.data.uv_layers.active.name)
-    return cut_open(surface, uv).island.max() + 1
+    return cut_surface(surface, uv).island.max() + 1
 
 
 def test_a_seam_around_arrives_as_one_that_blender_unwraps_along(source, target):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.skinning import moved, skinning_matrices
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
 
 LENGTH = 6.0
 PARENTS = np.array([-1, 0, 1])
@@ -47,4 +47,4 @@ def posed(surface, transforms, weights=None, *, preserve_volume=False):
     """The surface in a pose."""
     weights = weights_of(surface.vertices) if weights is None else weights
     matrices = skinning_matrices(transforms, weights, preserve_volume=preserve_volume)
-    return surface.with_vertices(moved(matrices, surface.vertices))
+    return surface.with_vertices(transform_points(matrices, surface.vertices))

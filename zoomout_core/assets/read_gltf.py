@@ -22,7 +22,7 @@ from zoomout_core.assets.gltf import Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blended_matrices, moved, normalised
+from zoomout_core.transfer.skinning import blend_matrices, normalise, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import Primitive
@@ -80,7 +80,9 @@ def read_gltf(path: Path) -> Asset:
     skeleton = _Skeleton(document, worlds, parent, meshes)
     meshes = [_wound_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
-    vertices = np.concatenate([moved(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)])
+    vertices = np.concatenate(
+        [transform_points(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)]
+    )
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
     surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
@@ -309,8 +311,8 @@ class _Skeleton:
         if mesh.skin is None:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
         nodes, inverse_bind = self.skins[mesh.skin]
-        shares = normalised(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
-        matrices = blended_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
+        shares = normalise(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
+        matrices = blend_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
         unweighted = np.diff(shares.indptr) == 0
         matrices[unweighted] = self.worlds[mesh.node][:3]
         return matrices
@@ -342,7 +344,7 @@ class _Skeleton:
         joint = np.searchsorted(self.nodes, self.skins[mesh.skin][0])[mesh.joint]
         none = mesh.weight.sum(axis=1, keepdims=True) <= 0
         joint, weight = np.hstack([joint, np.full((count, 1), hanging)]), np.hstack([mesh.weight, none])
-        return normalised(_sparse(rows, joint, weight, size))
+        return normalise(_sparse(rows, joint, weight, size))
 
     def _ancestor(self, node: int) -> int:
         """The nearest joint at a node or above it, -1 without one."""

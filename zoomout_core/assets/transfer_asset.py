@@ -19,10 +19,10 @@ from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
+from zoomout_core.transfer.rest_pose import REST, align, find_pose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
-from zoomout_core.transfer.skinning import normalised, skinning_matrices
-from zoomout_core.transfer.unpose import Rest, unposed
+from zoomout_core.transfer.skinning import normalise, skinning_matrices
+from zoomout_core.transfer.unpose import Rest, unpose
 
 # What can be carried, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
@@ -120,13 +120,13 @@ def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple
         weights = _weights(skin, mapped)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
-        posed = posed_target(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
+        posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
         weights, pose = _weights(skin, posed.mapped), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
-            rest = aligned(target, pose)
+            rest = align(target, pose)
         else:
             matrices = skinning_matrices(pose.transforms, weights)
-            rest = unposed(target, matrices, pose.scale, posed.mapped.confidence)
+            rest = unpose(target, matrices, pose.scale, posed.mapped.confidence)
             notes.append(
                 f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
                 "was moved to the rest pose."
@@ -143,7 +143,7 @@ def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
         places = mapped.target.vertices
         nearest = cKDTree(places[~without]).query(places)[1]
         weights = csr_array(weights[np.where(without, np.flatnonzero(~without)[nearest], np.arange(len(places)))])
-    return normalised(weights)
+    return normalise(weights)
 
 
 def _stands_as(source: Surface, target: Surface) -> bool:

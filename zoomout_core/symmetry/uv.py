@@ -22,7 +22,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
-from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.cut_mesh import cut_surface
 
 # Where the losing side's layout goes: where its own was before, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]
@@ -65,9 +65,9 @@ def symmetrised_uv(
 
 def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surface: Surface) -> Floats:
     """UVs (c, 2) at those of the winning side, of each piece moved to where most of it was before."""
-    own = cut_open(surface, before)
+    own = cut_surface(surface, before)
     island = own.island[surface.corner_face]
-    piece = cut_open(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
+    piece = cut_surface(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
     area = _corner_areas(surface) * losing
     at_home = island == _most(piece, island, area)[piece]
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)

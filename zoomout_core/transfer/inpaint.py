@@ -77,7 +77,7 @@ class Filling:
         if following:
             whole[self.follower] = values[self.followed]
         if len(self.filled) and np.isfinite(known).all():
-            solved = np.clip(self._solved(-(self.coupling @ known)), known.min(axis=0), known.max(axis=0))
+            solved = np.clip(self._solve(-(self.coupling @ known)), known.min(axis=0), known.max(axis=0))
             whole[self.filled] = np.concatenate([known, solved])[self.row]
         return whole
 
@@ -94,7 +94,7 @@ class Filling:
         blocks = [csr_array((pull.shape[0], 0))]
         for first in range(0, len(occurring), BLOCK):
             columns = pull[:, occurring[first : first + BLOCK]].toarray()
-            solved = np.clip(self._solved(-columns), 0, max(1, weights.max()))
+            solved = np.clip(self._solve(-columns), 0, max(1, weights.max()))
             blocks.append(csr_array(np.where(solved < MIN_WEIGHT, 0, solved)))
         narrow = hstack(blocks, format="csr")
         found = csr_array((narrow.data, occurring[narrow.indices], narrow.indptr), shape=(narrow.shape[0], groups))
@@ -117,7 +117,7 @@ class Filling:
         )
         return tuple(text.format(count) for count, text in told if count)
 
-    def _solved(self, right: Floats) -> Floats:
+    def _solve(self, right: Floats) -> Floats:
         """(u, b) solutions for right-hand sides (u, b)."""
         return right if self.factor is None else np.asarray(self.factor.solve(np.ascontiguousarray(right)))
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.bone_fit import BONES, estimated_pose, next_above, slid_pose
+from zoomout_core.transfer.bone_fit import BONES, estimate_pose, next_above, refine_pose
 from zoomout_core.tuning import retuned
 
 
@@ -20,7 +20,7 @@ def _angles(found, wanted):
 def _estimate(surface, moved, weights=None, trust=None, parents=PARENTS):
     weights = weights_of(surface.vertices) if weights is None else weights
     trust = np.ones(len(surface.vertices)) if trust is None else trust
-    return estimated_pose(surface.vertices, moved, weights, trust, parents)
+    return estimate_pose(surface.vertices, moved, weights, trust, parents)
 
 
 @pytest.mark.parametrize("first", [(60, 0, 30), (0, 0, 150), (-120, 40, 0)])
@@ -128,12 +128,12 @@ def test_images_that_slid_along_the_surface_are_fitted_along_normals():
     slide = np.array([0.15, 0.0, 0.0])
     images = target.vertices + slide - (normals @ slide)[:, None] * normals  # a map that is off alike everywhere
     given = weights_of(surface.vertices), np.ones(len(images)), PARENTS
-    start = estimated_pose(surface.vertices, images, *given)
+    start = estimate_pose(surface.vertices, images, *given)
 
     def slid():
         pose = start
         for _ in range(6):
-            pose = slid_pose(pose, surface.vertices, images, normals, *given)
+            pose = refine_pose(pose, surface.vertices, images, normals, *given)
         return np.abs(pose.transforms.translation - transforms.translation).max()
 
     off = np.abs(start.transforms.translation - transforms.translation).max()
@@ -155,7 +155,7 @@ def test_the_unit_does_not_matter():
     surface, transforms = tube(), bent()
     moved = posed(surface, transforms).vertices + 0.01 * np.random.default_rng(0).standard_normal((656, 3))
     pose = _estimate(surface, moved)
-    again = estimated_pose(
+    again = estimate_pose(
         1000 * surface.vertices, 1000 * moved, weights_of(surface.vertices), np.full(656, 1e-6), PARENTS
     )
     np.testing.assert_allclose(again.transforms.rotation, pose.transforms.rotation, atol=1e-9)

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.skinning import moved, skinning_matrices
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
 
 BOTH = csr_array(np.array([[0.5, 0.5]]))
 
@@ -21,7 +21,7 @@ def test_a_vertex_of_one_bone_goes_where_that_takes_it():
     transforms, points = bent(scale=1.5), np.array([[0.1, 0.2, 0.5], [0.3, 0.1, 5.0]])
     alone = csr_array(np.array([[0.4, 0, 0], [0, 0, 3.0]]))  # weights need not sum to one
     for preserve_volume in (False, True):
-        found = moved(skinning_matrices(transforms, alone, preserve_volume=preserve_volume), points)
+        found = transform_points(skinning_matrices(transforms, alone, preserve_volume=preserve_volume), points)
         wanted = [transforms[i : i + 1](points[j : j + 1][None])[0, 0] for j, i in enumerate((0, 2))]
         np.testing.assert_allclose(found, wanted, atol=1e-12)
 
