@@ -21,7 +21,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -57,7 +57,7 @@ def localized_harmonics(
     # (Woodbury). A shift makes S definite where no potential is.
     root = np.sqrt(areas)
     shift = 1e-2 * scale
-    factor = factorised(operator + shift * diags_array(areas))
+    factor = factorise(operator + shift * diags_array(areas))
     U = root[:, None] * whole.eigenvectors
 
     def solved(right: Floats) -> Floats:

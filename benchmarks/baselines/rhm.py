@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
@@ -111,7 +111,7 @@ def images(start: Embedded, end: Embedded, there: csr_array, back: csr_array, be
     returned = (1 - ALPHA) * back.T @ diags_array(end.areas)
     near = beta * diags_array(start.areas)
     system = ALPHA * start.stiffness + near + returned @ back
-    return np.asarray(factorised(csc_array(system)).solve(near @ (there @ end.positions) + returned @ end.positions))
+    return np.asarray(factorise(csc_array(system)).solve(near @ (there @ end.positions) + returned @ end.positions))
 
 
 def geodesic_embedding(surface: Surface, dimension: int = DIMENSION) -> Floats:

@@ -189,7 +189,7 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     return ""
 
 
-def turned_over(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
+def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
     """(m,) which triangles a map turns over: their images face against the surface that these lie on.
 
     Args:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap, turned_over
+from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
@@ -86,7 +86,7 @@ def confidence_of(
     expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
     triangles = target.mesh.oriented_triangles
     normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
-    over = turned_over(there.interpolate(source.mesh.vertices), normals, triangles)
+    over = folded_triangles(there.interpolate(source.mesh.vertices), normals, triangles)
     area = triangle_areas(target.mesh.vertices, triangles)
     known = np.ones(len(expected), dtype=bool) if has_partner is None else has_partner
     over &= known[triangles].all(axis=1)

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.anchors import Anchors, coordinates
-from zoomout_core.maps.bend import bent
+from zoomout_core.maps.bend import bend
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -163,7 +163,7 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
     meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
-    return bent(between, *meshes, target_ids, missed, PINNING_WIDTH)
+    return bend(between, *meshes, target_ids, missed, PINNING_WIDTH)
 
 
 def missed_points(
@@ -187,7 +187,7 @@ def bent_to_points(
     # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
     meshes = source.vertices, target.vertices, target.triangles
-    return bent(surface_map, *meshes, places[first], missed[first], width)
+    return bend(surface_map, *meshes, places[first], missed[first], width)
 
 
 def _displacements(

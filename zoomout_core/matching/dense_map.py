@@ -58,7 +58,7 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
 
     def backwards() -> SurfaceMap:
         how = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
-        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
+        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swap()
         back, _ = refine(target, source, candidate.reverse_functional_map, swapped, *how)
         _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
         return back

@@ -294,7 +294,7 @@ def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, d
     """Refine further, find the reverse map on its own, and average the scores of both."""
     size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
-    swapped = None if anchors is None else anchors.swapped()
+    swapped = None if anchors is None else anchors.swap()
     step = RANKING.step
     functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, step, anchors)
     # The reverse map starts from the transpose, which is the inverse of an isometry's functional map.

@@ -35,14 +35,14 @@ class VoxelTuning(Tuning, set_by="characters"):
 
     Attributes:
         sampling: spacing of the points that triangles are rasterised by.
-        least_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
+        min_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
             holes let some of them out.
         widest_gap: wider gaps are not bridged.
         smoothing: standard deviation of the Gaussian that smooths distances.
     """
 
     sampling: float = tuned(0.5, "voxels", 0.01, 1)
-    least_directions: int = tuned(22, "directions", 18, 26)
+    min_directions: int = tuned(22, "directions", 18, 26)
     widest_gap: float = tuned(0.06, "longest extents", 0, 1)
     smoothing: float = tuned(0.7, "voxels", 0, 1)
 
@@ -66,14 +66,14 @@ def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: 
     extent = vertices[triangles].max(axis=(0, 1)) - low
     voxel = float(extent.max()) / resolution
     shape = np.ceil(extent / voxel).astype(int) + 1 + 2 * PADDING
-    wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
-    solid = _bridged(_filled(wall), VOXELS.widest_gap * resolution)
+    wall = _rasterise((vertices - low) / voxel + PADDING, triangles, shape)
+    solid = _bridge(_fill(wall), VOXELS.widest_gap * resolution)
     distance = scipy.ndimage.distance_transform_edt(solid) - scipy.ndimage.distance_transform_edt(~solid)
     points, faces = surface_nets(scipy.ndimage.gaussian_filter(distance, VOXELS.smoothing) - inset)
     return low + (points - PADDING) * voxel, faces
 
 
-def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Booleans:
+def _rasterise(points: Floats, triangles: Integers, shape: Integers) -> Booleans:
     """The voxels of a grid that triangles pass through; voxel (i, j, k) is centred at these coordinates."""
     wall = np.zeros(shape, dtype=bool)
     corners = points[triangles]
@@ -90,10 +90,10 @@ def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Boolean
     return wall
 
 
-def _filled(wall: Booleans) -> Booleans:
+def _fill(wall: Booleans) -> Booleans:
     """The voxels of walls and of what they enclose."""
     empty, _ = scipy.ndimage.label(~wall)
-    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.least_directions))
+    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.min_directions))
 
 
 def _walls_around(wall: Booleans) -> Indices:
@@ -125,7 +125,7 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
     return np.moveaxis(met, 0, axis)
 
 
-def _bridged(solid: Booleans, widest: float) -> Booleans:
+def _bridge(solid: Booleans, widest: float) -> Booleans:
     """Pieces joined by tubes where they are nearest; the largest of what is joined then.
 
     Args:

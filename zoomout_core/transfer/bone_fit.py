@@ -233,7 +233,7 @@ class _Fit:
         common = Similarities(own.scale, own.rotation, shift)
         above = next_above(self.all_parents, self.moving)
         fallback = Similarities(single.scale, single.rotation, shift[None])
-        everyone = Similarities.joined([found, fallback])[above]  # -1 is the last one
+        everyone = Similarities.concatenate([found, fallback])[above]  # -1 is the last one
         return Pose(everyone, common, _bend(transforms.rotation, self.mass))
 
 

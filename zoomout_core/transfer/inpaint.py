@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -171,7 +171,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     if unknown.sum() <= MAX_BIHARMONIC:
         rows = rows + rows @ diags_array(1 / np.maximum(areas, MIN_VERTEX_AREA * areas.mean())) @ stiffness
     columns = csc_array(rows)
-    factor = factorised(columns[:, np.flatnonzero(unknown[near])])
+    factor = factorise(columns[:, np.flatnonzero(unknown[near])])
     pull = csr_array(columns[:, np.flatnonzero(known[near])])
     place = (np.cumsum(known) - 1)[near & known]
     return csr_array(

@@ -71,7 +71,7 @@ def guess(
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scaled(LANDMARK_WEIGHT).and_those(anchors)
+        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).and_those(anchors)
     return _anchored(hypotheses, anchors)
 
 

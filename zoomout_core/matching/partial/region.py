@@ -180,7 +180,7 @@ def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
     """A part that nodes can be spread over."""
     if fine_enough(part):
         return part
-    mesh, _ = part.mesh.subdivided(fewest_vertices())
+    mesh, _ = part.mesh.subdivide(fewest_vertices())
     # Analyses are made at unit area.
     scale = float(np.sqrt(part.basis.areas.sum()))
     mesh = replace(mesh, vertices=mesh.vertices / scale, scale=mesh.scale * scale)
@@ -194,7 +194,7 @@ def _region(
     """The region of some vertices (n,) of the whole's mesh, which is made finer or coarser."""
     proxy = of_whole.proxy
     mesh, vertices = proxy.full.piece(inside[proxy.merged])
-    mesh, nearest = mesh.subdivided(fewest_vertices())
+    mesh, nearest = mesh.subdivide(fewest_vertices())
     shape = analyse(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
     region = IncompleteShape(at_scale(shape, mesh.scale / whole.shape.proxy.full.scale))
     return Region(part, region, of_part, of_whole, proxy.merged[vertices[nearest[shape.proxy.full_vertex]]])

@@ -15,7 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.tuning import Tuning, tuned
@@ -178,7 +178,7 @@ def push_out(
         there = touched[:, free]
         matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
         loads = there.T @ (weights[:, None] * pushes)
-        positions[free] += factorised(matrix).solve(np.asfortranarray(loads))
+        positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
         # Places that have not moved keep their margins.
         is_free = np.isin(np.arange(len(positions)), free)
         moving = [each.among(probes @ is_free > 0) for each in bounds]

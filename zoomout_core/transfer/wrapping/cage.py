@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -42,7 +42,7 @@ def cage_of(
     pull = csc_array(points.limit.T @ diags_array(np.maximum(points.limit @ weight, 0)))
     fair = csc_array(FAIRNESS_WEIGHT * _differences(cage) + MOTION_WEIGHT * diags_array(np.ones(n)))
     limit_pins = Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions)
-    system = PinnedSystem(factorised(pull @ points.limit + fair), limit_pins)
+    system = PinnedSystem(factorise(pull @ points.limit + fair), limit_pins)
     flat, found, at = points.flat @ positions, positions, triangle[points.near]
     for _ in range(PROJECTION_ROUNDS):
         at, barycentric, _ = mapped.whole.walk(at, points.limit @ found)
