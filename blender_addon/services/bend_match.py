@@ -9,7 +9,7 @@ from functools import partial
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.constraints import bent_to_points, missed_points
+from zoomout_core.matching.constraints import bend_to_points, landmark_errors
 from zoomout_core.runtime.progress import stage
 
 from ..jobs import compute, run
@@ -68,8 +68,8 @@ async def bend_match_async(context: Context, target_name: str) -> str:
 def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
     """The bent map, and by how much it missed, at unit area."""
     given = match.surface_map, pair.source, pair.target, landmarks.source, landmarks.target
-    off = missed_points(*given)
+    off = landmark_errors(*given)
     if off.max() > MOST_MISSED:
         number = landmarks.numbers[int(off.argmax())]
         raise zo.MeshError(f"The match is too far from landmark {number} to be bent to it: match again.")
-    return bent_to_points(*given), float(off.max())
+    return bend_to_points(*given), float(off.max())

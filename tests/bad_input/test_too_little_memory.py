@@ -28,7 +28,7 @@ NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
     "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.dense_map:refine"),
     "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
-    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:kept_working_mesh"),
+    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:cached_working_mesh"),
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
     "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank"),
     "transfer": (lambda: zo.transfer(VALUES, MAP, SOURCE, TARGET), "transfer.rules:transfer_along"),

@@ -121,8 +121,8 @@ def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float =
 
 def true_vertices(source: Clothed, target: Clothed, name: str, source_name: str | None = None) -> np.ndarray:
     """The source vertex at, or nearest to, the place of each vertex of a target's part."""
-    partner = source.parts[source_name or name]
-    return partner[cKDTree(source.keys[partner]).query(target.keys[target.parts[name]])[1]]
+    counterpart = source.parts[source_name or name]
+    return counterpart[cKDTree(source.keys[counterpart]).query(target.keys[target.parts[name]])[1]]
 
 
 def skin(where: np.ndarray) -> np.ndarray:

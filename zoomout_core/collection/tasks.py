@@ -32,7 +32,7 @@ from zoomout_core.collection.pair_map import (
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import package_version
-from zoomout_core.matching.memory_cache import shapes_stored_in
+from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import existing, read_shape
@@ -75,7 +75,7 @@ class Workplace:
             of: the shape that is prepared to be sent on, which is kept apart.
         """
         cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
-        return nullcontext() if cache is None else shapes_stored_in(cache, MOST_BYTES)
+        return nullcontext() if cache is None else store_shapes_in(cache, MOST_BYTES)
 
     def key(self, *parts: object) -> str:
         """A name for what comes of some inputs by the options and the version of this package."""

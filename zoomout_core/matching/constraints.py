@@ -69,7 +69,7 @@ class Constraints:
         return Anchors(*sides) if sides else None
 
     def disagreement(self, pair: Pair) -> Disagreement:
-        """What tells how far a map disagrees with each kind of evidence."""
+        """A function that measures how far a map disagrees with each kind of evidence."""
         source, target = pair.source_shape, pair.target_shape
         here = target.search.samples
         missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
@@ -119,8 +119,8 @@ class Constraints:
         return sides
 
 
-def checked_axes(common_axes: ArrayLike | None) -> Floats:
-    """(a, 3) unit vectors.
+def check_axes(common_axes: ArrayLike | None) -> Floats:
+    """Check the axes that a user gave, and normalise them to (a, 3) unit vectors.
 
     Raises:
         ValueError: these are no directions.
@@ -135,8 +135,8 @@ def checked_axes(common_axes: ArrayLike | None) -> Floats:
     return np.asarray(axes / length)
 
 
-def checked_regions(regions: Regions | None, source: Surface, target: Surface) -> list[tuple[Integers, Integers]]:
-    """Vertex numbers of the source and of the target for each region.
+def check_regions(regions: Regions | None, source: Surface, target: Surface) -> list[tuple[Integers, Integers]]:
+    """Check the regions that a user gave: vertex numbers of the source and of the target for each.
 
     Raises:
         ValueError: a region is no pair of lists of vertices.
@@ -154,8 +154,8 @@ def checked_regions(regions: Regions | None, source: Surface, target: Surface) -
     return checked
 
 
-def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
-    """The map between the shapes' meshes, bent so that each landmark lands on its partner.
+def pin(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
+    """Bend the map between the shapes' meshes so that each landmark lands on its counterpart.
 
     The displacements that this takes fade with a Gaussian of the geodesic distance on the target.
     """
@@ -166,18 +166,18 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     return bend(between, *meshes, target_ids, missed, PINNING_WIDTH)
 
 
-def missed_points(
+def landmark_errors(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> Floats:
-    """(l,) how far from points (l, 3) of the source those (l, 3) of the target are led, at the source's unit area."""
+    """(l,) distances between points (l, 3) of the source and the images of those (l, 3) of the target, at unit area."""
     missed = _displacements(surface_map, source, target, on_source, on_target)[1]
     return np.asarray(np.linalg.norm(missed, axis=1) / np.sqrt(source.area))
 
 
-def bent_to_points(
+def bend_to_points(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> SurfaceMap:
-    """A map between surfaces, bent so that points (l, 3) of the target land on those (l, 3) of the source.
+    """Bend a map between surfaces so that points (l, 3) of the target land on those (l, 3) of the source.
 
     Of several points that are nearest to one vertex of the target the first one counts.
     """
@@ -201,7 +201,7 @@ def _displacements(
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
-    """What gives the sum of the distances, at unit area, between the landmarks and where a map sends their partners."""
+    """A function that sums the distances, at unit area, between landmarks and the images of their counterparts."""
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)

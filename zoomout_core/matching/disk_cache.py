@@ -27,7 +27,7 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 # To be raised when the same mesh is prepared differently, or stored differently.
 FORMAT = 3
 # Bytes that the files take at most, unless the user says otherwise.
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 
 MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component", "origin"
 SPARSE_ARRAYS = "data", "indices", "indptr"
@@ -40,10 +40,10 @@ class ShapeFolder:
 
     Args:
         folder: made if it is missing.
-        most_bytes: what the shapes may take; those used longest ago go first.
+        max_bytes: what the shapes may take; those used longest ago go first.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, folder: str | os.PathLike[str], most_bytes: int = MAX_BYTES) -> None:
         self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"
         self._most_bytes = most_bytes
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One closed skin around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
+"""One closed hull around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
 
 Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
 in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
-2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The skin is extracted by
+2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The hull is extracted by
 surface nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
 """
 
@@ -31,7 +31,7 @@ EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - COR
 
 @dataclass(frozen=True)
 class VoxelTuning(Tuning, set_by="characters"):
-    """How a solid is made of the voxels that triangles pass through, and its skin smoothed.
+    """How a solid is made of the voxels that triangles pass through, and its hull smoothed.
 
     Attributes:
         sampling: spacing of the points that triangles are rasterised by.
@@ -51,13 +51,13 @@ VOXELS = VoxelTuning()
 
 
 def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
-    """The outer skin of a mesh, as one closed surface if its pieces lie close together.
+    """The outer hull of a mesh, as one closed surface if its pieces lie close together.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers, in any orientation.
         resolution: voxels along the longest extent.
-        inset: how far below the outer sides of the voxels that triangles pass through the skin is extracted, in voxels.
+        inset: how far below the outer sides of the voxels that triangles pass through the hull is extracted, in voxels.
 
     Returns:
         (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.

@@ -36,7 +36,7 @@ class WorkingMesh:
         component: (n,) number of the connected component of each vertex, the largest area first.
         scale: square root of the surface's area, in the surface's units.
         origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
-        is_skin: whether it is a voxel skin around the surface: then its triangles stem from none of the surface's, and
+        is_hull: whether it is a voxel hull around the surface: then its triangles stem from none of the surface's, and
             `vertex_of` is the nearest vertex.
     """
 
@@ -48,7 +48,7 @@ class WorkingMesh:
     component: Integers
     scale: float
     origin: Floats
-    is_skin: bool = False
+    is_hull: bool = False
 
     @cached_property
     def oriented_triangles(self) -> Integers:

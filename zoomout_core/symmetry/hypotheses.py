@@ -88,8 +88,8 @@ GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
 
 def _there_and_back(first: Integers, second: Integers) -> bool:
     """Whether a pairing of tips with tips of the same shape, by their numbers in parallel, undoes itself."""
-    partner = dict(zip(first.tolist(), second.tolist(), strict=True))
-    return all(partner.get(there) == here for here, there in partner.items())
+    counterpart = dict(zip(first.tolist(), second.tolist(), strict=True))
+    return all(counterpart.get(there) == here for here, there in counterpart.items())
 
 
 def _may_be_round(shape: ShapeAnalysis) -> bool:

@@ -3,7 +3,7 @@
 
 The other side of a vertex is its image under the symmetry, so values go there as they go from a source to a target, by
 the same rules (`zoomout_core.transfer`). What has a side in its name, such as the weights of Arm.L, changes places
-with its partner.
+with its counterpart.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 
@@ -34,8 +34,8 @@ def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribu
     """An attribute as it would be with both sides exchanged.
 
     Args:
-        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group whose partner
-            is missing gets one.
+        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group without a
+            counterpart gets one.
         symmetry: of the surface.
         options: of the attribute's kind, as for `transfer`.
 
@@ -64,7 +64,7 @@ def symmetrised(
         MeshError: as for `mirrored`, or there are no two sides, or no mean of such values.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_partners(attribute)
+        attribute = with_counterparts(attribute)
     other = mirrored(attribute, symmetry, **options)
     own_share = own_share_of(attribute.domain, symmetry, direction)
     if attribute.kind is Kind.WEIGHT:
@@ -96,7 +96,7 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
         symmetry: of the surface.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_partners(attribute)
+        attribute = with_counterparts(attribute)
         difference = csr_array(mirrored(attribute, symmetry).values - attribute.values)
         return np.asarray(abs(difference).sum(axis=1)) / 2
     own, theirs = np.asarray(attribute.values), np.asarray(mirrored(attribute, symmetry).values)
@@ -142,14 +142,14 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     return share
 
 
-def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute:
+def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
     """Weights with an empty group for every name whose other side is missing.
 
     Args:
         weights: labelled by their groups' names.
-        others: names that there are besides, such as those of bones: see `partner_of`.
+        others: names that there are besides, such as those of bones: see `counterpart_of`.
     """
-    missing = [name for name in _partners(weights.labels, others) if name not in weights.labels]
+    missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
     if not missing:
         return weights
     values = csr_array(weights.values)
@@ -161,24 +161,24 @@ def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute
 
 def names_flipped(weights: Attribute) -> Attribute:
     """Weights whose groups have changed places with those of the other side, in the same order of names."""
-    weights = with_partners(weights)
+    weights = with_counterparts(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
-    partner = _partners(weights.labels)
-    columns = [column[partner[name]] for name in weights.labels]
+    counterpart = _counterpart_names(weights.labels)
+    columns = [column[counterpart[name]] for name in weights.labels]
     return replace(weights, values=csr_array(csr_array(weights.values)[:, columns]))
 
 
-def _partners(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
-    """For each of some names, and for what is found to be its partner, the partner; other names may be known besides.
+def _counterpart_names(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
+    """The counterparts of names, and of these counterparts; they may be among other names.
 
-    The partner of a partner may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself. So
-    whoever comes first is paired both ways.
+    The counterpart of a counterpart may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself.
+    So the first of them is paired both ways.
     """
-    names, partner = {*labels, *others}, dict[str, str]()
+    names, counterpart = {*labels, *others}, dict[str, str]()
     for name in labels:
-        other = partner.setdefault(name, partner_of(name, names))
-        partner.setdefault(other, name)
-    return partner
+        other = counterpart.setdefault(name, counterpart_of(name, names))
+        counterpart.setdefault(other, name)
+    return counterpart
 
 
 def _on_faces(surface: Surface) -> Booleans:

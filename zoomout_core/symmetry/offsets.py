@@ -119,7 +119,7 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
     """(n, 3) the places of the shape's mesh on the surface, and their images, at unit area of the part."""
     surface, proxy = symmetry.surface, symmetry.shape.proxy
     images = symmetry.surface_map.interpolate(surface.vertices)
-    if proxy.full.is_skin:
+    if proxy.full.is_hull:
         points = proxy.full.to_surface(proxy.vertices)
         on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
         return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
@@ -136,7 +136,7 @@ def _surface_vertices(proxy: Proxy) -> Integers:
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
-    """Values (n_part, ...) of the main part's vertices, or the skin's, at all of the surface's: of the nearest ones."""
+    """Values (n_part, ...) of the main part's vertices, or the hull's, at all of the surface's: of the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
     rest = np.flatnonzero((vertex_of < 0) & measurable(surface.vertices))

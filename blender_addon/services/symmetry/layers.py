@@ -13,7 +13,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import Layout, symmetrised_uv
@@ -116,7 +116,7 @@ def _read(obj: Object, data: Collection[str]) -> list[_Data]:
 
 def _partners(names: Sequence[str | None]) -> Integers:
     """(slots,) where the material of the other side is, as Boot.R of Boot.L, or else the material itself."""
-    partners = [name and partner_of(name, names) for name in names]
+    partners = [name and counterpart_of(name, names) for name in names]
     return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
 
 

@@ -14,7 +14,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -109,7 +109,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
     """The names of what is made of a key, where keys of some names are present."""
     if mode == "split":
         return f"{name}.L", f"{name}.R"
-    partner = partner_of(name, present)
+    partner = counterpart_of(name, present)
     if mode == "mirror" and partner == name:
         raise zo.MeshError(f"The name {name!r} has no side: end it with .L or .R, or use Left and Right Keys.")
     return (partner if mode == "mirror" else name,)
@@ -177,5 +177,5 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place:
 
 def _other_name(name: str, present: list[str]) -> str:
     """The name of the other side if there is such a thing, else the name itself."""
-    partner = partner_of(name, present)
+    partner = counterpart_of(name, present)
     return partner if partner in present else name

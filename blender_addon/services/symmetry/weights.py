@@ -13,8 +13,8 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
-from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
+from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.mirror import Direction, symmetrised, with_counterparts
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 
@@ -50,7 +50,7 @@ async def symmetrise_weights_async(context: Context, name: str, direction: Direc
         await pause()
         weights = await mesh_data.read_weights_in_pieces(partial(own_mesh, context, name, symmetry.surface))
     with own_mesh(context, name, symmetry.surface) as (obj, _):
-        chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
+        chosen = _choose(obj, with_counterparts(weights, mesh_data.deforming_bones(obj)), only)
     with stage("Mirroring weights", READ, 1):
         weights = await compute(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     with writing(context, name, symmetry.surface) as obj:
@@ -77,14 +77,14 @@ class _Chosen:
 def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex groups: add some, or make another mesh active.")
-    wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
+    wanted = {only, counterpart_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
     locked_groups = mesh_data.locked_groups(obj)
     locked = [
         label
         for label in weights.labels
-        if label in wanted and {label, partner_of(label, weights.labels)} & locked_groups
+        if label in wanted and {label, counterpart_of(label, weights.labels)} & locked_groups
     ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
@@ -106,7 +106,7 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     labels = chosen.weights.labels
     groups = f"{len(labels)} vertex groups of '{name}'"
     done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
-    if all(partner_of(label, labels) == label for label in labels):
+    if all(counterpart_of(label, labels) == label for label in labels):
         done = f"{done}; no name has a side, so each group was made symmetric"
     return f"{done}; locked groups were not changed ({', '.join(chosen.locked)})" if chosen.locked else done
 
@@ -114,7 +114,7 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
 def _deforming(obj: Object, weights: Attribute) -> set[str]:
     """The groups that share a vertex among them: those of bones, or all of a skin without bones."""
     bones = mesh_data.deforming_bones(obj)
-    bones |= {partner_of(bone, bones) for bone in bones}
+    bones |= {counterpart_of(bone, bones) for bone in bones}
     if bones.intersection(weights.labels):
         return bones
     return set(weights.labels) if sum_to_one(weights.values) else set()

@@ -18,7 +18,7 @@ from zoomout_core.symmetry.mirror import (
     names_flipped,
     own_share_of,
     symmetrised,
-    with_partners,
+    with_counterparts,
 )
 from zoomout_core.symmetry.offsets import left_share, split_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -168,11 +168,11 @@ def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> N
 
 def test_partners_that_are_missing_are_added_once() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
-    both = with_partners(skin)
+    both = with_counterparts(skin)
     assert both.labels == ("Hand.L", "Spine", "Hand.R")
     assert both.values.shape == (len(X), 3)
-    assert with_partners(both) is both
-    assert with_partners(skin, others=("Hand.R",)).labels == both.labels
+    assert with_counterparts(both) is both
+    assert with_counterparts(skin, others=("Hand.R",)).labels == both.labels
 
 
 def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has no partner on the source is filled in from around it, whatever the kind of data, or left as it is."""
+"""What has no counterpart on the source is filled in from around it, whatever the kind of data, or left as it is."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from zoomout_core.transfer.continuation import extrapolate_map
 
 @dataclass
 class Masked:
-    """A map that is sure of itself throughout, and wrong where there is no partner."""
+    """A map that is sure of itself throughout, and wrong where there is no counterpart."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts lie on their partners, on pieces and wholes in their place, or on nothing, and are counted so."""
+"""Loose parts lie on their counterparts, on pieces and wholes in their place, or on nothing, and are counted so."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 from loose_parts import ball, mapped, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
-    _carried,
-    _drawn_to,
+    _carry,
+    _correct_towards,
     _lies_on,
     _onto,
     _onto_pieces,
@@ -165,10 +165,10 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
 
 
 def test_a_small_part_takes_its_partners_centre_and_size_and_a_large_one_stays() -> None:
-    small, partner = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
-    np.testing.assert_allclose(_drawn_to(small, partner), partner.points, atol=1e-9)
+    small, counterpart = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
+    np.testing.assert_allclose(_correct_towards(small, counterpart), counterpart.points, atol=1e-9)
     large = part_of(ball(0.2))
-    np.testing.assert_array_equal(_drawn_to(large, part_of(ball(0.25))), large.points)
+    np.testing.assert_array_equal(_correct_towards(large, part_of(ball(0.25))), large.points)
 
 
 def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends() -> None:
@@ -179,7 +179,7 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
         return points * [1, 1, 0.5] + [0, 0, 1], normals, np.full(len(points), 0.7)
 
     motion: Any = SimpleNamespace(carry=carry, handedness=1.0)
-    points, normals, trust = _carried(side, motion)
+    points, normals, trust = _carry(side, motion)
     small = side.mesh.component == 1
     np.testing.assert_allclose(points[~small], carry(side.points, side.points)[0][~small])
     centred = [p[small] - p[small].mean(axis=0) for p in (points, side.points)]

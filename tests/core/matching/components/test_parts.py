@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts find their partners, bend with the body, and are reported where they have none."""
+"""Loose parts find their counterparts, bend with the body, and are reported where they have none."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.main_parts import main_parts
-from zoomout_core.matching.components.parts import Part, paired
+from zoomout_core.matching.components.parts import Part, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.sampling import farthest_points
@@ -221,10 +221,10 @@ def test_regions_decide_between_parts_in_one_place() -> None:
     ours = [part_of(sphere(0.1))]
     theirs = [part_of(sphere(0.1), 0.005), part_of(sphere(0.1), -0.02)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
-    assert paired(ours, theirs, *none)[0] == {0: 0}
+    assert pair_parts(ours, theirs, *none)[0] == {0: 0}
     named = np.array([[True, False]]), np.array([[False, True], [True, False]])
-    assert paired(ours, theirs, *named)[0] == {0: 1}
-    assert paired(ours, theirs[:1], named[0], named[1][:1])[0] == {}
+    assert pair_parts(ours, theirs, *named)[0] == {0: 1}
+    assert pair_parts(ours, theirs[:1], named[0], named[1][:1])[0] == {}
 
 
 def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
@@ -235,9 +235,9 @@ def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
     halves = Surface(points, triangles[~crossing | (points[triangles, 2].min(axis=1) > 0.09)])
     ours, theirs = [part_of(Surface(points, triangles))], [part_of(halves), part_of(Surface(points, triangles), 0.005)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
-    assert paired(ours, theirs, *none)[0] == {0: 1}
+    assert pair_parts(ours, theirs, *none)[0] == {0: 1}
     # Alone in its place it need not be of the same shape.
-    assert paired(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
+    assert pair_parts(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
 
 
 def test_hems_that_belong_together_are_brought_together() -> None:

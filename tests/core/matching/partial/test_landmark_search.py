@@ -21,7 +21,7 @@ def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> No
     chosen = landmarks_of(part, 8)
     assert len(set(chosen)) == 8
     assert part.cut_distance[chosen[0]] > 0.9 * part.cut_distance.max() - SEARCH.mean_distance
-    with retuned(SEARCH, least_weight=1.0):
+    with retuned(SEARCH, min_weight=1.0):
         unaware = landmarks_of(part, 8)
     assert part.cut_distance[chosen].min() > part.cut_distance[unaware].min()
     apart = part.between[np.ix_(chosen, chosen)] + np.eye(8)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts are matched to wholes and wholes to parts without a hint, and what has no partner is told."""
+"""Parts are matched to wholes and wholes to parts without a hint, and what has no counterpart is told."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     assert overlap_of(result.has_partner, in_lower_half(whole)) > 0.85
     assert result.source_has_partner.mean() > 0.95
     assert any(f"About {result.share_without_partner:.0%} of the target" in note for note in result.notes)
-    # What has no partner does not count as turned over.
+    # What has no counterpart does not count as turned over.
     assert not any("flips" in note for note in result.notes)
 
 
@@ -138,8 +138,8 @@ def test_only_shapes_with_cuts_are_tried_and_those_that_can_be_bent(made: tuple[
     with retuned(REGION, small=1.0):  # which is made finer
         assert not too_coarse(pair_of(whole.surface, coarse.surface))
     pair = pair_of(whole.surface, part.surface)
-    skin = replace(pair.target_shape.proxy.full, is_skin=True)
-    around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=skin))
+    hull = replace(pair.target_shape.proxy.full, is_hull=True)
+    around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=hull))
     assert not may_be_part(replace(pair, target_shape=around))
 
 

@@ -51,7 +51,7 @@ def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> No
 
 
 def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
-    """Half of the whole has no partner; were it to draw the part, the borders of this would be stretched over it.
+    """Half of the whole has no counterpart; were it to draw the part, the borders of this would be stretched over it.
 
     The softer the part, and the more it is drawn along the surface, the farther: by 0.07 of these levels.
     """

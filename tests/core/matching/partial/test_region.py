@@ -31,7 +31,7 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices
+from zoomout_core.matching.registration.nonrigid_icp import min_vertices
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retuned
 
@@ -92,7 +92,7 @@ def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.n
 
 def placed(one: Candidate) -> SurfaceMap:
     assert one.part_match is not None
-    return one.part_match.region.carried(one.part_match.registered).closest
+    return one.part_match.region.carry(one.part_match.registered).closest
 
 
 def test_a_hand_is_found_on_the_right_side_and_is_sure(
@@ -112,9 +112,9 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
 ) -> None:
     fit = fit_part(made[2], found[0])
     assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
-    assert fit.partners.target.mean() > 0.95
+    assert fit.counterparts.target.mean() > 0.95
     on_hand = made[1].directions[:, 0] > WRIST
-    both, either = fit.partners.source & on_hand, fit.partners.source | on_hand
+    both, either = fit.counterparts.source & on_hand, fit.counterparts.source | on_hand
     assert both.sum() > 0.8 * either.sum()
     # In the body's frame and unit.
     true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]
@@ -166,13 +166,13 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
 def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
-    assert n < fewest_vertices()
+    assert n < min_vertices()
     with retuned(REGION, most=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
-        assert len(shape.mesh.vertices) >= fewest_vertices()
+        assert len(shape.mesh.vertices) >= min_vertices()
     np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
-    assert len(region.carried(bent_onto(region)).positions) == n
+    assert len(region.carry(bent_onto(region)).positions) == n
 
 
 def bent_onto(region: Region) -> RegisteredPart:
@@ -192,7 +192,7 @@ def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
 ) -> None:
     region, whole = regions[0], made[2].source_shape
     bent = bent_onto(region)
-    carried = region.carried(bent)
+    carried = region.carry(bent)
     assert region.vertex is not None
     np.testing.assert_allclose(carried.positions, whole.mesh.vertices[region.vertex[bent.closest.vertex]], atol=1e-12)
     np.testing.assert_allclose(carried.closest.interpolate(whole.mesh.vertices), carried.positions, atol=1e-6)

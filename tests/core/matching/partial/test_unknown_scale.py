@@ -25,7 +25,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
-from zoomout_core.matching.scores import nothing_known
+from zoomout_core.matching.scores import no_disagreement
 from zoomout_core.tuning import retuned
 
 FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}
@@ -64,7 +64,7 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
 def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
     with retuned(PART_CANDIDATES, **FEWER_SEARCHES), retuned(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
         for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):
-            found = match_at_unknown_scale(pair_of(*shapes), lambda _: nothing_known)
+            found = match_at_unknown_scale(pair_of(*shapes), lambda _: no_disagreement)
             assert found is not None
             pair, candidates = found
             part, whole = (pair.target_shape, pair.source_shape)[:: 1 if is_target else -1]
@@ -74,7 +74,7 @@ def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
 
 
 def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> None:
-    assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: nothing_known) is None
+    assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: no_disagreement) is None
 
 
 def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
@@ -102,7 +102,7 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
     monkeypatch.setattr(unknown_scale, "match_part", placed)
     monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (-1.0, 0.5))
     source = lower.part if fragments == 2 else lower.whole
-    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: nothing_known)
+    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement)
     assert found is not None
     if fragments == 1:
         assert seen == pytest.approx(tried)
