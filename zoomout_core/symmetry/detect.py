@@ -214,10 +214,10 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
                 forwards, lambda: refine(shape, shape, candidate.reverse_functional_map, None, *how)
             )
     with portion(0.7, 1.0):
-        return _finished(pair, candidate, fit, back, functional_map, order, left)
+        return _finish(pair, candidate, fit, back, functional_map, order, left)
 
 
-def _finished(
+def _finish(
     pair: Pair,
     candidate: Candidate,
     fit: Fit,

@@ -30,7 +30,7 @@ OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchang
 ONE_WAY = ("left_to_right", "right_to_left")
 
 
-def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
+def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
     """An attribute as it would be with both sides exchanged.
 
     Args:
@@ -43,17 +43,17 @@ def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribu
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = names_flipped(attribute)
+        attribute = flip_names(attribute)
     return transfer(attribute, symmetry, symmetry.surface, symmetry.surface, **options)
 
 
-def symmetrised(
+def symmetrise(
     attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", **options: Any
 ) -> Attribute:
     """An attribute that is the same on both sides, or whose sides have changed places.
 
     Args:
-        attribute: of the symmetry's surface; as for `mirrored`.
+        attribute: of the symmetry's surface; as for `mirror`.
         symmetry: of the surface.
         direction: "left_to_right" or "right_to_left": the one side stays as it is, and the other becomes like it.
             "exchange": each becomes what the other was. "average": both become their mean; of what is there or not,
@@ -61,14 +61,14 @@ def symmetrised(
         options: of the attribute's kind, as for `transfer`.
 
     Raises:
-        MeshError: as for `mirrored`, or there are no two sides, or no mean of such values.
+        MeshError: as for `mirror`, or there are no two sides, or no mean of such values.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
-    other = mirrored(attribute, symmetry, **options)
+    other = mirror(attribute, symmetry, **options)
     own_share = own_share_of(attribute.domain, symmetry, direction)
     if attribute.kind is Kind.WEIGHT:
-        return _mixed_weights(attribute, other, own_share, symmetry.surface, options)
+        return _mix_weights(attribute, other, own_share, symmetry.surface, options)
     own, theirs = np.asarray(attribute.values), np.asarray(other.values)
     share = own_share.reshape(-1, *[1] * (own.ndim - 1))
     if has_mean(attribute) and RULES[attribute.kind].mixable:
@@ -97,9 +97,9 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
-        difference = csr_array(mirrored(attribute, symmetry).values - attribute.values)
+        difference = csr_array(mirror(attribute, symmetry).values - attribute.values)
         return np.asarray(abs(difference).sum(axis=1)) / 2
-    own, theirs = np.asarray(attribute.values), np.asarray(mirrored(attribute, symmetry).values)
+    own, theirs = np.asarray(attribute.values), np.asarray(mirror(attribute, symmetry).values)
     if has_mean(attribute) and RULES[attribute.kind].mixable:
         return np.asarray(np.linalg.norm((theirs - own).reshape(len(own), -1), axis=1))
     return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
@@ -159,7 +159,7 @@ def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attri
     return replace(weights, values=values, labels=(*weights.labels, *missing))
 
 
-def names_flipped(weights: Attribute) -> Attribute:
+def flip_names(weights: Attribute) -> Attribute:
     """Weights whose groups have changed places with those of the other side, in the same order of names."""
     weights = with_counterparts(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
@@ -196,7 +196,7 @@ def _along_line(symmetry: SelfMap) -> Booleans:
     return np.asarray(np.abs(symmetry.distance[surface.edges]).max(axis=1) < half)
 
 
-def _mixed_weights(
+def _mix_weights(
     own: Attribute, other: Attribute, own_share: Floats, surface: Surface, options: Mapping[str, Any]
 ) -> Attribute:
     """Two sets of weights mixed vertex by vertex, within the limit of groups a vertex that the first keeps."""

@@ -30,18 +30,18 @@ TURNING_WIDTH = 0.03
 COMPARISON_WIDTH = 0.1
 
 
-def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
+def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
     """(n, 3) displacements as they would be with both sides exchanged, in the frame of each place.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
         symmetry: of the surface.
     """
-    carried = np.einsum("nij,nj->ni", frames(symmetry), _checked(offsets, symmetry))
+    carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
     return symmetry.surface_map.interpolate(carried)
 
 
-def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
+def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
     """(n, 3) displacements that are the same on both sides, or whose sides have changed places.
 
     Args:
@@ -53,7 +53,7 @@ def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction
         MeshError: there are no two sides of which one could give.
     """
     share = own_share_of(Domain.POINT, symmetry, direction)[:, None]
-    return share * offsets + (1 - share) * mirrored_offsets(offsets, symmetry)
+    return share * offsets + (1 - share) * mirror_offsets(offsets, symmetry)
 
 
 def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
@@ -69,7 +69,7 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
     """
     if not symmetry.has_sides:
         raise MeshError("This symmetry has no left and right side: choose a reflection.")
-    offsets = _checked(offsets, symmetry)
+    offsets = _check(offsets, symmetry)
     left = left_share(symmetry, blend)[:, None] * offsets
     return left, offsets - left
 
@@ -145,7 +145,7 @@ def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
     return np.asarray(values[vertex_of])
 
 
-def _checked(offsets: Floats, symmetry: SelfMap) -> Floats:
+def _check(offsets: Floats, symmetry: SelfMap) -> Floats:
     array, n = np.asarray(offsets, dtype=np.float64), len(symmetry.surface.vertices)
     if array.shape != (n, 3):
         raise MeshError(f"The displacements have the shape {array.shape}: give three numbers for each of {n} vertices.")

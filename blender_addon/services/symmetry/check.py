@@ -15,7 +15,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import asymmetry
-from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
+from zoomout_core.symmetry.offsets import mirror_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
@@ -106,7 +106,7 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
 
 def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:
     """(n,) distance between a key's displacements and the mirrored ones of its partner."""
-    return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
+    return np.asarray(np.linalg.norm(mirror_offsets(partner, symmetry) - offsets, axis=1))
 
 
 def _described(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:

@@ -14,9 +14,9 @@ import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import counterpart_of
-from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
+from zoomout_core.symmetry.mirror import Direction, has_mean, mirror, own_share_of, symmetrise
 from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.symmetry.uv import Layout, symmetrised_uv
+from zoomout_core.symmetry.uv import Layout, symmetrise_uv
 from zoomout_core.transfer import Attribute, Kind
 
 from ... import mesh_data
@@ -41,7 +41,7 @@ def mirror_attributes(
         context: Blender's; the object is in its scene.
         obj: a mesh object.
         data: which kinds of it, the options of `LayerOptions`.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
         uv_layout: see `zoomout_core.symmetry.uv`.
 
     Returns:
@@ -143,9 +143,9 @@ def _symmetrise_all(found: Sequence[_Data], symmetry: SelfMap, direction: Direct
 def _symmetrised(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
     attribute = one.attribute
     if attribute.kind is Kind.UV:
-        return symmetrised_uv(attribute, symmetry, direction, uv_layout)
+        return symmetrise_uv(attribute, symmetry, direction, uv_layout)
     if one.partner is None:
-        return symmetrised(attribute, symmetry, direction)
-    other = mirrored(replace(attribute, values=one.partner[attribute.values]), symmetry)
+        return symmetrise(attribute, symmetry, direction)
+    other = mirror(replace(attribute, values=one.partner[attribute.values]), symmetry)
     own = own_share_of(attribute.domain, symmetry, direction) >= 0.5
     return replace(attribute, values=np.where(own, attribute.values, other.values))

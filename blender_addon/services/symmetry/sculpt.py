@@ -11,7 +11,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import symmetrised_offsets
+from zoomout_core.symmetry.offsets import symmetrise_offsets
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -46,7 +46,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
         await pause()
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
     with stage("Mirroring the sculpt"):
-        wanted = await compute(partial(symmetrised_offsets, moved, symmetry, direction))
+        wanted = await compute(partial(symmetrise_offsets, moved, symmetry, direction))
     with writing(context, name, now) as obj:
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)

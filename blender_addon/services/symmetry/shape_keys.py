@@ -16,7 +16,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
+from zoomout_core.symmetry.offsets import BLEND, mirror_offsets, split_offsets, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
@@ -135,7 +135,7 @@ def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Directi
 
 def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
     """The displacements (n, 3) of keys on the other side."""
-    return [_without_noise(mirrored_offsets(one, symmetry), one) for one in offsets]
+    return [_without_noise(mirror_offsets(one, symmetry), one) for one in offsets]
 
 
 def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
@@ -144,7 +144,7 @@ def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: D
         return _mirrored([offsets], symmetry)
     if mode == "split":
         return [_without_noise(part, offsets) for part in split_offsets(offsets, symmetry, blend)]
-    return [_without_noise(symmetrised_offsets(offsets, symmetry, direction), offsets)]
+    return [_without_noise(symmetrise_offsets(offsets, symmetry, direction), offsets)]
 
 
 def _without_noise(made: Floats, offsets: Floats) -> Floats:

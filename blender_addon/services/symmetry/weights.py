@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import counterpart_of
-from zoomout_core.symmetry.mirror import Direction, symmetrised, with_counterparts
+from zoomout_core.symmetry.mirror import Direction, symmetrise, with_counterparts
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 
@@ -30,7 +30,7 @@ def symmetrise_weights(context: Context, obj: Object, direction: Direction = "le
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
         only: the name of a group, which alone is taken with its partner; "" for all.
 
     Returns:
@@ -52,7 +52,7 @@ async def symmetrise_weights_async(context: Context, name: str, direction: Direc
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         chosen = _choose(obj, with_counterparts(weights, mesh_data.deforming_bones(obj)), only)
     with stage("Mirroring weights", READ, 1):
-        weights = await compute(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
+        weights = await compute(partial(symmetrise, chosen.weights, symmetry, direction, **chosen.sharing))
     with writing(context, name, symmetry.surface) as obj:
         mesh_data.update_weights(obj, chosen.weights, weights)
         obj.data.update()

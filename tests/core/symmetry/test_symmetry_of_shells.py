@@ -12,7 +12,7 @@ import trimesh
 import zoomout_core as zo
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry
+from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry
 from zoomout_core.tuning import retuned
 
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
@@ -139,7 +139,7 @@ def test_displacements_of_shells_cross_over_in_the_frame_of_each_place(found: zo
     mirrored = 0.02 * (1 + np.sin(9 * walking.rest[:, 2] - 4 * walking.rest[:, 0]))
     normals = vertex_normals(walking.surface.vertices, walking.surface.triangles)
     truth = mirrored[:, None] * normals
-    off = np.linalg.norm(mirrored_offsets(height[:, None] * normals, found) - truth, axis=1)
+    off = np.linalg.norm(mirror_offsets(height[:, None] * normals, found) - truth, axis=1)
     assert off.mean() < 0.25 * np.linalg.norm(truth, axis=1).mean()
     np.testing.assert_allclose(np.linalg.det(frames(found)), -1)
 
