@@ -20,7 +20,7 @@ import zoomout_core as zo
 from benchmarks.characters.cases import Case, cases
 from benchmarks.characters.figures import figures
 from benchmarks.datasets import FEW_PLACES, PairOfMeshes, load_pair, pair_names, sets_in
-from zoomout_core.tuning import Tuning, retuned, stages
+from zoomout_core.tuning import Tuning, retune, stages
 
 # Half of a number, and twice as much.
 FACTORS = (0.5, 2.0)
@@ -50,7 +50,7 @@ def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, A
     rows = []
     trials = [(name, stage, *trial) for name, stage in chosen.items() for trial in _trials(stage)]
     for name, stage, number, value in tqdm(trials, desc="numbers", leave=False):
-        after = _errors(measures, retuned(stage, **{number: value}))
+        after = _errors(measures, retune(stage, **{number: value}))
         limit = np.maximum(DIFFERENT * before, LEAST_DIFFERENCE)
         rows.append(
             {

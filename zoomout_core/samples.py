@@ -161,7 +161,7 @@ def character(count: int = 5000) -> Asset:
         ),
         (Material("Body", image=checker()), Material("Limbs", (0.9, 0.8, 0.6, 1.0), checker())),
         _skin(surface, made.directions),
-        Document.made(_skeleton()),
+        Document.from_gltf(_skeleton()),
     )
 
 

@@ -112,7 +112,7 @@ def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
     assert tracemalloc.get_traced_memory()[1] < 1 << 22
     tracemalloc.stop()
     with pytest.raises(ArrayFileError, match="its arrays take"):
-        read_arrays(path, most_bytes=1 << 20)
+        read_arrays(path, max_bytes=1 << 20)
 
 
 def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:

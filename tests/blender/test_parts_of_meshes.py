@@ -36,7 +36,7 @@ from zoomout_core.colors import LONELY, MET, confidence_colors
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture
@@ -130,9 +130,9 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
     target = from_pydata("Target", part.surface.vertices, part.surface.triangles)
     activate(target, source)
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)
     stored = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))

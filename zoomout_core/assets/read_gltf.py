@@ -78,7 +78,7 @@ def read_gltf(path: Path) -> Asset:
     if not meshes:
         raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
     skeleton = _Skeleton(document, worlds, parent, meshes)
-    meshes = [_wound_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
+    meshes = [_wind_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
     vertices = np.concatenate(
         [transform_points(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)]
@@ -91,11 +91,11 @@ def read_gltf(path: Path) -> Asset:
         *_shape_keys(meshes, matrices),
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
-    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _left_out(document, nodes))
+    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes))
     return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
 
 
-def _left_out(document: Document, nodes: Sequence[int]) -> list[str]:
+def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
     """What of a scene is no part of an asset."""
     meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
     found = []
@@ -112,7 +112,7 @@ def _left_out(document: Document, nodes: Sequence[int]) -> list[str]:
     return found
 
 
-def _wound_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
+def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
     """A mesh whose faces keep their outer side where its node mirrors it; a skin has its node's frame left out."""
     if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
         return mesh
@@ -231,7 +231,7 @@ def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> l
         ]
         if name == "NORMAL":
             if all(name in mesh.corners for mesh in meshes):
-                turned = [_turned(*each) for each in zip(values, meshes, matrices, strict=True)]
+                turned = [_turn(*each) for each in zip(values, meshes, matrices, strict=True)]
                 found.append(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.concatenate(turned)))
             continue
         filled = [np.hstack([each, np.ones((len(each), width - each.shape[1]))]) for each in values]
@@ -243,7 +243,7 @@ def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> l
     return found
 
 
-def _turned(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
+def _turn(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
     """Normals (3 m, 3) of a mesh as it is seen."""
     inverse = np.linalg.pinv(matrices[:, :, :3])[mesh.triangles.ravel()]
     return unit_vectors(np.einsum("cyx,cy->cx", inverse, normals))

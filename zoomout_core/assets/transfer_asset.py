@@ -106,14 +106,14 @@ def transfer_asset(
         asset = replace(asset, materials=source.materials, document=document)
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
-            own, found = _bound(source, skin, mapped, shape)
+            own, found = _bind(source, skin, mapped, shape)
         asset = replace(asset, skin=own, document=source.document)
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 
-def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
+def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
     """The target's skin, with the target at rest, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):

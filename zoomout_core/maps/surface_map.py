@@ -17,7 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
 BARYCENTRIC_TOLERANCE = 1e-4
@@ -118,7 +118,7 @@ class SurfaceMap:
             OutputError: it could not be written; what was there before is there still.
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
-        with written_whole(_npz(path)) as part:
+        with atomic_write(_npz(path)) as part:
             np.savez_compressed(part, **arrays, **extra)
 
     @classmethod

@@ -18,7 +18,7 @@ from zoomout_core.matching.confidence import (
     cycle_error,
     spectral_distance,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 MADE = creature(500, seed=0)
 TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
@@ -140,12 +140,12 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
     back = SurfaceMap.from_vertices(nearest, holed.surface)
     shapes = analysed(whole), analysed(holed)
     # Ending on the border is what tells: the way there and back is short.
-    with retuned(CONFIDENCE, without_partner=1.0):
+    with retune(CONFIDENCE, without_partner=1.0):
         found = counterparts_by_cycle(there, back, *shapes)
         assert found.target.all()
         assert found.source[kept].all()
         assert found.source[inside].mean() < 0.5
-        with retuned(CONFIDENCE, beyond_border=1.0):
+        with retune(CONFIDENCE, beyond_border=1.0):
             assert counterparts_by_cycle(there, back, *shapes).source.all()
 
 
@@ -165,7 +165,7 @@ def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: S
     vertex[np.argsort(distance)[:3]] = np.argmax(distance)
     there = vertex_map(vertex, shape)
     assert counterparts_by_cycle(there, identity(shape), shape, shape).target.all()
-    with retuned(CONFIDENCE, pooling=0.0):
+    with retune(CONFIDENCE, pooling=0.0):
         assert not counterparts_by_cycle(there, identity(shape), shape, shape).target[centre]
 
 

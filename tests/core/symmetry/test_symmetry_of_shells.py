@@ -13,7 +13,7 @@ import zoomout_core as zo
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
 MIDDLE = {
@@ -155,5 +155,5 @@ def test_a_dent_in_a_shell_shows_on_both_sides(found: zo.Symmetry, walking: Doll
 
 
 def test_of_a_lopsided_heap_no_symmetry_is_sure() -> None:
-    with retuned(HULLS, resolution=64):
+    with retune(HULLS, resolution=64):
         assert zo.detect_symmetry(heap(), samples=400)[0].certainty < 0.5

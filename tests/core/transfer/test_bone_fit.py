@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.transfer.bone_fit import BONES, estimate_pose, next_above, refine_pose
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 def _angles(found, wanted):
@@ -61,7 +61,7 @@ def test_points_that_are_mapped_wrongly_hardly_count():
     wrong = np.random.default_rng(0).choice(len(moved), len(moved) // 8, replace=False)
     moved[wrong] += [0.8, 0, 0]
     pose = _estimate(surface, moved)
-    with retuned(BONES, outlying=1000.0):
+    with retune(BONES, outlying=1000.0):
         trusting = _estimate(surface, moved)
     assert _angles(pose.transforms, transforms).max() < 0.01
     assert np.abs(pose.transforms.translation - transforms.translation).max() < 0.02
@@ -72,7 +72,7 @@ def test_images_that_are_exact_are_all_taken_for_right():
     surface, transforms = tube(), bent()
     moved = posed(surface, transforms).vertices
     moved[weights_of(surface.vertices).toarray()[:, 2] == 1] += 1e-4  # a whole bone is off by a little
-    with retuned(BONES, precision=1e-9, rounds=8):
+    with retune(BONES, precision=1e-9, rounds=8):
         assert np.isfinite(_estimate(surface, moved).transforms.translation).all()
     assert np.abs(_estimate(surface, moved).transforms.translation - transforms.translation).max() < 1e-3
 
@@ -107,7 +107,7 @@ def test_a_bone_that_hardly_moves_anything_follows_its_neighbour():
     trust = np.ones(len(moved))
     trust[weak] = 1e-3
     pose = _estimate(surface, moved, csr_array(weights), trust)
-    with retuned(BONES, coherence=0.0):
+    with retune(BONES, coherence=0.0):
         free = _estimate(surface, moved, csr_array(weights), trust)
     assert _angles(pose.transforms, transforms)[2] < 0.2
     assert _angles(free.transforms, transforms)[2] > 0.5
@@ -139,7 +139,7 @@ def test_images_that_slid_along_the_surface_are_fitted_along_normals():
     off = np.abs(start.transforms.translation - transforms.translation).max()
     assert off > 0.1
     assert slid() < 0.3 * off
-    with retuned(BONES, sliding=1.0):
+    with retune(BONES, sliding=1.0):
         assert slid() > 0.5 * off
 
 

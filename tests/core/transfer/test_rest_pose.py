@@ -11,7 +11,7 @@ from zoomout_core.transfer import map_target
 from zoomout_core.transfer.bone_fit import Pose
 from zoomout_core.transfer.rest_pose import REST, align, find_pose
 from zoomout_core.transfer.skinning import skinning_matrices, transform_points
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 SOFT = ((40, 0, 20), (30, 10, 0))
 
@@ -43,7 +43,7 @@ def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
     target = posed(still, bent(*SOFT))
     mapped = _mapped(source, target, still.vertices, shift=0.12)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
-    with retuned(REST, rounds=0):
+    with retune(REST, rounds=0):
         first = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)) < 0.5 * np.median(_errors(first, source, still.vertices))
     at_rest = found.mapped.points - still.vertices
@@ -69,7 +69,7 @@ def test_another_body_is_read_along_the_map_alone():
     mapped = _mapped(source, target, still.vertices)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.mapped.surface_map is mapped.surface_map
-    with retuned(REST, same_body=1.0):
+    with retune(REST, same_body=1.0):
         taken = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert taken.mapped.surface_map is not mapped.surface_map
 

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.transfer.skinning import skinning_matrices, transform_points
 from zoomout_core.transfer.unpose import UNPOSE, unpose
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 SOFT = ((40, 0, 20), (30, 10, 0))
 
@@ -49,7 +49,7 @@ def test_where_weights_tear_the_surface_keeps_its_shape():
     rest = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
     assert 6 <= rest.smoothed < 60
     assert _off(rest, surface, slice(None)) < 0.1
-    with retuned(UNPOSE, max_strain=1000.0):
+    with retune(UNPOSE, max_strain=1000.0):
         torn = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
     assert _off(torn, surface, slice(None)) > 1
 
@@ -75,7 +75,7 @@ def test_a_collapsed_blend_is_not_inverted():
     rest = unpose(target, _matrices(surface, transforms), 1.0, np.ones(656))
     assert rest.smoothed
     assert _off(rest, surface, slice(None)) < 0.6
-    with retuned(UNPOSE, min_extent=0.0, max_strain=1000.0):
+    with retune(UNPOSE, min_extent=0.0, max_strain=1000.0):
         blown = unpose(target, _matrices(surface, transforms) + 1e-3, 1.0, np.ones(656))
     assert np.abs(np.linalg.det(blown.linear)).max() > 10 * np.abs(np.linalg.det(rest.linear)).max()
 

@@ -20,7 +20,7 @@ from zoomout_core.transfer import Wrapped, reverse_match, wrap
 from zoomout_core.transfer.wrapping.fit import FIT
 from zoomout_core.transfer.wrapping.projections import PROJECTION
 from zoomout_core.transfer.wrapping.unfold import UNFOLD
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 
@@ -142,7 +142,7 @@ def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface
 
 
 def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
-    with retuned(UNFOLD, relaxations=0, retreats=0, releases=1):
+    with retune(UNFOLD, relaxations=0, retreats=0, releases=1):
         folded = wrap(noisy, source, target, smoothness=0.0)
     assert folded.turned_over > 0
     assert "folded over" in folded.notes[-1]
@@ -159,9 +159,9 @@ def test_faces_of_which_next_to_nothing_is_left_are_widened(
             (triangle_areas(found, target.triangles) / triangle_areas(target.vertices, target.triangles)).min()
         )
 
-    with retuned(UNFOLD, min_area=0.0):
+    with retune(UNFOLD, min_area=0.0):
         before = narrowest()
-    with retuned(UNFOLD, min_area=0.05):
+    with retune(UNFOLD, min_area=0.05):
         assert narrowest() > 3 * before
 
 
@@ -333,7 +333,7 @@ def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
         return float(np.linalg.norm(found.vertices - true, axis=1)[patch].mean())
 
     trusted = error()
-    with retuned(FIT, max_growth=100.0, max_stretch=100.0):
+    with retune(FIT, max_growth=100.0, max_stretch=100.0):
         assert trusted < error()
 
 
@@ -353,7 +353,7 @@ def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None
         return float(off(source.vertices, target.with_vertices(found)).max())
 
     drawn = reach()
-    with retuned(PROJECTION, max_points=0):
+    with retune(PROJECTION, max_points=0):
         assert drawn < 0.5 * reach()
 
 

@@ -19,15 +19,15 @@ from zoomout_core.matching.components.hulls import HULLS, hull_of, main_part_cov
 from zoomout_core.matching.ranking import RANKING
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
     """Coarser hulls and fewer candidates, which these few parts are found with alike, in half the time."""
     with (
-        retuned(HULLS, resolution=96, tight_resolution=128),
-        retuned(RANKING, direct=(2, 4), mirrored=(1, 2)),
+        retune(HULLS, resolution=96, tight_resolution=128),
+        retune(RANKING, direct=(2, 4), mirrored=(1, 2)),
     ):
         yield
 
@@ -109,7 +109,7 @@ def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
 def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
     faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
-    with retuned(HULLS, resolution=64, tight_resolution=80):
+    with retune(HULLS, resolution=64, tight_resolution=80):
         result = zo.match(mannequin(None, 50).surface, Surface(np.vstack(heap), np.vstack(faces)), samples=400)
     assert result.certainty < 0.1
     assert "No reliable match" in result.notes[0]
@@ -188,7 +188,7 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
     # So that the torsos are tried as well, on which there is no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
-    with retuned(ATTEMPTS, sure=1.0), retuned(BODIES, much_of_body=0.0):
+    with retune(ATTEMPTS, sure=1.0), retune(BODIES, much_of_body=0.0):
         result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
@@ -235,7 +235,7 @@ def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tri
     # Knees together.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
-    with retuned(ATTEMPTS, sure=1.0), retuned(HULLS, resolution=80, tight_resolution=120):
+    with retune(ATTEMPTS, sure=1.0), retune(HULLS, resolution=80, tight_resolution=120):
         result = zo.match(at_rest.surface, target.surface, k_final=60, samples=400)
     assert right_parts(result, at_rest, target) > 0.9
 

@@ -17,7 +17,7 @@ from zoomout_core.matching.components.shell_registration import (
     _counterparts,
     register_shells,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 ONE = np.zeros(1, dtype=np.int64)
 
@@ -176,7 +176,7 @@ def test_what_is_left_is_left_by_the_motion_that_is_found() -> None:
     source = Shells.of([egg(seed=2), egg((0.2, 0.8, 0.7), 3)])
     ours, theirs = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     starts = Rotation.random(2, random_state=5).as_matrix()
-    with retuned(SHELL_ICP, rounds=1):
+    with retune(SHELL_ICP, rounds=1):
         found, left = register_shells(
             target, source, ours, theirs, Similarities(np.ones(2), starts, np.zeros((2, 3))), 1
         )

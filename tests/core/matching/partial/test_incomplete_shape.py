@@ -11,7 +11,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
@@ -57,7 +57,7 @@ def test_cuts_are_borders_that_are_long_enough() -> None:
     middle = square.shape.mesh.vertices[:, :2].mean(axis=0)
     to_border = 0.5 - np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
     np.testing.assert_allclose(square.cut_distance, to_border, atol=1e-9)
-    with retuned(INCOMPLETE, loop=5.0):
+    with retune(INCOMPLETE, loop=5.0):
         assert np.isinf(IncompleteShape(grid_shape()).cut_distance).all()
     assert np.isinf(IncompleteShape(analysed(creature(400))).cut_distance).all()
 
@@ -72,7 +72,7 @@ def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
     assert half.is_fragment
     # The share is of the shape's own area, in whatever unit it is.
     assert IncompleteShape(at_scale(half.shape, 0.2)).is_fragment
-    with retuned(INCOMPLETE, fragment=0.0):
+    with retune(INCOMPLETE, fragment=0.0):
         assert IncompleteShape(pierced.shape).is_fragment
 
 
@@ -123,7 +123,7 @@ def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWho
     assert np.mean(unlike < at_truth[:, None]) < 0.3
     np.testing.assert_allclose(unlike, unlikeness(whole, part).T, atol=1e-12)
     # Without knowing of the cut, places beside it are unlike themselves.
-    with retuned(INCOMPLETE, loop=10.0):
+    with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(part.shape)
         blind = unlikeness(unaware, whole)[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]
     near = part.cut_distance < 0.1

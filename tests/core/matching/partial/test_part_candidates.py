@@ -19,12 +19,12 @@ from zoomout_core.matching.partial.part_candidates import (
     landmark_sets,
     part_candidates,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module")
 def found(lower: PartAndWhole) -> list[PartCandidate]:
-    with retuned(PART_CANDIDATES, regions=2, registered=8, compared=3):
+    with retune(PART_CANDIDATES, regions=2, registered=8, compared=3):
         return part_candidates([lower.everywhere])
 
 
@@ -47,7 +47,7 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
 
 
 def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
-    with retuned(PART_CANDIDATES, regions=1, registered=4, compared=1):
+    with retune(PART_CANDIDATES, regions=1, registered=4, compared=1):
         (alone,) = part_candidates([lower.everywhere])
     roughly = _register_coarsely(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
@@ -81,8 +81,8 @@ def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
     errors = {}
     for fragment in (INCOMPLETE.fragment, 100.0):
         with (
-            retuned(INCOMPLETE, fragment=fragment),
-            retuned(PART_CANDIDATES, regions=1, registered=4, compared=2),
+            retune(INCOMPLETE, fragment=fragment),
+            retune(PART_CANDIDATES, regions=1, registered=4, compared=2),
         ):
             pair = PartAndWhole(made_part, made_whole, *(IncompleteShape(shape) for shape in shapes))
             found = part_candidates([pair.everywhere])

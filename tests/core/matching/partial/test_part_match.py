@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.region import REGION
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +38,9 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     """With doubt about the whole map in any case, no doubt about the part, and as few searches as do."""
     zo.forget_shapes()
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400, **given)
 
@@ -135,7 +135,7 @@ def test_only_shapes_with_cuts_are_tried_and_those_that_can_be_bent(made: tuple[
     assert too_coarse(pair_of(whole.surface, coarse.surface))
     assert too_coarse(pair_of(coarse.surface, whole.surface))
     assert not too_coarse(pair_of(whole.surface, part.surface))
-    with retuned(REGION, small=1.0):  # which is made finer
+    with retune(REGION, small=1.0):  # which is made finer
         assert not too_coarse(pair_of(whole.surface, coarse.surface))
     pair = pair_of(whole.surface, part.surface)
     hull = replace(pair.target_shape.proxy.full, is_hull=True)

@@ -13,7 +13,7 @@ from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, Incomplet
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Level
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 LEVELS = (*PART_REGISTRATION.coarse, *PART_REGISTRATION.fine)
 
@@ -122,7 +122,7 @@ def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndW
 
 def ignorant(shape: IncompleteShape) -> IncompleteShape:
     """The same shape, of which nothing seems to be missing."""
-    with retuned(INCOMPLETE, loop=10.0):
+    with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(shape.shape)
         assert np.isinf(unaware.cut_distance_of_vertices).all()
     return unaware

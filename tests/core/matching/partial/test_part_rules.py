@@ -43,7 +43,7 @@ from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import EVIDENCE_WEIGHTS
 from zoomout_core.runtime.progress import advance
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # --- maps from landmarks ------------------------------------------------------------------------------------
 
@@ -55,7 +55,7 @@ def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
     placed[-3:] = np.argmax(whole.between[chosen[-3:]], axis=1)
     right = []
     for most in (LANDMARK_MAPS.most, 100.0):
-        with retuned(LANDMARK_MAPS, rounds=0, most=most):
+        with retune(LANDMARK_MAPS, rounds=0, most=most):
             right.append(np.mean(extend_landmarks(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
     assert right[0] > 0.98
     assert right[1] < 0.8
@@ -113,7 +113,7 @@ def at_mirror_images(pair: PartAndWhole) -> Integers:
 def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartAndWhole, term: str) -> None:
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
-        with retuned(PART_CANDIDATES, **{term: tried}):
+        with retune(PART_CANDIDATES, **{term: tried}):
             right, wrong = (_promise(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
         lead.append(wrong - right)
     assert lead[1] > lead[0] + 0.1 * weight
@@ -123,7 +123,7 @@ def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole)
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
     promises = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
-        with retuned(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
+        with retune(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
             promises.append(_promise(lower.true_places(), lower.everywhere))
     # Limbs bend, so that one rotation leaves a fifth more of the true map.
     assert promises[0] < promises[1] - np.log(1.2)
@@ -137,7 +137,7 @@ def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
 ) -> None:
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
-    with retuned(PART_CANDIDATES, **none | {term: 1.0}):
+    with retune(PART_CANDIDATES, **none | {term: 1.0}):
         promise = _promise(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
     assert promise == pytest.approx(np.log(floor), abs=1e-3)
 
@@ -149,7 +149,7 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
         """What a promise gains by doubt, if lengths on the whole were other ones by a factor."""
         whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
-            with retuned(SEARCH, doubt=doubt):
+            with retune(SEARCH, doubt=doubt):
                 known = unlike if of is part else np.zeros_like(whole.between)
                 promises.append(_promise(match, region_of(of, whole, known)))
         return promises[1] - promises[0]
@@ -177,7 +177,7 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     monkeypatch.setattr(candidates_module, "_promise", promised)
     monkeypatch.setattr(candidates_module, "_register_coarsely", sifted)
     monkeypatch.setattr(candidates_module, "_register_finely", lambda one: one)
-    with retuned(PART_CANDIDATES, regions=0, registered=3, compared=3):
+    with retune(PART_CANDIDATES, regions=0, registered=3, compared=3):
         result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
     fractions = [0.0, *(report.fraction for report in reports), 1.0]
     assert fractions == sorted(fractions)
@@ -394,7 +394,7 @@ def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWho
         whole.__dict__["cut_distance"] = np.where(on_cut, distance, 1.0)
         region = region_of(part, whole, unlike)
         promises.append([_promise(each, region) for each in (places, wrong)])
-        with retuned(PART_CANDIDATES, within=0.0):
+        with retune(PART_CANDIDATES, within=0.0):
             promises[-1].append(_promise(wrong, region))
     (_, unaware, _), (_, aware, without_share) = promises
     assert aware < unaware - 0.5

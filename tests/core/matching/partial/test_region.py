@@ -33,7 +33,7 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.registration.nonrigid_icp import min_vertices
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
 FINGERS, LENGTHS = (
@@ -79,7 +79,7 @@ def regions(made: tuple[Creature, Creature, Pair]) -> list[Region]:
 
 @pytest.fixture(scope="module")
 def found(made: tuple[Creature, Creature, Pair]) -> list[Candidate]:
-    with retuned(REGION, small=0.15):
+    with retune(REGION, small=0.15):
         return match_part(made[2])
 
 
@@ -102,7 +102,7 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
     # As usual parts are looked for, it is not.
-    with retuned(REGION, small=0.0), retuned(PART_CANDIDATES, regions=1):
+    with retune(REGION, small=0.0), retune(PART_CANDIDATES, regions=1):
         usual = match_part(made[2])
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
@@ -128,13 +128,13 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     pair = made[2]
     swapped = replace(pair, source=pair.target, target=pair.source)
     swapped = replace(swapped, source_shape=pair.target_shape, target_shape=pair.source_shape)
-    with retuned(REGION, small=0.15):
+    with retune(REGION, small=0.15):
         one = replace(found[0], functional_map=np.eye(60, 20))
         refined = dense_map(swapped, one)
     on_hand = made[1].directions[:, 0] > WRIST
     assert np.median(refined.confidence[on_hand]) > 0.5
     assert np.median(refined.confidence[~on_hand]) == 0
-    with retuned(REGION, small=0.0):
+    with retune(REGION, small=0.0):
         by_whole = dense_map(swapped, one).confidence
     assert np.median(by_whole[on_hand]) < 0.3
 
@@ -153,12 +153,12 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
         assert region.unit**2 * areas[0] == pytest.approx(part_of(pair)[0].basis.areas.sum())
         assert not region.is_everywhere
     for retuning in ({"most": 1}, {"apart": 10.0}):
-        with retuned(REGION, **retuning):
+        with retune(REGION, **retuning):
             assert len(find_regions(*part_of(pair))) == 1
-    with retuned(REGION, most=1, radius=2.5):
+    with retune(REGION, most=1, radius=2.5):
         (larger,) = find_regions(*part_of(pair))
     assert larger.contains.sum() > 1.5 * regions[0].contains.sum()
-    with retuned(REGION, most=1, vertices=300):
+    with retune(REGION, most=1, vertices=300):
         (coarser,) = find_regions(*part_of(pair))
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
@@ -167,7 +167,7 @@ def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
     assert n < min_vertices()
-    with retuned(REGION, most=1):
+    with retune(REGION, most=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
         assert len(shape.mesh.vertices) >= min_vertices()

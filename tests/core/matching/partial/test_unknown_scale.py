@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     times_as_large,
 )
 from zoomout_core.matching.scores import no_disagreement
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}
 
@@ -46,10 +46,10 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     zo.forget_shapes()
     part, whole = lower.made_part.surface, lower.made_whole.surface
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, **FEWER_SEARCHES),
-        retuned(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, **FEWER_SEARCHES),
+        retune(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
     ):
         result = zo.match(whole, part.with_vertices(40 * part.vertices), k_final=60, samples=400)
     assert result.candidates[0].part_match is not None
@@ -62,7 +62,7 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
 
 
 def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
-    with retuned(PART_CANDIDATES, **FEWER_SEARCHES), retuned(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
+    with retune(PART_CANDIDATES, **FEWER_SEARCHES), retune(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
         for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):
             found = match_at_unknown_scale(pair_of(*shapes), lambda _: no_disagreement)
             assert found is not None
