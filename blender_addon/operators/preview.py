@@ -7,7 +7,7 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator, OperatorProperties
 
-from ..scene.pair import check_unedited
+from ..scene.pair import check_not_edited
 from ..scene.stored_pair import read_stored_match
 from ..services import previews
 from ..translations import translated
@@ -46,7 +46,7 @@ class ZOOMOUT_OT_preview(ModalOperator):
             return f"Showing the symmetry of '{name}'"
         pair, match = await read_stored_match(context, name)
         made = await previews.of_match(context, pair, match, self.kind)
-        check_unedited(context, pair)
+        check_not_edited(context, pair)
         preview.show(made)
         return f"Showing the match of '{name}'"
 

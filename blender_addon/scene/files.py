@@ -98,7 +98,7 @@ def shown_meshes(context: Context) -> list[str]:
 
 
 @contextmanager
-def kept_as_blend(path: str | Path) -> Iterator[Path]:
+def keep_as_blend(path: str | Path) -> Iterator[Path]:
     """The file of the scene that was opened from a path, as a .blend: where it is none, one that goes with the context.
 
     Raises:

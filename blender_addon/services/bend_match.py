@@ -23,7 +23,7 @@ from ..viewport import preview
 from . import previews
 
 # By how much the match may miss a landmark, at unit area; beyond, it is another place, to be found by matching.
-MOST_MISSED = 0.2
+MAX_MISS = 0.2
 
 
 def bend_match(context: Context, target: Object) -> str:
@@ -50,7 +50,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     if not landmarks.numbers:
         raise zo.MeshError(f"'{pair.source_name}' and '{target_name}' have no landmark in common: place one on both.")
     with stage("Bending the match"):
-        surface_map, most = await compute(partial(_bent, pair, match, landmarks))
+        surface_map, most = await compute(partial(_bend, pair, match, landmarks))
     count = len(landmarks.numbers)
     what = landmarks_in_words(count)
     note = f"Bent to {what}."
@@ -65,11 +65,11 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     return f"Bent the match of '{target_name}' to {what}, after a miss of up to {most:.1%} of its size"
 
 
-def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
+def _bend(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
     """The bent map, and by how much it missed, at unit area."""
     given = match.surface_map, pair.source, pair.target, landmarks.source, landmarks.target
     off = landmark_errors(*given)
-    if off.max() > MOST_MISSED:
+    if off.max() > MAX_MISS:
         number = landmarks.numbers[int(off.argmax())]
         raise zo.MeshError(f"The match is too far from landmark {number} to be bent to it: match again.")
     return bend_to_points(*given), float(off.max())

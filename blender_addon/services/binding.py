@@ -91,7 +91,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         )
     if mesh_data.armatures_of(target) and not binding.replace:
         raise zo.MeshError(
-            f"'{target.name}' is already bound to {_named(target)}: turn on Replace Binding, or remove its Armature "
+            f"'{target.name}' is already bound to {_names(target)}: turn on Replace Binding, or remove its Armature "
             "modifier."
         )
     if (users := users_of_mesh(context, target)) > 1:
@@ -117,12 +117,12 @@ def _check_rig(source: Object) -> None:
         raise zo.MeshError(f"'{source.name}' has no Armature modifier: choose a source that an armature deforms.")
     if not mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups}:
         raise zo.MeshError(
-            f"No deform bone of {_named(source)} is named like a vertex group of '{source.name}': add bone weights "
+            f"No deform bone of {_names(source)} is named like a vertex group of '{source.name}': add bone weights "
             "to the source first."
         )
 
 
-def _named(obj: Object) -> str:
+def _names(obj: Object) -> str:
     """The armatures of an object."""
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
@@ -201,7 +201,7 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
         return
     if not mesh_data.stands_as_modelled(target, seen):
         raise zo.MeshError(
-            f"'{target.name}' has shape keys and is posed by {_named(target)}: set that armature to Rest Position, "
+            f"'{target.name}' has shape keys and is posed by {_names(target)}: set that armature to Rest Position, "
             "and match again."
         )
 

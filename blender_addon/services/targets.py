@@ -80,8 +80,8 @@ async def each_target(
 def _place(i: int, names: Sequence[str]) -> Iterator[None]:
     """The i-th of several pieces of work that are alike, whose progress says which it is."""
 
-    def placed(title: str) -> str:
+    def numbered_title(title: str) -> str:
         return f"'{names[i]}', {i + 1} of {len(names)}: {title}" if len(names) > 1 else title
 
-    with portion(i / len(names), (i + 1) / len(names)), renaming(placed):
+    with portion(i / len(names), (i + 1) / len(names)), renaming(numbered_title):
         yield

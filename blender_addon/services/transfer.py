@@ -253,7 +253,7 @@ def _write_report(
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    written = ", ".join(_counted(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
+    written = ", ".join(_count_in_words(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
     bound = report.get("bound")  # which reports of earlier versions lack
     bound = f", bound to '{bound['armature']}'" if bound else ""
     others = and_others(report["others"])
@@ -265,8 +265,8 @@ def summary(report: dict[str, Any]) -> str:
 
 def and_others(names: Sequence[str]) -> str:
     """What follows the name of a source where the target lies on others, too."""
-    return _counted(len(names), " and {} other", " and {} others") if names else ""
+    return _count_in_words(len(names), " and {} other", " and {} others") if names else ""
 
 
-def _counted(number: int, one: str, several: str) -> str:
+def _count_in_words(number: int, one: str, several: str) -> str:
     return (one if number == 1 else several).format(number)

@@ -124,7 +124,7 @@ async def prepare_wrap(
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
-    given = _given(context, pair, wrapping)
+    given = _prepare(context, pair, wrapping)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
@@ -176,7 +176,7 @@ def summary(report: dict[str, Any]) -> str:
     return " ".join([f"Wrapped '{report['wrapped']}' onto '{report['shape']}' ({where}).", *report["notes"]])
 
 
-def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
+def _prepare(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
     """What is wrapped onto what, as far as it can be.
 
     Raises:

@@ -80,7 +80,7 @@ class Translator:
 
     def __call__(self, text: str) -> str:
         """A text in the other language, or as much of it as there is."""
-        found = self._found(text)
+        found = self._translate(text)
         if found is not None:
             return found
         parts = BETWEEN_SENTENCES.split(text)
@@ -92,24 +92,24 @@ class Translator:
                 return between.join(map(self, text.split(between)))
         return text
 
-    def _found(self, text: str) -> str | None:
+    def _translate(self, text: str) -> str | None:
         """The translation of a whole text, or None."""
         if text in self._table:
             return self._table[text]
         if text.endswith(".") and text[:-1] in self._table:  # there is a full stop in one place, and none in another
             return f"{self._table[text[:-1]]}."
-        return self._of_each(text) or self._labelled(text) or self._composed(text)
+        return self._of_each(text) or self._translate_labelled(text) or self._compose(text)
 
     def _of_each(self, text: str) -> str | None:
         """Of sentences that each have one."""
         parts = BETWEEN_SENTENCES.split(text)
-        found = [self._found(sentence) for sentence in parts[::2]] if len(parts) > 1 else [None]
+        found = [self._translate(sentence) for sentence in parts[::2]] if len(parts) > 1 else [None]
         if None in found:
             return None
         parts[::2] = map(str, found)
         return "".join(parts)
 
-    def _composed(self, text: str) -> str | None:
+    def _compose(self, text: str) -> str | None:
         for known in self._templates:
             if known.longest in text and (match := known.pattern.fullmatch(text)):
                 values = (self._value(known, number, value) for number, value in enumerate(match.groups()))
@@ -119,14 +119,14 @@ class Translator:
     def _value(self, known: Template, number: int, value: str) -> str:
         if known.is_quoted(number):
             return value
-        return self._named(value) if known.is_label(number) else self(value)
+        return self._translate_name(value) if known.is_label(number) else self(value)
 
-    def _named(self, name: str) -> str:
+    def _translate_name(self, name: str) -> str:
         """What stands before a colon: a noun, but never what a label says, for a layer may be called "Mask"."""
         return self._sentences.get(name, name)
 
-    def _labelled(self, text: str) -> str | None:
+    def _translate_labelled(self, text: str) -> str | None:
         """Of a sentence about something whose name stands before it, as that of a UV map."""
         name, colon, rest = text.partition(": ")
-        found = self._found(rest) if colon and "'" not in name and name not in self._beginnings else None
-        return found and f"{self._named(name)}: {found}"
+        found = self._translate(rest) if colon and "'" not in name and name not in self._beginnings else None
+        return found and f"{self._translate_name(name)}: {found}"

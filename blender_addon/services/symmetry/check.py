@@ -24,7 +24,7 @@ from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from ...viewport import preview
 from .. import previews
-from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
+from .mesh_access import READ, READING, find_not_edited, own_mesh, writable_mesh
 from .shape_keys import read_key
 
 Checked: TypeAlias = Literal["shape", "weights", "key"]
@@ -69,7 +69,7 @@ async def check_symmetry_async(
     values = await measure_asymmetry(context, name, check, key)
     obj = writable_mesh(context, name)
     red = red_weight if check == "weights" else red_length * np.sqrt(stored_symmetry.read(obj).surface.area)
-    what = _described(context, obj, check, key, values, red)
+    what = _describe(context, obj, check, key, values, red)
     context.view_layer.update()  # so that what was changed before is not taken for changed since
     preview.show(previews.of_asymmetry(obj, values, red, what))
     return what
@@ -100,7 +100,7 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
                 work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
     with stage("Comparing the sides", READ, 1):
         values = np.nan_to_num(await compute(work))
-    unedited(context, name, symmetry.surface)
+    find_not_edited(context, name, symmetry.surface)
     return values
 
 
@@ -109,7 +109,7 @@ def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Float
     return np.asarray(np.linalg.norm(mirror_offsets(partner, symmetry) - offsets, axis=1))
 
 
-def _described(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
+def _describe(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
     """The values in words, and the value that red stands for."""
     head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
     show = "{:.0%}".format if check == "weights" else partial(_length, context, obj)

@@ -82,7 +82,7 @@ def swap_sides(context: Context, obj: Object) -> str:
 
 def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
     """What was found on an object of some name, in a sentence."""
-    return f"Found {_count(len(found))} of '{name}'; the first: {summary(stored_symmetry.described(found[0]))}"
+    return f"Found {_count(len(found))} of '{name}'; the first: {summary(stored_symmetry.describe(found[0]))}"
 
 
 def summary(candidate: dict[str, Any]) -> str:

@@ -136,11 +136,11 @@ def _symmetrise_all(found: Sequence[_Data], symmetry: SelfMap, direction: Direct
     made = []
     for i, one in enumerate(found):
         with stage(f"Mirroring '{one.attribute.name}'", i / len(found), (i + 1) / len(found)):
-            made.append(replace(one, attribute=_symmetrised(one, symmetry, direction, uv_layout)))
+            made.append(replace(one, attribute=_symmetrise(one, symmetry, direction, uv_layout)))
     return made
 
 
-def _symmetrised(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
+def _symmetrise(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
     attribute = one.attribute
     if attribute.kind is Kind.UV:
         return symmetrise_uv(attribute, symmetry, direction, uv_layout)

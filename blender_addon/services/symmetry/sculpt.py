@@ -41,7 +41,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
     if not moved.any():
-        raise zo.MeshError(_unmoved(obj))
+        raise zo.MeshError(_why_nothing_moved(obj))
     with stage(READING, 0, 0):
         await pause()
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
@@ -54,7 +54,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
     return f"Mirrored the sculpt of '{name}': {count} vertices moved"
 
 
-def _unmoved(obj: Object) -> str:
+def _why_nothing_moved(obj: Object) -> str:
     """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:

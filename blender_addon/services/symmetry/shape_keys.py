@@ -71,10 +71,10 @@ async def mirror_shape_key_async(
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
         names = _new_names(key_name, mode, obj.data.shape_keys.key_blocks.keys())
-        _check_unlocked(obj, {key_name, *names} if both else names)
+        _check_not_locked(obj, {key_name, *names} if both else names)
         partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
     if both:
-        keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
+        keys, work = [key, partner], partial(_mirror, [theirs, offsets], symmetry)
     else:
         keys = [replace(key, name=new) for new in names]
         work = partial(_new_offsets, offsets, symmetry, mode, direction, blend)
@@ -115,7 +115,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
     return (partner if mode == "mirror" else name,)
 
 
-def _check_unlocked(obj: Object, names: Collection[str]) -> None:
+def _check_not_locked(obj: Object, names: Collection[str]) -> None:
     """Raise a MeshError if a key of these names is there and locked against changes."""
     blocks = obj.data.shape_keys.key_blocks
     for name in names:
@@ -133,7 +133,7 @@ def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Directi
     return f"Exchanged {key!r} and {made}" if exchanged and mode == "mirror" else f"From {key!r} made {made}"
 
 
-def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
+def _mirror(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
     """The displacements (n, 3) of keys on the other side."""
     return [_without_noise(mirror_offsets(one, symmetry), one) for one in offsets]
 
@@ -141,7 +141,7 @@ def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
 def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
     """The displacements (n, 3) of each key that is made."""
     if mode == "mirror":
-        return _mirrored([offsets], symmetry)
+        return _mirror([offsets], symmetry)
     if mode == "split":
         return [_without_noise(part, offsets) for part in split_offsets(offsets, symmetry, blend)]
     return [_without_noise(symmetrise_offsets(offsets, symmetry, direction), offsets)]

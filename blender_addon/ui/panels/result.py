@@ -13,7 +13,7 @@ from ...operators.select_faults import (
     ZOOMOUT_OT_select_flipped,
     ZOOMOUT_OT_select_without_partner,
 )
-from ...services.preflight import Finding, outdated, stale
+from ...services.preflight import Finding, find_outdated, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
@@ -94,7 +94,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             if max(of_target, of_source) >= TOLD:
                 text = f"Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source"
                 sentences(context, layout, [text], "DOT")
-            show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
+            show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
         sentences(context, layout, stored["notes"], "DOT")
 
 
