@@ -136,7 +136,7 @@ def save_beside(
             for path, image in inputs.items():
                 if not is_same_file(path, output.parent / file.name):
                     continue
-                if _encoded(image, file.suffix) == file.read_bytes():
+                if _encode(image, file.suffix) == file.read_bytes():
                     file.unlink()
                     break
                 if not in_place:
@@ -147,7 +147,7 @@ def save_beside(
         brought |= digests
 
 
-def _encoded(image: Image, ending: str) -> bytes:
+def _encode(image: Image, ending: str) -> bytes:
     """An image as pymeshlab writes it to a file of an ending."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"image{ending}"

@@ -133,10 +133,10 @@ def _project_mesh(path: Path, element: Element) -> ProjectMesh:
         raise MeshError(
             f"Line {element.line} of {path}: the mesh '{label}' has an invalid matrix; correct it."
         ) from None
-    return ProjectMesh(label, _found(path.parent, name), transform, element.attributes.get("visible") != "0")
+    return ProjectMesh(label, _find(path.parent, name), transform, element.attributes.get("visible") != "0")
 
 
-def _found(folder: Path, name: str) -> Path:
+def _find(folder: Path, name: str) -> Path:
     """The file of a mesh; beside the project where it is not where the project says.
 
     Saved to another folder than it was opened from, a project of MeshLab 2022 has the paths from there.

@@ -21,7 +21,7 @@ BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # What the long functions of this process came to that were asked for last, which tests of other modules may ask for
 # again.
 _results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
-MOST_RESULTS = 80
+MAX_RESULTS = 80
 # What a shape is known by.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
 
@@ -34,7 +34,7 @@ def benchmark_data() -> Path:
     return BENCHMARK_DATA
 
 
-def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
+def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
     """A function of so many shapes and of options, which is run once for the same ones."""
 
     @wraps(function)
@@ -57,7 +57,7 @@ def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
         with listening(progress), listening(told.append):
             result = function(*given, **options)
         _results[key] = told, result
-        if len(_results) > MOST_RESULTS:
+        if len(_results) > MAX_RESULTS:
             _results.popitem(last=False)
         return result
 
@@ -65,7 +65,7 @@ def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="module")
-def remembered_matches() -> Iterator[None]:
+def remember_matches() -> Iterator[None]:
     """A match or a symmetry that is asked for again is what came of it before, with the same progress.
 
     For modules that are about what becomes of these: they are deterministic, and take most of the time.
@@ -73,6 +73,6 @@ def remembered_matches() -> Iterator[None]:
     import zoomout_core as zo  # after bpy, where that is imported
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zo, "match", remembered(zo.match, 2))
-        patch.setattr(zo, "detect_symmetry", remembered(zo.detect_symmetry, 1))
+        patch.setattr(zo, "match", remember(zo.match, 2))
+        patch.setattr(zo, "detect_symmetry", remember(zo.detect_symmetry, 1))
         yield

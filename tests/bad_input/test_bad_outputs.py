@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from doors import Limit, contents, refused, run
+from doors import Limit, assert_refused, contents, run
 
 from zoomout_core.cli import main as zoomout
 from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, atomic_write_together, check_output
@@ -102,7 +102,7 @@ def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple
     assert run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest").exit_code == 0
     before = contents(tmp_path)
     for option in ("--initial", "--earlier-map"):
-        refused(
+        assert_refused(
             run(zoomout, "match", *meshes, "-o", path, option, path), "map.npz is an input, and would be overwritten"
         )
     assert contents(tmp_path) == before
@@ -118,7 +118,7 @@ def test_zoomout_keeps_the_former_map_where_a_limit_ends_the_new_one(
     before = contents(tmp_path)
     with size_limit(2048):
         ran = run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest")
-    refused(ran, "map.npz could not be written (File too large)")
+    assert_refused(ran, "map.npz could not be written (File too large)")
     assert contents(tmp_path) == before
 
 
@@ -127,4 +127,4 @@ def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Pat
         pytest.skip("permissions do not hold this user back")
     folder = tmp_path / "locked"
     folder.mkdir(0o555)
-    refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")
+    assert_refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")

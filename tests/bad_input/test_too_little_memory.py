@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import creature
-from doors import contents, refused, run
+from doors import assert_refused, contents, run
 
 import zoomout_core as zo
 from zoomout_core import __main__ as entry
@@ -81,7 +81,7 @@ def test_commands_say_it_and_write_nothing(
     (meshes[0].parent / "map.npz").write_bytes(b"the former map")
     before = contents(meshes[0].parent)
     without_memory(monkeypatch, place)
-    refused(run(main, *arguments), NO_MEMORY)
+    assert_refused(run(main, *arguments), NO_MEMORY)
     assert contents(meshes[0].parent) == before
 
 

@@ -5,7 +5,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, values
+from scenes import activate, add_attribute, decimate, ellipsoid, link, positions, values
 from true_match import keep_true_match
 
 from blender_addon import mesh_data
@@ -23,7 +23,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, turned and moved in its own mesh, and the true match."""
-    obj = decimated()
+    obj = decimate()
     keep_true_match(obj)
     return obj
 
@@ -129,7 +129,7 @@ def cube(name, cuts, triangles=False):
         bmesh.ops.triangulate(working, faces=working.faces)
     working.to_mesh(mesh)
     working.free()
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
 def subdivided_volume(obj):

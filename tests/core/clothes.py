@@ -105,7 +105,7 @@ def ball(name: str, above: np.ndarray, radius: float, height: float, count: int,
     return Piece(name, centre + radius * where * [1, 0.8, 1.25], _hull(where), where)
 
 
-def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
+def dress(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
     """A creature of `count` vertices with some pieces, all of it bent."""
     where = directions(count, seed)
     body = Piece("skin", skin(where), _hull(where), where)

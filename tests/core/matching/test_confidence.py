@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import analysed, piece_of
+from pieces import analyse_piece, piece_of
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -138,7 +138,7 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
     nearest = cKDTree(holed.surface.vertices).query(whole.surface.vertices)[1]
     there = SurfaceMap.from_vertices(kept, whole.surface)
     back = SurfaceMap.from_vertices(nearest, holed.surface)
-    shapes = analysed(whole), analysed(holed)
+    shapes = analyse_piece(whole), analyse_piece(holed)
     # Ending on the border is what tells: the way there and back is short.
     with retune(CONFIDENCE, without_partner=1.0):
         found = counterparts_by_cycle(there, back, *shapes)

@@ -2,7 +2,7 @@
 """The pose that a target stands in is found along its map to a rigged source, and made better on one body."""
 
 import numpy as np
-from bent_tube import PARENTS, bent, posed, tube, weights_of
+from bent_tube import PARENTS, bend, pose_surface, tube, weights_of
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
@@ -34,13 +34,13 @@ def _mapped(source, target, still, shift=0.0, **match):
 def _errors(found, source, still):
     """How far bones take a target's vertices at rest from where they do."""
     weights = weights_of(still)
-    truth = transform_points(skinning_matrices(bent(*SOFT), weights), still)
+    truth = transform_points(skinning_matrices(bend(*SOFT), weights), still)
     return np.linalg.norm(transform_points(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
 
 
 def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices, shift=0.12)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     with retune(REST, rounds=0):
@@ -53,9 +53,9 @@ def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
 
 def test_the_source_may_stand_in_a_pose_of_its_own():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices)
-    waving = posed(source, bent((0, 50, 0), (-30, 0, 0)))
+    waving = pose_surface(source, bend((0, 50, 0), (-30, 0, 0)))
     seen = map_target(_Match(mapped.surface_map, np.ones(len(still.vertices))), waving, target)
     found = find_pose(seen, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)) < 0.02
@@ -65,7 +65,7 @@ def test_the_source_may_stand_in_a_pose_of_its_own():
 def test_another_body_is_read_along_the_map_alone():
     source, still = tube(), tube(13, 55, turned=0.4)
     stout = still.with_vertices(still.vertices * [1.5, 1.5, 1.0])
-    target = posed(stout, bent(*SOFT), weights_of(still.vertices))
+    target = pose_surface(stout, bend(*SOFT), weights_of(still.vertices))
     mapped = _mapped(source, target, still.vertices)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.mapped.surface_map is mapped.surface_map
@@ -76,7 +76,7 @@ def test_another_body_is_read_along_the_map_alone():
 
 def test_vertices_are_not_read_far_from_where_the_map_has_them():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices)
     wrong = still.vertices[:, 2] < 0.3
     triangle = np.where(wrong, mapped.surface_map.triangle[~wrong][-1], mapped.surface_map.triangle)
@@ -88,7 +88,7 @@ def test_vertices_are_not_read_far_from_where_the_map_has_them():
 
 def test_what_has_no_partner_does_not_count():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     alone = still.vertices[:, 2] > 4.5
     vertices = target.vertices.copy()
     vertices[alone] += [0, 3.0, 0]  # as a hat that only the target has

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loose_parts import ball, mapped, pair_around_body, part_of, sheet
+from loose_parts import ball, map_parts, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
     _carry,
@@ -43,7 +43,7 @@ def thirds(rod: Surface) -> list[Surface]:
 
 
 def counts(pair: Any) -> tuple[int, ...]:
-    found = mapped(pair)
+    found = map_parts(pair)
     return found.paired, found.others, found.alone, found.left, found.too_many
 
 
@@ -67,11 +67,11 @@ def test_parts_after_one_that_is_alone_have_their_images_and_what_is_left_is_nam
         return np.flatnonzero(np.isin(component, np.arange(component.max() + 1)[numbers]))
 
     pair = pair_around_body(EYES, [ROD, *EYES])
-    found = mapped(pair)
+    found = map_parts(pair)
     np.testing.assert_array_equal(np.sort(found.image.vertices), vertices_of_parts(pair.target, slice(2, None)))
     assert len(found.left_vertices) == 0
     pair = pair_around_body([ROD, *EYES], EYES)
-    np.testing.assert_array_equal(mapped(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
+    np.testing.assert_array_equal(map_parts(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
 
 
 def test_pieces_of_a_whole_lie_on_it_and_it_on_them() -> None:
@@ -217,15 +217,15 @@ def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
 
 
 def test_parts_that_are_not_alone_are_trusted_more_if_they_have_a_partner() -> None:
-    whole = mapped(pair_around_body([ROD], [ROD])).image.trust
-    pieces = mapped(pair_around_body([ROD], thirds(ROD))).image.trust
+    whole = map_parts(pair_around_body([ROD], [ROD])).image.trust
+    pieces = map_parts(pair_around_body([ROD], thirds(ROD))).image.trust
     assert whole.min() > 0.85
     assert 0.4 < pieces.min() < pieces.max() < 0.75
 
 
 def test_a_large_part_is_trusted_as_the_body_around_it_and_a_small_one_for_itself() -> None:
     pair = pair_around_body([*EYES, ROD], [*EYES, ROD])
-    sure, unsure = mapped(pair).image, mapped(pair, 0.25).image
+    sure, unsure = map_parts(pair).image, map_parts(pair, 0.25).image
     on_eye = np.abs(pair.target.working.to_surface(pair.target.working.vertices)[sure.vertices, 2]) < 0.1
     np.testing.assert_allclose(unsure.trust[on_eye], sure.trust[on_eye])
     np.testing.assert_allclose(unsure.trust[~on_eye], 0.5 * sure.trust[~on_eye])

@@ -10,7 +10,7 @@ from clothes import (
     Piece,
     ball,
     bodice,
-    dressed,
+    dress,
     shell,
     shirt,
     skin,
@@ -72,9 +72,9 @@ Match = tuple[zo.MatchResult, Clothed, Clothed]
 def torn() -> Match:
     """A shirt that is in three pieces on the target; a hat that the source, and a button that the target has not."""
     worn = [shell("shirt", shirt(), 0.03, 700, 21), shell("trousers", trousers, 0.03, 700, 22)]
-    source = dressed([*eyes(1), *worn, ball("button", BUTTON, 0.04, 0.1, 60, 9)], 2500, 0)
+    source = dress([*eyes(1), *worn, ball("button", BUTTON, 0.04, 0.1, 60, 9)], 2500, 0)
     worn = [*in_pieces(31), shell("trousers", trousers, 0.03, 600, 35)]
-    target = dressed([*eyes(5), *worn, ball("hat", TOP, 0.1, 0.4, 60, 8)], 2200, 1, 0.7)
+    target = dress([*eyes(5), *worn, ball("hat", TOP, 0.1, 0.4, 60, 8)], 2200, 1, 0.7)
     return zo.match(source.surface, target.surface), source, target
 
 
@@ -82,8 +82,8 @@ def torn() -> Match:
 def sewn() -> Match:
     """The same the other way: pieces on the source; and so much hair on both that nobody can pair it."""
     buttons = [ball("button", BUTTON, 0.12, 0.1, 60, seed) for seed in (6, 7)]
-    source = dressed([*in_pieces(31), buttons[0], *hair(350, 1)], 2500, 0)
-    target = dressed([shell("shirt", shirt(), 0.03, 700, 21), buttons[1], *hair(400, 2)], 2200, 1, 0.5)
+    source = dress([*in_pieces(31), buttons[0], *hair(350, 1)], 2500, 0)
+    target = dress([shell("shirt", shirt(), 0.03, 700, 21), buttons[1], *hair(400, 2)], 2200, 1, 0.5)
     return zo.match(source.surface, target.surface), source, target
 
 
@@ -168,7 +168,7 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
 def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:
     """A suit is nearly as large as its wearer, and much like it."""
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
-    source, target = dressed(whole[:1], 1200, 0), dressed(whole[1:], 1000, 1, 0.9)
+    source, target = dress(whole[:1], 1200, 0), dress(whole[1:], 1000, 1, 0.9)
     sizes = [surface.surface.working.part(0)[0].scale for surface in (source, target)]
     assert [part.scale for part in main_parts(source.surface, target.surface, 0)] == sizes
 

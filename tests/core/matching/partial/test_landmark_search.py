@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import PartAndWhole, analysed
+from pieces import PartAndWhole, analyse_piece
 
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, unlikeness
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
@@ -29,7 +29,7 @@ def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> No
 
 
 def test_a_shape_without_cuts_has_its_landmarks_at_tips() -> None:
-    whole = IncompleteShape(analysed(creature(500)))
+    whole = IncompleteShape(analyse_piece(creature(500)))
     first = landmarks_of(whole, 3)[0]
     assert whole.between[first].mean() > np.quantile(whole.between.mean(axis=1), 0.95)
     assert len(landmarks_of(whole, 10_000)) == len(whole.between)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import PartAndWhole, analysed, piece_of
+from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape
 from zoomout_core.matching.partial.part_candidates import (
@@ -76,7 +76,7 @@ def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
     bent, rest = creature(1100, seed=1, bend=0.5, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
     made_part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)
     made_whole = piece_of(rest, rest.directions @ [0.87, -0.08, -0.49] > -0.24)
-    shapes = analysed(made_part), analysed(made_whole)
+    shapes = analyse_piece(made_part), analyse_piece(made_whole)
     has_partner = made_part.directions @ [0.87, -0.08, -0.49] > -0.14
     errors = {}
     for fragment in (INCOMPLETE.fragment, 100.0):

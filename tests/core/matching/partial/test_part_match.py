@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from pieces import analysed, in_lower_half, lower_half
+from pieces import analyse_piece, in_lower_half, lower_half
 
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -103,7 +103,7 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
 
 @cache
 def shape_of(surface: Surface) -> ShapeAnalysis:
-    return analysed(Creature(surface, surface.vertices))
+    return analyse_piece(Creature(surface, surface.vertices))
 
 
 def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import true_vertex
-from pieces import PartAndWhole, analysed, piece_of
+from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
@@ -89,7 +89,7 @@ def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
 def both_cut(lower: PartAndWhole) -> PartAndWhole:
     """The part, and a whole that lacks the feet that the part has."""
     made = piece_of(lower.made_whole, lower.made_whole.directions[:, 2] > -0.8)
-    whole = analysed(made)
+    whole = analyse_piece(made)
     unit = whole.proxy.full.scale / lower.whole.shape.proxy.full.scale
     return PartAndWhole(lower.made_part, made, lower.part, IncompleteShape(at_scale(whole, unit)))
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from creatures import Creature, directions, true_vertex
-from pieces import analysed, piece_of
+from pieces import analyse_piece, piece_of
 from scipy.spatial import ConvexHull
 from scipy.special import expit
 
@@ -64,7 +64,7 @@ def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
     """The left hand of one mesh of the body, another mesh of it, and both in one unit."""
     other, body = two_handed(count, 1), two_handed(of_body, 0)
     hand = piece_of(other, other.directions[:, 0] > WRIST)
-    return hand, body, in_one_unit(Pair(body.surface, hand.surface, analysed(body), analysed(hand), 60, 20))
+    return hand, body, in_one_unit(Pair(body.surface, hand.surface, analyse_piece(body), analyse_piece(hand), 60, 20))
 
 
 @pytest.fixture(scope="module")

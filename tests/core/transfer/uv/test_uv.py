@@ -13,7 +13,7 @@ from transfer_meshes import (
     Sheet,
     globe,
     identity,
-    permuted,
+    permute,
     sheet,
     sphere,
     split_at_faces,
@@ -262,7 +262,7 @@ def test_vertices_that_an_exporter_split_make_no_seam(source: Sheet) -> None:
 def test_the_order_of_the_targets_vertices_does_not_matter(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     of = atlas(source, 6, 4)
-    other, _ = permuted(target)
+    other, _ = permute(target)
     one, two = (
         transferred(of.uv, true_map(source, *GRID, mesh.parameters), source.surface, mesh.surface).values
         for mesh in (target, other)
