@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compared
+from benchmarks.compared import compare
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, sets_in, shipped_map, shipped_pairs
 from benchmarks.tables import Record, Tables
@@ -71,7 +71,7 @@ def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[Record]:
     methods[ICP] = lambda: spectral_icp(source, target, initial, FINAL).vertex
     for step in STEPS:
         methods[str(step)] = partial(upsampled, step)
-    return [record | {"step": record["method"]} for record in compared(pair, methods, {})[0]]
+    return [record | {"step": record["method"]} for record in compare(pair, methods, {})[0]]
 
 
 def _row(records: list[Record], method: str) -> Record:

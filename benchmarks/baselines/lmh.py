@@ -86,7 +86,7 @@ def lmh(basis_source: SpectralBasis, basis_target: SpectralBasis, matches: Array
         matches: (m, 2) target and source vertices.
     """
     on_target, on_source = np.asarray(matches).T
-    C = transported(kernels(basis_source, on_source), kernels(basis_target, on_target))
+    C = transport(kernels(basis_source, on_source), kernels(basis_target, on_target))
     return vertex_map_of(C, basis_source, basis_target)
 
 
@@ -98,7 +98,7 @@ def kernels(basis: SpectralBasis, vertices: Integers) -> Floats:
     return np.hstack([(each * rows).T for each in decayed])
 
 
-def transported(of_source: Floats, of_target: Floats) -> Floats:
+def transport(of_source: Floats, of_target: Floats) -> Floats:
     """(k_t, k_s) the functional map that takes functions (k_s, d) to others (k_t, d) by least squares, with a ridge."""
     gram = of_source @ of_source.T
     gram += RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
