@@ -165,24 +165,24 @@ def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
     """Its own eigenbases and samples; the start is the truth."""
     stages: dict[str, float] = {}
 
-    def timed(stage: str, work: Callable[[], Any]) -> Any:
+    def time_stage(stage: str, work: Callable[[], Any]) -> Any:
         start = perf_counter()
         done = work()
         stages[stage] = perf_counter() - start
         return done
 
     source, target = (TriMesh(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
-    timed("eigenbases", lambda: [mesh.process(k=K_FINAL, verbose=False) for mesh in (source, target)])
-    samples = timed("sampling", lambda: [mesh.farthest_point_sampling(SAMPLES) for mesh in (source, target)])
+    time_stage("eigenbases", lambda: [mesh.process(k=K_FINAL, verbose=False) for mesh in (source, target)])
+    samples = time_stage("sampling", lambda: [mesh.farthest_point_sampling(SAMPLES) for mesh in (source, target)])
     rows: list[Floats] = [source.eigenvectors[pair.source_vertex], target.eigenvectors[pair.target_vertex]]
     start = np.linalg.lstsq(rows[1][:, :K_INITIAL], rows[0][:, :K_INITIAL], rcond=None)[0]
     eigenvectors = source.eigenvectors, target.eigenvectors
 
-    def refined() -> Integers:
+    def refine() -> Integers:
         C = zoomout_refine(start, *eigenvectors, nit=(K_FINAL - K_INITIAL) // STEP, step=STEP, subsample=samples)
         return np.asarray(FM_to_p2p(C, *eigenvectors))
 
-    vertex = timed("refinement and map", refined)
+    vertex = time_stage("refinement and map", refine)
     seconds = sum(stages.values())
     return {"seconds": seconds, "warm source": None, "longest wait": None, "mean error": pair.error(vertex)}, stages
 

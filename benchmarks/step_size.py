@@ -64,13 +64,13 @@ def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[Record]:
     )
     start = zo.functional_map_of(initial, source, target, INITIAL, INITIAL)
 
-    def upsampled(step: int) -> Integers:
+    def upsample_by(step: int) -> Integers:
         return zo.vertex_map_of(upsample(on_source, on_target, start, FINAL, step)[0], source, target)
 
     methods: dict[str, Integers | Callable[[], Integers]] = {"initial": initial}
     methods[ICP] = lambda: spectral_icp(source, target, initial, FINAL).vertex
     for step in STEPS:
-        methods[str(step)] = partial(upsampled, step)
+        methods[str(step)] = partial(upsample_by, step)
     return [record | {"step": record["method"]} for record in compare(pair, methods, {})[0]]
 
 

@@ -60,14 +60,14 @@ def localized_harmonics(
     factor = factorise(operator + shift * diags_array(areas))
     U = root[:, None] * whole.eigenvectors
 
-    def solved(right: Floats) -> Floats:
+    def solve(right: Floats) -> Floats:
         return np.asarray(root * factor.solve(root * right))
 
     inverse_U = root[:, None] * factor.solve(root[:, None] * U)
     small = cho_factor(np.eye(U.shape[1]) / (ORTHOGONALITY * scale) + U.T @ inverse_U)
 
     def inverse(right: Floats) -> Floats:
-        first = solved(right.ravel())
+        first = solve(right.ravel())
         return np.asarray(first - inverse_U @ cho_solve(small, U.T @ first))
 
     n = len(areas)

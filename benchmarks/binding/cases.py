@@ -118,11 +118,11 @@ def _generate(number: int) -> Iterator[Case]:
     character.modifiers.remove(character.modifiers["Corrective Smooth"])  # the truth is what the bones do
     random = np.random.default_rng(number)
 
-    def drawn() -> Stance:
+    def draw_stance() -> Stance:
         set_pose(armature, {name: tuple(random.normal(0, TURN, 3)) for name in POSE})
         return _stance(armature)
 
-    stances = [drawn() for _ in range(TAKEN + 1)]
+    stances = [draw_stance() for _ in range(TAKEN + 1)]
     set_pose(armature)
     bound_in = _stance(armature) if number == 0 else stances[0]
     yield from _cases(GENERATED, f"character, pose {number}", character, armature, bound_in, tuple(stances[1:]))

@@ -72,7 +72,7 @@ class Constraints:
         """A function that measures how far a map disagrees with each kind of evidence."""
         source, target = pair.source_shape, pair.target_shape
         here = target.search.samples
-        missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
+        landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
         heights = [
             _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
@@ -80,11 +80,11 @@ class Constraints:
             if len(self.common_axes)
         ]
 
-        def known(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
+        def evaluate(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
             disagreements = {}
-            if missed is not None:
-                disagreements["landmarks"] = missed(functional_map, anchors)
+            if landmark_distance is not None:
+                disagreements["landmarks"] = landmark_distance(functional_map, anchors)
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
@@ -103,7 +103,7 @@ class Constraints:
                 disagreements["regions"] = float(1 - np.mean(overlaps))
             return disagreements
 
-        return known
+        return evaluate
 
     def _members(self, pair: Pair) -> tuple[list[Floats], list[Floats]]:
         """For the source's and the target's shape, (n,) indicators of the regions that both have vertices of."""
@@ -207,13 +207,13 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
     distances = dijkstra(graph, indices=source_ids)
 
-    def missed(functional_map: Floats, anchors: Anchors | None) -> float:
+    def total_distance(functional_map: Floats, anchors: Anchors | None) -> float:
         at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])
         rows = target.basis.eigenvectors[target_ids]
         image = nearest(*coordinates(rows, source.basis.eigenvectors, functional_map, at_landmarks))
         return float(distances[np.arange(len(image)), image].sum())
 
-    return missed
+    return total_distance
 
 
 def _positions(surface: Surface, shape: ShapeAnalysis) -> Floats:

@@ -143,13 +143,13 @@ def _sift(
     for region in regions:
         _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
 
-    def searched(task: tuple[Region, Integers]) -> list[_Found]:
+    def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task
         return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
-        found = sorted(chain(*for_each(searched, tasks)), key=lambda one: one.promise)
+        found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
     ahead = _differing(found, PART_CANDIDATES.registered)
     with portion(0.5, 1.0):
         sifted = for_each(_register_coarsely, ahead)
