@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.bcicp import Side
-from benchmarks.baselines.lmh import GLOBAL, kernels, lmh, localized_harmonics, transported
+from benchmarks.baselines.lmh import GLOBAL, kernels, lmh, localized_harmonics, transport
 from benchmarks.baselines.pfm import pfm
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.generate.folder import class_of
@@ -77,7 +77,7 @@ class Scene(PairOfParts):
         width = SPREAD * np.sqrt(self.target.area)
         return potential(self.source, on_source, width), potential(self.target, on_target, width)
 
-    def localised(self, k: int) -> tuple[SpectralBasis, SpectralBasis]:
+    def localise(self, k: int) -> tuple[SpectralBasis, SpectralBasis]:
         """Hamiltonian bases of source and target, in one unit."""
         of_source, of_target = self.potentials
         return (
@@ -99,7 +99,7 @@ def _first(scene: Scene, bases: tuple[SpectralBasis, SpectralBasis]) -> Floats:
     """(K_INITIAL, K_INITIAL) functional map that takes heat at the matches to each other."""
     on_target, on_source = scene.matches.T
     small = [_leading(basis, K_INITIAL) for basis in bases]
-    return transported(kernels(small[0], on_source), kernels(small[1], on_target))
+    return transport(kernels(small[0], on_source), kernels(small[1], on_target))
 
 
 def _leading(basis: SpectralBasis, k: int) -> SpectralBasis:
@@ -107,12 +107,12 @@ def _leading(basis: SpectralBasis, k: int) -> SpectralBasis:
 
 
 def _initial(scene: Scene) -> Integers:
-    bases = scene.localised(K_FINAL)
+    bases = scene.localise(K_FINAL)
     return zo.vertex_map_of(_first(scene, bases), *bases)
 
 
 def _zoomout(scene: Scene) -> Integers:
-    bases = scene.localised(K_FINAL)
+    bases = scene.localise(K_FINAL)
     return zo.zoomout(*bases, _first(scene, bases), K_FINAL, STEP, samples=None).vertex
 
 
@@ -180,7 +180,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     records: list[Record] = []
     drawn: list[list[View]] = []
     for chosen in tqdm(chosen_animals(folder, min(pairs or SCENES, SCENES)), desc="scenes", leave=False):
-        scene = made_scene(folder, *chosen)
+        scene = make_scene(folder, *chosen)
         vertices: dict[str, Integers] = {}
         for method, vertex_of in METHODS.items():
             begin = perf_counter()
@@ -249,7 +249,7 @@ def chosen_animals(folder: Path, count: int) -> list[tuple[str, str, str]]:
     return chosen
 
 
-def made_scene(folder: Path, model: str, pose: str, other: str) -> Scene:
+def make_scene(folder: Path, model: str, pose: str, other: str) -> Scene:
     """The scene of an animal in some pose and another one beside it."""
     with np.load(folder / CORRESPONDENCE) as truth:
         on_model, on_pose = truth[model], truth[pose]

@@ -99,7 +99,7 @@ def _plan(shapes: int) -> Record:
     with local_engine(2, retries=0) as engine:
         assert isinstance(engine, OnDask)
         before, began, planned = _peak(), time.perf_counter(), None
-        for _ in engine.completed(tasks):
+        for _ in engine.as_completed(tasks):
             planned = planned or time.perf_counter() - began
         seconds = time.perf_counter() - began
     return {
@@ -118,5 +118,5 @@ def _peak() -> float:
 
 
 def _finish(engine: Engine, tasks: Sequence[Task]) -> None:
-    for _ in engine.completed(tasks):
+    for _ in engine.as_completed(tasks):
         pass

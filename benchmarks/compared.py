@@ -14,7 +14,7 @@ from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
 
 
-def compared(
+def compare(
     pair: PairOfMeshes, methods: Mapping[str, Integers | Callable[[], Integers]], about: Record
 ) -> tuple[list[Record], Floats]:
     """Run methods one after the other.
@@ -50,7 +50,7 @@ def rows_by(
 
     Args:
         columns: of the records; the first ones of the rows.
-        records: see `compared`.
+        records: see `compare`.
         published: mean error and seconds that a paper has for a method.
 
     Returns:

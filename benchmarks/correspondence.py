@@ -107,8 +107,8 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
         worst: list[tuple[float, Picture]] = []
         for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
             pair = load_pair(folder, *names)
-            result, ours = _matched(OURS, pair)
-            of_pair = _records(folder.name, pair, [ours, *_published(folder, pair)])
+            result, ours = _match(OURS, pair)
+            of_pair = _records(folder.name, pair, [ours, *_published_maps(folder, pair)])
             records += of_pair
             if ablate:
                 without = [Map(name, vertex) for name, vertex in maps_without(result).items()]
@@ -133,7 +133,7 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
 # --- maps ---------------------------------------------------------------------------------------------------
 
 
-def _matched(method: str, pair: PairOfMeshes | PairOfParts, **start: Any) -> tuple[zo.MatchResult, Map]:
+def _match(method: str, pair: PairOfMeshes | PairOfParts, **start: Any) -> tuple[zo.MatchResult, Map]:
     zo.forget_shapes()
     begin = perf_counter()
     result = zo.match(pair.source, pair.target, **start)
@@ -147,7 +147,7 @@ def _matched(method: str, pair: PairOfMeshes | PairOfParts, **start: Any) -> tup
     return result, Map(method, result.surface_map.vertex, figures, result.confidence)
 
 
-def _published(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
+def _published_maps(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
     """The published maps of a pair, and ours that start from the complete ones among those that others refine."""
     for path in sorted(folder.glob("map_*.npz")):
         with np.load(path) as maps:
@@ -157,7 +157,7 @@ def _published(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
         method = path.stem.removeprefix("map_")
         yield Map(method, vertex)
         if method.endswith(INITIAL) and vertex.min() >= 0:
-            yield _matched(f"{method} + zoomout", pair, initial="given", initial_map=vertex)[1]
+            yield _match(f"{method} + zoomout", pair, initial="given", initial_map=vertex)[1]
 
 
 def _picture(record: Record, pair: PairOfMeshes | PairOfParts, result: zo.MatchResult) -> Picture:
@@ -195,7 +195,7 @@ def _records_of_parts(folder: Path, pairs: int | None, picture_folder: Path | No
     names = [name for kind in PARTS.values() for name in part_names(folder, pairs, [kind])]
     for name in tqdm(names, desc=folder.name, leave=False):
         pair = PairOfParts.load(folder, name)
-        result, ours = _matched(OURS, pair)
+        result, ours = _match(OURS, pair)
         error = float(np.nanmean(pair.errors(ours.vertex, PART_PLACES)))
         limit = NON_ISOMETRIC_LIMIT if pair.kind in OTHER_SPECIES else ISOMETRIC_LIMIT
         names_of_two = {"target": f"{name}_target", "source": f"{name}_source"}

@@ -28,7 +28,7 @@ TRUTH = "truth.npz"
 # How the names of these pairs begin, and what is missing.
 PARTS = {"cut": "cuts", "holes": "holes", "pfarm": "missing pieces", "both_partial": "both cut, other species"}
 # Largest number of known places at which a map is measured.
-MOST_PLACES = 1000
+MAX_PLACES = 1000
 # Where only a class of error is asked for, fewer do.
 FEW_PLACES = 200
 
@@ -180,7 +180,7 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     mirrored_vertex = truth.get(f"{source_name}.sym")
     if by_template:
         target_vertex, source_vertex = _through_template(target_vertex, source_vertex, source)
-    picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(MOST_PLACES, len(target_vertex))).astype(int))
+    picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(MAX_PLACES, len(target_vertex))).astype(int))
     return PairOfMeshes(
         target_name,
         source_name,
@@ -195,7 +195,7 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
 def load_same_order(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     """Two meshes with the same order of vertices, of which some are known places."""
     target, source = (read_surface(folder / f"{name}.off") for name in (target_name, source_name))
-    places = np.unique(np.linspace(0, len(target.vertices) - 1, MOST_PLACES).astype(int))
+    places = np.unique(np.linspace(0, len(target.vertices) - 1, MAX_PLACES).astype(int))
     return PairOfMeshes(target_name, source_name, target, source, places, places, None)
 
 

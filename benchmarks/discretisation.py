@@ -31,7 +31,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     records = []
     for folder in (folder for folder in sets_in(data) if (folder / TEMPLATE).is_file()):
         for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
-            result, errors = matched(load_pair(folder, *names))
+            result, errors = match(load_pair(folder, *names))
             target, source = (name.partition("_")[0] for name in names)
             measured = {"error": float(np.nanmean(errors)), "certainty": result.certainty, "curve": share_below(errors)}
             records.append({"target": target, "source": source} | measured)
@@ -55,7 +55,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     return {"rows": rows, "right": right, "pairs": records}
 
 
-def matched(pair: PairOfMeshes) -> tuple[zo.MatchResult, Floats]:
+def match(pair: PairOfMeshes) -> tuple[zo.MatchResult, Floats]:
     """A cold match with nothing given, and (c,) its errors, times 1000, at the known places."""
     zo.forget_shapes()
     result = zo.match(pair.source, pair.target)

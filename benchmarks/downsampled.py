@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
-from benchmarks.compared import compared, rows_by
+from benchmarks.compared import compare, rows_by
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_same_order
 from benchmarks.large import K_FINAL, SET, STEP
@@ -77,7 +77,7 @@ def _of_pair(pair: PairOfMeshes) -> list[Record]:
         methods[SAMPLED, vertices] = partial(_on_samples, source, target, initial, vertices)
         methods[CORE, vertices] = partial(_in_core, source, target, initial, vertices)
     named = {f"{method} {vertices}": make for (method, vertices), make in methods.items()}
-    records, _ = compared(pair, named, {})
+    records, _ = compare(pair, named, {})
     for (method, vertices), record in zip(methods, records, strict=True):
         record |= {"method": method, "vertices": vertices}
         if method not in (INITIAL, NEAREST):
@@ -107,7 +107,7 @@ class _Decimated:
         return cls(zo.eigenbasis(zo.Surface(points, triangles), K_FINAL), merged, stands_for)
 
 
-def _refined_small(pair: PairOfMeshes, initial: Integers, vertices: int) -> tuple[_Decimated, _Decimated, Integers]:
+def _refine_small(pair: PairOfMeshes, initial: Integers, vertices: int) -> tuple[_Decimated, _Decimated, Integers]:
     """Both smaller surfaces, and (n'_t,) the smaller source's vertex of each vertex of the smaller target."""
     source, target = (_Decimated.of(surface, vertices) for surface in (pair.source, pair.target))
     start = source.merged[initial[target.stands_for]]
@@ -116,7 +116,7 @@ def _refined_small(pair: PairOfMeshes, initial: Integers, vertices: int) -> tupl
 
 def _by_nearest(pair: PairOfMeshes, initial: Integers, vertices: int) -> Integers:
     """(n_t,) every vertex goes where the one that it was merged into goes."""
-    source, target, small = _refined_small(pair, initial, vertices)
+    source, target, small = _refine_small(pair, initial, vertices)
     return source.stands_for[small[target.merged]]
 
 
@@ -124,7 +124,7 @@ def _by_functional_map(
     pair: PairOfMeshes, source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, vertices: int
 ) -> Integers:
     """(n_t,) the vertices of the smaller shapes are samples of the large ones, which decide a functional map."""
-    small_source, small_target, small = _refined_small(pair, initial, vertices)
+    small_source, small_target, small = _refine_small(pair, initial, vertices)
     images = source.eigenvectors[small_source.stands_for[small], :K_FINAL]
     functional_map = SampledBasis.of(target, small_target.stands_for).fit(images, K_FINAL)
     return zo.vertex_map_of(functional_map, source, target)

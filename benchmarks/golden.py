@@ -96,13 +96,13 @@ def _differences(record: Record, earlier: dict[tuple[str, int], Record]) -> list
         return [about | {"field": "all", "before": "no such case", "now": None}]
     fields = [field for field in dict.fromkeys([*before, *record]) if field not in NOT_COMPARED]
     return [
-        about | {"field": field, "before": _shown(before.get(field)), "now": _shown(record.get(field))}
+        about | {"field": field, "before": _show(before.get(field)), "now": _show(record.get(field))}
         for field in fields
         if before.get(field) != record.get(field)
     ]
 
 
-def _shown(value: object) -> str:
+def _show(value: object) -> str:
     return "none" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 

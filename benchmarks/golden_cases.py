@@ -54,7 +54,7 @@ class Case:
 # --- hashes -------------------------------------------------------------------------------------------------
 
 
-def hashed(*arrays: Any) -> str:
+def hash_of(*arrays: Any) -> str:
     """A hash of the bytes of arrays, dense or sparse."""
     digest = sha256()
     for array in arrays:
@@ -65,17 +65,17 @@ def hashed(*arrays: Any) -> str:
 
 def of_map(surface_map: zo.SurfaceMap) -> Fields:
     """The fields of a map."""
-    return {"triangle": hashed(surface_map.triangle), "barycentric": hashed(surface_map.barycentric)}
+    return {"triangle": hash_of(surface_map.triangle), "barycentric": hash_of(surface_map.barycentric)}
 
 
 def of_match(result: zo.MatchResult) -> Fields:
     """The fields of a match."""
     return of_map(result.surface_map) | {
-        "confidence": hashed(result.confidence),
-        "functional_map": hashed(result.functional_map),
-        "partners": hashed(result.has_partner, result.source_has_partner),
+        "confidence": hash_of(result.confidence),
+        "functional_map": hash_of(result.functional_map),
+        "partners": hash_of(result.has_partner, result.source_has_partner),
         "certainty": repr(float(result.certainty)),
-        "candidates": hashed([candidate.certainty for candidate in result.candidates]),
+        "candidates": hash_of([candidate.certainty for candidate in result.candidates]),
         "notes": list(result.notes),
     }
 
@@ -85,9 +85,9 @@ def of_symmetries(found: tuple[zo.Symmetry, ...]) -> Fields:
     fields: Fields = {"count": len(found)}
     for number, symmetry in enumerate(found):
         each = of_map(symmetry.surface_map) | {
-            "confidence": hashed(symmetry.confidence),
-            "functional_map": hashed(symmetry.functional_map),
-            "distance": hashed(symmetry.distance),
+            "confidence": hash_of(symmetry.confidence),
+            "functional_map": hash_of(symmetry.functional_map),
+            "distance": hash_of(symmetry.distance),
             "order": symmetry.order,
             "certainty": repr(float(symmetry.certainty)),
             "scores": {name: repr(float(score)) for name, score in symmetry.scores.items()},
@@ -95,7 +95,7 @@ def of_symmetries(found: tuple[zo.Symmetry, ...]) -> Fields:
             "origin": symmetry.origin,
             "notes": list(symmetry.notes),
         }
-        fields |= _named(str(number), each)
+        fields |= _with_prefix(str(number), each)
     return fields
 
 
@@ -109,21 +109,21 @@ def of_collection(result: zo.CollectionResult) -> Fields:
             "through": record.through,
             "notes": list(record.notes),
         }
-        fields |= _named(f"{pair.source} {pair.target}", each)
+        fields |= _with_prefix(f"{pair.source} {pair.target}", each)
     return fields
 
 
 def of_attribute(attribute: zo.Attribute) -> Fields:
     """The fields of an attribute."""
-    return {"values": hashed(attribute.values), "labels": list(attribute.labels), "notes": list(attribute.notes)}
+    return {"values": hash_of(attribute.values), "labels": list(attribute.labels), "notes": list(attribute.notes)}
 
 
 def of_basis(basis: zo.SpectralBasis) -> Fields:
     """The fields of a basis."""
-    return {name: hashed(getattr(basis, name)) for name in ("eigenvalues", "eigenvectors", "areas")}
+    return {name: hash_of(getattr(basis, name)) for name in ("eigenvalues", "eigenvectors", "areas")}
 
 
-def _named(prefix: str, fields: Fields) -> Fields:
+def _with_prefix(prefix: str, fields: Fields) -> Fields:
     return {f"{prefix} {name}": value for name, value in fields.items()}
 
 
@@ -185,7 +185,7 @@ def torus(columns: int = 48, rows: int = 24) -> zo.Surface:
     return zo.Surface(points, grid_faces(columns, rows, (True, True)))
 
 
-def kept(surface: zo.Surface, inside: Callable[[Floats], Any]) -> zo.Surface:
+def keep_faces(surface: zo.Surface, inside: Callable[[Floats], Any]) -> zo.Surface:
     """The faces of a surface whose corners are all inside."""
     triangles = surface.triangles[np.asarray(inside(surface.vertices))[surface.triangles].all(axis=1)]
     used, compact = np.unique(triangles, return_inverse=True)
@@ -197,10 +197,10 @@ def shirt(seed: int, count: int = SMALL) -> zo.Surface:
     skin = creature(count, seed, asymmetry=0)
     above = skin.vertices + 0.06 * vertex_normals(skin.vertices, skin.triangles)
     shell = zo.Surface(above, skin.triangles)
-    return kept(shell, lambda points: (np.abs(points[:, 2]) < 0.85) & (np.abs(points[:, 0]) < 2.2))
+    return keep_faces(shell, lambda points: (np.abs(points[:, 2]) < 0.85) & (np.abs(points[:, 0]) < 2.2))
 
 
-def clothed(seed: int, bend: float) -> zo.Surface:
+def clothe(seed: int, bend: float) -> zo.Surface:
     """A creature in a shirt, with eyes and buttons: loose parts."""
     balls = [((-0.3, -0.55, 1.3), 0.12), ((0.3, -0.55, 1.3), 0.12), ((0, -0.85, 0.3), 0.06), ((0, -0.85, -0.1), 0.06)]
     loose = [round_shape(lambda where: np.ones(len(where)), 80, seed + number) for number in range(len(balls))]
@@ -212,7 +212,7 @@ def clothed(seed: int, bend: float) -> zo.Surface:
     return everything.with_vertices(samples.posed(everything.vertices, bend))
 
 
-def scaled(surface: zo.Surface, factor: float) -> zo.Surface:
+def scale(surface: zo.Surface, factor: float) -> zo.Surface:
     """A surface in another unit."""
     return surface.with_vertices(factor * surface.vertices)
 
@@ -248,7 +248,7 @@ def _read(path: Path) -> Shape:
     return zo.read_point_cloud(path) if path.stem.startswith("cloud") else zo.read_surface(path)
 
 
-def _made(name: str, make: Callable[[], tuple[Shape, Shape]], options: Callable[[], Mapping[str, Any]] = dict) -> Case:
+def _make(name: str, make: Callable[[], tuple[Shape, Shape]], options: Callable[[], Mapping[str, Any]] = dict) -> Case:
     """A match of two generated shapes, source and target."""
     return Case(name, lambda _: of_match(zo.match(*make(), **options())))
 
@@ -299,12 +299,12 @@ def _other_candidate_of_part() -> Fields:
 
 
 def _arm_and_whole() -> tuple[zo.Surface, zo.Surface]:
-    return creature(), kept(creature(4000, 1), lambda points: points[:, 0] > 0.2)
+    return creature(), keep_faces(creature(4000, 1), lambda points: points[:, 0] > 0.2)
 
 
 def _by_proximity() -> Fields:
     found = zo.match_by_proximity(creature(asymmetry=0), shirt(21))
-    return of_map(found.surface_map) | {"confidence": hashed(found.confidence), "notes": list(found.notes)}
+    return of_map(found.surface_map) | {"confidence": hash_of(found.confidence), "notes": list(found.notes)}
 
 
 def _matches() -> Iterator[Case]:
@@ -320,14 +320,14 @@ def _matches() -> Iterator[Case]:
             source, target = (f"{folder}/{name}.{ending}" for name in pair.split())
             yield _of_files(f"whole {folder} {pair}", source, target, **(FAST if number else {}))
     yield _of_files("whole molar", *(f"specimens/shapes/molar_{number}.ply" for number in (4, 0)), **FAST)
-    yield _made("whole creatures", _creatures)
-    yield _made(
+    yield _make("whole creatures", _creatures)
+    yield _make(
         "whole mirror image",
         lambda: (creature(), creature(seed=1).with_vertices(creature(seed=1).vertices * [-1, 1, 1])),
     )
-    yield _made("whole unlike", lambda: (creature(), round_shape(BOX)))
-    yield _made("whole torus", lambda: (torus(), torus(40, 20)))
-    yield _made("whole decimated", lambda: (creature(9000), creature(12000, 1, 0.5)))
+    yield _make("whole unlike", lambda: (creature(), round_shape(BOX)))
+    yield _make("whole torus", lambda: (torus(), torus(40, 20)))
+    yield _make("whole decimated", lambda: (creature(9000), creature(12000, 1, 0.5)))
 
     for name in (
         "cut_cat_00",
@@ -343,13 +343,13 @@ def _matches() -> Iterator[Case]:
     yield _of_files(
         "part source cut_horse_01", "partial/cut_horse_01_target.off", "partial/cut_horse_01_source.off", **FAST
     )
-    yield _made("part limb lacks", lambda: (creature(), creature(seed=1, without=5)))
-    yield _made("part half", _arm_and_whole)
-    yield _made("part half off", _arm_and_whole, lambda: {"partial": "off"})
-    yield _made("part other unit", lambda: (creature(), scaled(_arm_and_whole()[1], 2.54)))
-    yield _made("part landmarks", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "initial": "landmarks"})
-    yield _made("part exact", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "exact_landmarks": True})
-    yield _made("part too coarse", lambda: (creature(USUAL), kept(creature(TINY, 1), lambda p: p[:, 0] > 0)))
+    yield _make("part limb lacks", lambda: (creature(), creature(seed=1, without=5)))
+    yield _make("part half", _arm_and_whole)
+    yield _make("part half off", _arm_and_whole, lambda: {"partial": "off"})
+    yield _make("part other unit", lambda: (creature(), scale(_arm_and_whole()[1], 2.54)))
+    yield _make("part landmarks", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "initial": "landmarks"})
+    yield _make("part exact", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "exact_landmarks": True})
+    yield _make("part too coarse", lambda: (creature(USUAL), keep_faces(creature(TINY, 1), lambda p: p[:, 0] > 0)))
     yield Case("part use 1", lambda _: _other_candidate_of_part())
 
     game = "characters/game"
@@ -363,43 +363,43 @@ def _matches() -> Iterator[Case]:
         options = FAST if "mech" in source else {}
         name = f"shells {source.split('/')[1]} {target.split('/')[1]}"
         yield _of_files(name, f"{game}/{source}.glb", f"{game}/{target}.glb", **options)
-    yield _made("shells clothed", lambda: (clothed(0, 0.0), clothed(1, 0.5)))
-    yield _made("shells clothed and bare", lambda: (clothed(0, 0.0), creature(seed=1, bend=0.3, asymmetry=0)))
-    yield _made("shells shirts", lambda: (shirt(1), shirt(2)))
+    yield _make("shells clothed", lambda: (clothe(0, 0.0), clothe(1, 0.5)))
+    yield _make("shells clothed and bare", lambda: (clothe(0, 0.0), creature(seed=1, bend=0.3, asymmetry=0)))
+    yield _make("shells shirts", lambda: (shirt(1), shirt(2)))
 
     yield _of_files("cloud faust", "faust_discretisation/iso_080.ply", "faust_discretisation/cloud_081.ply", **FAST)
-    yield _made("cloud with normals", lambda: (_cloud(creature(4000), True), creature(seed=1, bend=0.5)))
-    yield _made("cloud without", lambda: (creature(), _cloud(creature(4000, 1, 0.5), False)), lambda: FAST)
-    yield _made("cloud both", lambda: (_cloud(creature(4000), True), _cloud(creature(3000, 1), True)), lambda: FAST)
+    yield _make("cloud with normals", lambda: (_cloud(creature(4000), True), creature(seed=1, bend=0.5)))
+    yield _make("cloud without", lambda: (creature(), _cloud(creature(4000, 1, 0.5), False)), lambda: FAST)
+    yield _make("cloud both", lambda: (_cloud(creature(4000), True), _cloud(creature(3000, 1), True)), lambda: FAST)
 
     known = ("faust_r/correspondence.npz",)
     yield Case("landmarks faust", lambda data: _known_places(data, False), known)
     yield Case("landmarks faust exact", lambda data: _known_places(data, True), known)
-    yield _made("landmarks auto", _creatures, lambda: {"landmarks": landmarks()})
-    yield _made("landmarks as points exact", _creatures, _points_as_landmarks)
-    yield _made(
+    yield _make("landmarks auto", _creatures, lambda: {"landmarks": landmarks()})
+    yield _make("landmarks as points exact", _creatures, _points_as_landmarks)
+    yield _make(
         "landmarks twice",
         _creatures,
         lambda: {"initial": "landmarks", "landmarks": tuple(np.append(side, side[:2]) for side in landmarks())},
     )
 
-    yield _made("given vertices", _creatures, lambda: {"initial": "given", "initial_map": true_map()})
-    yield _made("given surface map", _creatures, _given_surface_map)
-    yield _made("given functional map", _creatures, _given_functional_map)
-    yield _made("given as evidence", _creatures, lambda: {"initial_map": true_map()})
+    yield _make("given vertices", _creatures, lambda: {"initial": "given", "initial_map": true_map()})
+    yield _make("given surface map", _creatures, _given_surface_map)
+    yield _make("given functional map", _creatures, _given_functional_map)
+    yield _make("given as evidence", _creatures, lambda: {"initial_map": true_map()})
 
     near = {"initial": "proximity"}
-    yield _made("proximity creatures", lambda: (creature(), creature(seed=1, bend=0.1)), lambda: near)
-    yield _made("proximity clothed", lambda: (clothed(0, 0.0), clothed(1, 0.1)), lambda: near)
+    yield _make("proximity creatures", lambda: (creature(), creature(seed=1, bend=0.1)), lambda: near)
+    yield _make("proximity clothed", lambda: (clothe(0, 0.0), clothe(1, 0.1)), lambda: near)
     yield Case("proximity alone", lambda _: _by_proximity())
 
-    yield _made("options two axes", _creatures, lambda: {"common_axes": [(0, 0, 1), (1, 0, 0)]})
-    yield _made("options regions", _creatures, lambda: {"regions": regions()})
-    yield _made("options small map", _creatures, lambda: {"k_final": 30, "step": 5, "samples": 300})
-    yield _made("options large map", _creatures, lambda: {"k_final": 200, "samples": 1500, "proxy_vertices": 8000})
-    yield _made("options fast", lambda: (creature(5000), creature(5000, 1, 0.6)), lambda: FAST)
-    yield _made("options no stand-in", lambda: (creature(3000), creature(3000, 1)), lambda: {"proxy_vertices": None})
-    yield _made("options seed", _creatures, lambda: {"seed": 3})
+    yield _make("options two axes", _creatures, lambda: {"common_axes": [(0, 0, 1), (1, 0, 0)]})
+    yield _make("options regions", _creatures, lambda: {"regions": regions()})
+    yield _make("options small map", _creatures, lambda: {"k_final": 30, "step": 5, "samples": 300})
+    yield _make("options large map", _creatures, lambda: {"k_final": 200, "samples": 1500, "proxy_vertices": 8000})
+    yield _make("options fast", lambda: (creature(5000), creature(5000, 1, 0.6)), lambda: FAST)
+    yield _make("options no stand-in", lambda: (creature(3000), creature(3000, 1)), lambda: {"proxy_vertices": None})
+    yield _make("options seed", _creatures, lambda: {"seed": 3})
     yield Case(
         "options object",
         lambda _: of_match(
@@ -409,15 +409,15 @@ def _matches() -> Iterator[Case]:
     yield Case("use faust 1", _other_candidate, ("faust_r/tr_reg_012.off", "faust_r/tr_reg_007.off"))
 
     for count in (12, 60, 150, 400):
-        yield _made(f"small {count}", lambda count=count: (creature(count), creature(count, 1)))  # type: ignore[misc]
-    yield _made("small and large", lambda: (creature(TINY), creature(4000, 1)))
+        yield _make(f"small {count}", lambda count=count: (creature(count), creature(count, 1)))  # type: ignore[misc]
+    yield _make("small and large", lambda: (creature(TINY), creature(4000, 1)))
 
-    yield _made("signs eggs", lambda: (round_shape(egg), round_shape(egg, seed=1)))
-    yield _made("signs egg itself", lambda: (egg_twice := round_shape(egg, SMALL), egg_twice))
-    yield _made("turns cube", lambda: (round_shape(CUBE), round_shape(CUBE, seed=1)), lambda: FAST)
-    yield _made("turns icosahedron", lambda: (round_shape(ICOSAHEDRON), round_shape(ICOSAHEDRON, seed=1)), lambda: FAST)
-    yield _made("turns gear", lambda: (round_shape(gear), round_shape(gear, seed=1)))
-    yield _made("turns symmetric creature", lambda: (creature(asymmetry=0), creature(seed=1, asymmetry=0, bend=0.5)))
+    yield _make("signs eggs", lambda: (round_shape(egg), round_shape(egg, seed=1)))
+    yield _make("signs egg itself", lambda: (egg_twice := round_shape(egg, SMALL), egg_twice))
+    yield _make("turns cube", lambda: (round_shape(CUBE), round_shape(CUBE, seed=1)), lambda: FAST)
+    yield _make("turns icosahedron", lambda: (round_shape(ICOSAHEDRON), round_shape(ICOSAHEDRON, seed=1)), lambda: FAST)
+    yield _make("turns gear", lambda: (round_shape(gear), round_shape(gear, seed=1)))
+    yield _make("turns symmetric creature", lambda: (creature(asymmetry=0), creature(seed=1, asymmetry=0, bend=0.5)))
 
 
 def _landmarks_of_arm() -> tuple[Floats, Floats]:
@@ -452,7 +452,7 @@ def _symmetries() -> Iterator[Case]:
     yield _symmetric("cube", lambda: round_shape(CUBE, SMALL), most=4, k_final=60, samples=500)
     yield _symmetric("icosahedron", lambda: round_shape(ICOSAHEDRON, SMALL), most=2, k_final=60, samples=500)
     yield _symmetric("gear", lambda: round_shape(gear), most=4, left=(0, 1, 0), k_final=60)
-    yield _symmetric("clothed", lambda: clothed(0, 0.4), most=2)
+    yield _symmetric("clothed", lambda: clothe(0, 0.4), most=2)
     yield _symmetric("cloud", lambda: _cloud(creature(3000, asymmetry=0), True), most=2, k_final=60)
     game = "characters/game/modular_men/Farmer.glb"
     yield Case("symmetry Farmer", lambda data: of_symmetries(zo.detect_symmetry(_read(data / game), most=2)), (game,))
@@ -461,7 +461,7 @@ def _symmetries() -> Iterator[Case]:
 # --- collections --------------------------------------------------------------------------------------------
 
 
-def _collected(count: int = 3, **options: Any) -> Fields:
+def _collect(count: int = 3, **options: Any) -> Fields:
     """The maps of so many creatures in several poses."""
     shapes = {
         f"pose{number}": creature(SMALL, number, bend, asymmetry=0.15)
@@ -474,14 +474,14 @@ def _by_workers() -> Fields:
     from zoomout_core.collection.engine import local_engine
 
     with local_engine(2, 0) as engine:
-        return _collected(template="pose0", engine=engine)
+        return _collect(template="pose0", engine=engine)
 
 
 def _collections() -> Iterator[Case]:
-    yield Case("collection all", lambda _: _collected(pairs="all"))
-    yield Case("collection template", lambda _: _collected(template="pose0"))
-    yield Case("collection neighbours", lambda _: _collected(4, neighbours=1))
-    yield Case("collection pairs", lambda _: _collected(pairs=[("pose0", "pose1"), ("pose2", "pose1")], agree=False))
+    yield Case("collection all", lambda _: _collect(pairs="all"))
+    yield Case("collection template", lambda _: _collect(template="pose0"))
+    yield Case("collection neighbours", lambda _: _collect(4, neighbours=1))
+    yield Case("collection pairs", lambda _: _collect(pairs=[("pose0", "pose1"), ("pose2", "pose1")], agree=False))
     yield Case("collection workers", lambda _: _by_workers())
 
 
@@ -532,21 +532,21 @@ def attributes(surface: zo.Surface) -> list[zo.Attribute]:
     ]
 
 
-def _transferred(source: zo.Surface, target: zo.Surface, result: Any, fill_below: float | None = None) -> Fields:
+def _transfer(source: zo.Surface, target: zo.Surface, result: Any, fill_below: float | None = None) -> Fields:
     fields: Fields = {}
     for attribute in attributes(source):
-        fields |= _named(attribute.name, of_attribute(zo.transfer(attribute, result, source, target, fill_below)))
-    return fields | {"conform": hashed(zo.conform(result, source, target))}
+        fields |= _with_prefix(attribute.name, of_attribute(zo.transfer(attribute, result, source, target, fill_below)))
+    return fields | {"conform": hash_of(zo.conform(result, source, target))}
 
 
 def _by_true_map() -> Fields:
     source, target = _creatures()
-    return _transferred(source, target, zo.SurfaceMap.from_vertices(true_map(), source))
+    return _transfer(source, target, zo.SurfaceMap.from_vertices(true_map(), source))
 
 
 def _by_match(target: zo.Surface) -> Fields:
     source = creature()
-    return _transferred(source, target, zo.match(source, target, **FAST), 0.3)
+    return _transfer(source, target, zo.match(source, target, **FAST), 0.3)
 
 
 def _of_asset() -> Fields:
@@ -554,12 +554,12 @@ def _of_asset() -> Fields:
     moved = zo.transfer_asset(source, target, zo.match(source.surface, target.surface, **FAST))
     fields: Fields = {"received": list(moved.received), "notes": list(moved.notes)}
     for attribute in moved.asset.attributes:
-        fields |= _named(attribute.name, of_attribute(attribute))
+        fields |= _with_prefix(attribute.name, of_attribute(attribute))
     skin = moved.asset.skin
-    return fields | ({} if skin is None else {"skin": hashed(skin.weights, skin.inverse_bind, skin.rest)})
+    return fields | ({} if skin is None else {"skin": hash_of(skin.weights, skin.inverse_bind, skin.rest)})
 
 
-def _wrapped(**options: Any) -> Fields:
+def _wrap(**options: Any) -> Fields:
     source, target = creature(USUAL), creature(SMALL, 1, 0.4)
     if options.pop("known", False):
         (of_source, _), (_, of_target) = landmarks(USUAL), landmarks(SMALL)
@@ -568,20 +568,20 @@ def _wrapped(**options: Any) -> Fields:
         options["mask"] = (target.vertices[:, 2] > 0).astype(float)
     wrapped = zo.wrap(zo.match(source, target, **FAST), source, target, **options)
     return {
-        "vertices": hashed(wrapped.vertices),
+        "vertices": hash_of(wrapped.vertices),
         "turned_over": int(wrapped.turned_over),
         "notes": list(wrapped.notes),
     }
 
 
-def _dressed(**options: Any) -> Fields:
+def _dress(**options: Any) -> Fields:
     source, target = creature(asymmetry=0), creature(seed=1, bend=0.4, asymmetry=0.2)
     tips = landmarks()[0]
     strands = np.concatenate([source.vertices[tips], 1.1 * source.vertices[tips]])
     hair = zo.Lines(strands, np.column_stack([np.arange(len(tips)), np.arange(len(tips)) + len(tips)]))
     dressed = zo.dress(zo.match(source, target, **FAST), source, target, [shirt(21), hair], **options)
-    vertices = {f"vertices {number}": hashed(each) for number, each in enumerate(dressed.vertices)}
-    turns = {f"turns {number}": hashed(each) for number, each in enumerate(dressed.turns)}
+    vertices = {f"vertices {number}": hash_of(each) for number, each in enumerate(dressed.vertices)}
+    turns = {f"turns {number}": hash_of(each) for number, each in enumerate(dressed.turns)}
     return vertices | turns | {"notes": list(dressed.notes)}
 
 
@@ -597,32 +597,32 @@ def _of_zoomout() -> Fields:
     there, back = zo.zoomout_both_ways(source, target, vertex)
     refined = {"vertices": alone, "functional": from_functional, "there": there, "back": back}
     fields = {
-        f"{name} {field}": hashed(getattr(each, field))
+        f"{name} {field}": hash_of(getattr(each, field))
         for name, each in refined.items()
         for field in ("functional_map", "vertex")
     }
     precise = zo.precise_map_of(alone.functional_map, source, target, creature(1500))
-    return fields | _named("precise", of_map(precise))
+    return fields | _with_prefix("precise", of_map(precise))
 
 
 def _of_consistent_zoomout() -> Fields:
     maps = {(a, b): true_map(a, b, 1500) for a, b in ((0, 1), (1, 2), (2, 0))}
     found = zo.consistent_zoomout(_bases(), maps, k_final=80)
-    return {"latent": hashed(*found.latent), "vertex": hashed(found.vertex_map(0, 2))}
+    return {"latent": hash_of(*found.latent), "vertex": hash_of(found.vertex_map(0, 2))}
 
 
 def _of_fit() -> Fields:
     source, target = _bases(2)
     here, there = (zo.wave_kernel_signature(basis, 40) for basis in (source, target))
-    return {"signatures": hashed(here, there), "fit": hashed(zo.fit_functional_map(source, target, here, there))}
+    return {"signatures": hash_of(here, there), "fit": hash_of(zo.fit_functional_map(source, target, here, there))}
 
 
 def _of_shape() -> Fields:
     surface = creature(1500)
     potential = np.clip(surface.vertices[:, 2], 0, 1)
     return {
-        "shot": hashed(zo.shot(surface)),
-        **_named("hamiltonian", of_basis(zo.hamiltonian_basis(surface, potential, 60))),
+        "shot": hash_of(zo.shot(surface)),
+        **_with_prefix("hamiltonian", of_basis(zo.hamiltonian_basis(surface, potential, 60))),
     }
 
 
@@ -631,14 +631,14 @@ def _uses() -> Iterator[Case]:
     yield Case("transfer match", lambda _: _by_match(creature(SMALL, 1, 0.5)))
     yield Case("transfer match of part", lambda _: _by_match(creature(2000, 1, without=5)))
     yield Case("transfer asset", lambda _: _of_asset())
-    yield Case("wrap", lambda _: _wrapped())
-    yield Case("wrap landmarks and mask", lambda _: _wrapped(known=True, upper=True, smoothness=0.8, detail=0.5))
-    yield Case("wrap subdivided", lambda _: _wrapped(subdivided=True))
-    yield Case("dress", lambda _: _dressed())
-    yield Case("dress stiff", lambda _: _dressed(stiffness=0.9, gap=0.02))
+    yield Case("wrap", lambda _: _wrap())
+    yield Case("wrap landmarks and mask", lambda _: _wrap(known=True, upper=True, smoothness=0.8, detail=0.5))
+    yield Case("wrap subdivided", lambda _: _wrap(subdivided=True))
+    yield Case("dress", lambda _: _dress())
+    yield Case("dress stiff", lambda _: _dress(stiffness=0.9, gap=0.02))
     yield Case("basis mesh", lambda _: of_basis(zo.eigenbasis(creature())))
     yield Case("basis cloud", lambda _: of_basis(zo.eigenbasis(_cloud(creature(1500), True), 80, seed=2)))
-    yield Case("basis shells", lambda _: of_basis(zo.eigenbasis(clothed(0, 0.0), 60)))
+    yield Case("basis shells", lambda _: of_basis(zo.eigenbasis(clothe(0, 0.0), 60)))
     yield Case("basis others", lambda _: _of_shape())
     yield Case("zoomout", lambda _: _of_zoomout())
     yield Case("zoomout consistent", lambda _: _of_consistent_zoomout())
@@ -648,7 +648,7 @@ def _uses() -> Iterator[Case]:
 # --- what is refused ----------------------------------------------------------------------------------------
 
 
-def _refused(name: str, work: Callable[[], Any]) -> Case:
+def _refuse(name: str, work: Callable[[], Any]) -> Case:
     def fields(_: Path) -> Fields:
         work()
         return {"refused": False}
@@ -661,19 +661,19 @@ def _errors() -> Iterator[Case]:
         return creature(TINY), creature(TINY, 1)
 
     flat = zo.Surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    yield _refused("one triangle", lambda: zo.match(flat, creature(TINY)))
-    yield _refused("no landmarks", lambda: zo.match(*two(), initial="landmarks"))
-    yield _refused("landmark out of range", lambda: zo.match(*two(), initial="landmarks", landmarks=([9999], [0])))
-    yield _refused("map of other surfaces", lambda: zo.match(*two(), initial="given", initial_map=np.zeros(7, int)))
-    yield _refused("far apart", lambda: zo.match_by_proximity(two()[0], scaled(two()[1], 1e4)))
-    yield _refused("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0)))
-    yield _refused("no region", lambda: zo.match(*two(), regions=[([0],)]))  # type: ignore[list-item]
-    yield _refused("no such candidate", lambda: zo.match(*two()).use(99))
-    yield _refused("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0))
-    yield _refused("no file", lambda: zo.match("missing.ply", creature(TINY)))
-    yield _refused("no template", lambda: _collected(template="nobody"))
-    yield _refused("nothing to wrap", lambda: zo.wrap(zo.match(*two()), *two(), mask=np.zeros(TINY)))
-    yield _refused(
+    yield _refuse("one triangle", lambda: zo.match(flat, creature(TINY)))
+    yield _refuse("no landmarks", lambda: zo.match(*two(), initial="landmarks"))
+    yield _refuse("landmark out of range", lambda: zo.match(*two(), initial="landmarks", landmarks=([9999], [0])))
+    yield _refuse("map of other surfaces", lambda: zo.match(*two(), initial="given", initial_map=np.zeros(7, int)))
+    yield _refuse("far apart", lambda: zo.match_by_proximity(two()[0], scale(two()[1], 1e4)))
+    yield _refuse("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0)))
+    yield _refuse("no region", lambda: zo.match(*two(), regions=[([0],)]))  # type: ignore[list-item]
+    yield _refuse("no such candidate", lambda: zo.match(*two()).use(99))
+    yield _refuse("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0))
+    yield _refuse("no file", lambda: zo.match("missing.ply", creature(TINY)))
+    yield _refuse("no template", lambda: _collect(template="nobody"))
+    yield _refuse("nothing to wrap", lambda: zo.wrap(zo.match(*two()), *two(), mask=np.zeros(TINY)))
+    yield _refuse(
         "transfer by another map",
         lambda: zo.transfer(attributes(two()[0])[0], zo.SurfaceMap.from_vertices([0, 1], two()[0]), *two()),
     )

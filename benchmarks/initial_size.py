@@ -102,7 +102,7 @@ class _Growth:
 
     def refined_errors(self, starts: list[Floats]) -> list[float]:
         """The mean error of what becomes of each start (k, k)."""
-        return self.errors([self._refined(start) for start in starts])
+        return self.errors([self._refine(start) for start in starts])
 
     def errors(self, functional_maps: list[Floats]) -> list[float]:
         """The mean error, times 1000, of each functional map (k, k) at the known places."""
@@ -111,7 +111,7 @@ class _Growth:
             vertex[self.pair.target_vertex, column] = self._images(functional_map)
         return [float(error) for error in np.nanmean(self.pair.errors(vertex), axis=0)]
 
-    def _refined(self, start: Floats) -> Floats:
+    def _refine(self, start: Floats) -> Floats:
         if len(start) < SLOWLY:
             start, _ = upsample(self.on_source, self.on_target, start, SLOWLY, 1)
         return upsample(self.on_source, self.on_target, start, FINAL, 5)[0]

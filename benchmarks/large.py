@@ -17,7 +17,7 @@ import zoomout_core as zo
 from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compared, rows_by
+from benchmarks.compared import compare, rows_by
 from benchmarks.datasets import PairOfMeshes, load_same_order
 from benchmarks.pictures import View, draw_views, heat, spread
 from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
@@ -29,7 +29,7 @@ PAIRS = (("horse0", "horse6"), ("michael0", "michael10"), ("horse10", "horse14")
 SET = "tosca_full"
 K_FINAL, STEP, SAMPLES = 120, 5, 500
 # Where RHM takes more than two minutes: it is left out of shapes with more vertices.
-MOST_FOR_RHM = 25_000
+MAX_FOR_RHM = 25_000
 # Error times 1000 that is drawn black.
 BLACK = 150
 # Melzi et al. 2019: mean errors and seconds on 15 shapes of FARM, of up to 50,000 vertices.
@@ -63,7 +63,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
     there = [names for names in PAIRS if all((folder / f"{name}.off").is_file() for name in names)]
     for names in tqdm(there[:pairs], desc=SET, leave=False):
         pair = load_same_order(folder, *names)
-        found, errors = compared(pair, _methods(pair), {"vertices": len(pair.target.vertices)})
+        found, errors = compare(pair, _methods(pair), {"vertices": len(pair.target.vertices)})
         records += found
         views.append(heat_views(pair, found, errors))
     if figure is not None and views:
@@ -114,6 +114,6 @@ def _methods(pair: PairOfMeshes) -> dict[str, Integers | Callable[[], Integers]]
         "ZoomOut*": on_samples,
         "zo.match": by_match,
     }
-    if len(initial) > MOST_FOR_RHM:
+    if len(initial) > MAX_FOR_RHM:
         del methods["RHM"]
     return methods

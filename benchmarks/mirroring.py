@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.symmetry.mirror import names_flipped, symmetrised
+from zoomout_core.symmetry.mirror import flip_names, symmetrise
 from zoomout_core.transfer import Attribute
 
 POSES = 3
@@ -53,12 +53,12 @@ def weight_rows() -> list[dict[str, Any]]:
 
 def ours(surface: zo.Surface, weights: Attribute) -> Attribute:
     """The left side's weights on both sides, by the surface's own symmetry."""
-    return symmetrised(weights, zo.detect_symmetry(surface)[0], "left_to_right")
+    return symmetrise(weights, zo.detect_symmetry(surface)[0], "left_to_right")
 
 
 def by_position(surface: zo.Surface, weights: Attribute) -> Attribute:
     """Each vertex of the right side takes the weights of the vertex nearest to its mirrored position."""
-    flipped = names_flipped(weights)
+    flipped = flip_names(weights)
     nearest = cKDTree(surface.vertices).query(surface.vertices * [-1, 1, 1])[1]
     right = surface.vertices[:, 0] < 0
     own, other = csr_array(in_order_of(flipped.labels, weights)).toarray(), flipped.values.toarray()[nearest]

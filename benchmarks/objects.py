@@ -61,7 +61,7 @@ def rigid_motion(surface: Surface, surface_map: zo.SurfaceMap) -> tuple[Floats, 
 def draw_symmetries(path: Path, surface: Surface, most: int) -> None:
     """Draw the first symmetries of a surface: as it is coloured, and in the colours that each brings it."""
     pictures = [
-        Picture(f"{number}. {_named(symmetry)}", surface, surface, symmetry.surface_map)
+        Picture(f"{number}. {_name(symmetry)}", surface, surface, symmetry.surface_map)
         for number, symmetry in enumerate(zo.detect_symmetry(surface, most=most), start=1)
     ]
     draw(path, pictures)
@@ -75,6 +75,6 @@ def things() -> Iterator[tuple[str, Surface, int]]:
         yield name, thing(name), count
 
 
-def _named(symmetry: zo.Symmetry) -> str:
+def _name(symmetry: zo.Symmetry) -> str:
     kind = "reflection" if symmetry.reverses_orientation else f"turn of order {symmetry.order}"
     return f"{kind}, {symmetry.certainty:.0%} sure"

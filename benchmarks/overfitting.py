@@ -26,7 +26,7 @@ SIZES = list(range(10, 121, 10))
 START, STEP = 20, 5
 FITTED, REFINED, TRUE = "fitted", f"ZoomOut from {START}", "true"
 # Sets of nearly isometric shapes, and the largest number of pairs of each.
-SETS, MOST_PAIRS = ("faust_r", "tosca_r"), 3
+SETS, MAX_PAIRS = ("faust_r", "tosca_r"), 3
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
@@ -45,7 +45,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     records: list[Record] = []
     for folder in sets_in(data):
         if folder.name in SETS:
-            for names in tqdm(pair_names(folder, min(pairs or MOST_PAIRS, MOST_PAIRS)), desc=folder.name, leave=False):
+            for names in tqdm(pair_names(folder, min(pairs or MAX_PAIRS, MAX_PAIRS)), desc=folder.name, leave=False):
                 records += _of_pair(load_pair(folder, *names))
     rows = [_row(records, k) for k in SIZES if records]
     if figure is not None and rows:

@@ -188,7 +188,7 @@ def run(data: Path, pairs: int | None, page: Path, only: tuple[str, ...] = ()) -
     folder = page.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     for section in tqdm(chosen_sections(only)):
-        _records_file(folder, section).write_text(json.dumps(_made(section, data, pairs, folder), indent=1))
+        _records_file(folder, section).write_text(json.dumps(_make(section, data, pairs, folder), indent=1))
     made = {
         section: json.loads(_records_file(folder, section).read_text())
         for section in SECTIONS
@@ -215,7 +215,7 @@ def _records_file(folder: Path, section: Section) -> Path:
     return folder / f"{section.name}.json"
 
 
-def _made(section: Section, data: Path, pairs: int | None, folder: Path) -> Record:
+def _make(section: Section, data: Path, pairs: int | None, folder: Path) -> Record:
     """The tables of a section, what made them, and, where they could not be made, why."""
     begin = perf_counter()
     tables: Tables = {}

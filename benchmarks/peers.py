@@ -51,7 +51,7 @@ def run(data: Path, pairs: int | None) -> list[dict[str, Any]]:
             return np.asarray(FM_to_p2p(C, *eigenvectors))
 
         for system, refine in (("zoomout_core", ours), ("pyFMaps", peer)):
-            vertex, seconds = _timed(refine)
+            vertex, seconds = _time(refine)
             error = np.linalg.norm(source.vertices[vertex] - source.vertices, axis=1) / np.sqrt(source.area)
             rows.append(
                 {
@@ -65,7 +65,7 @@ def run(data: Path, pairs: int | None) -> list[dict[str, Any]]:
     return rows
 
 
-def _timed(refine: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
+def _time(refine: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
     seconds = []
     for _ in range(REPEATS):
         start = perf_counter()

@@ -20,11 +20,11 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compared, mean_curves, rows_by
+from benchmarks.compared import compare, mean_curves, rows_by
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
-from benchmarks.discretisation import matched
+from benchmarks.discretisation import match
 from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
@@ -73,9 +73,9 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
         for number, names in enumerate(tqdm(_names(folder, pairs), desc=folder.name, leave=False)):
             for direction, pair in _pairs(load_pair(folder, *names), number, sampled):
                 about = {"set": folder.name, "direction": direction}
-                records += compared(pair, _methods(pair, number), about)[0]
+                records += compare(pair, _methods(pair, number), about)[0]
                 begin = perf_counter()
-                result, errors = matched(pair)
+                result, errors = match(pair)
                 seconds = perf_counter() - begin
                 measured = {"error": float(np.nanmean(errors)), "seconds": seconds, "curve": share_below(errors)}
                 about |= {"target": pair.target_name, "source": pair.source_name, "method": MATCH}
@@ -131,16 +131,16 @@ def _pairs(pair: PairOfMeshes, seed: int, sampled: bool) -> Iterator[tuple[str, 
         target, target_vertex = pair.target, pair.target_vertex
         source, source_vertex = pair.source, pair.source_vertex
         if target_kind == "cloud":
-            target = zo.PointCloud(_drawn(target, random)).surface
-            target_vertex = _nearest_used(target, pair.target.vertices[target_vertex])
+            target = zo.PointCloud(_draw(target, random)).surface
+            target_vertex = _nearest_vertices(target, pair.target.vertices[target_vertex])
         if source_kind == "cloud":
-            source = zo.PointCloud(_drawn(source, random)).surface
-            source_vertex = _nearest_used(source, pair.source.vertices[source_vertex])
+            source = zo.PointCloud(_draw(source, random)).surface
+            source_vertex = _nearest_vertices(source, pair.source.vertices[source_vertex])
         names = pair.target_name, pair.source_name
         yield direction, PairOfMeshes(*names, target, source, target_vertex, source_vertex, None)
 
 
-def _drawn(surface: zo.Surface, random: np.random.Generator) -> Floats:
+def _draw(surface: zo.Surface, random: np.random.Generator) -> Floats:
     """(POINTS, 3) points of a surface, as likely in any place."""
     area = triangle_areas(surface.vertices, surface.triangles)
     triangle = random.choice(len(area), POINTS, p=area / area.sum())
@@ -148,7 +148,7 @@ def _drawn(surface: zo.Surface, random: np.random.Generator) -> Floats:
     return np.einsum("nc,ncx->nx", barycentric, surface.vertices[surface.triangles[triangle]])
 
 
-def _nearest_used(surface: zo.Surface, places: Floats) -> Any:
+def _nearest_vertices(surface: zo.Surface, places: Floats) -> Any:
     """(c,) the vertex of the largest part of a surface that is nearest to each place (c, 3)."""
     used = np.flatnonzero(surface.components == 0)
     return used[cKDTree(surface.vertices[used]).query(places)[1]]

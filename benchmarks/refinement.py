@@ -113,7 +113,7 @@ class Start:
     initial: Integers
     initial_back: Integers
 
-    def swapped(self) -> Start:
+    def swap(self) -> Start:
         """The start of the map in the other direction."""
         return Start(self.target, self.source, self.initial_back, self.initial)
 
@@ -186,24 +186,24 @@ def _settings(folder: Path) -> Iterator[Setting]:
     if (folder / TEMPLATE).is_file():
         kinds = [tuple(name.partition("_")[0] for name in names) for names in listed]
         mixed = [names for names, (a, b) in zip(listed, kinds, strict=True) if a != b and {a, b} <= set(KINDS)]
-        yield Setting(f"{folder.name}, SHOT", mixed, load, _begun_from_shot, None, PUBLISHED_RESAMPLED)
+        yield Setting(f"{folder.name}, SHOT", mixed, load, _start_from_shot, None, PUBLISHED_RESAMPLED)
     elif (folder / f"map_{START}.npz").is_file():
-        yield Setting(folder.name, listed, load, partial(_shipped, folder, START), folder, {})
+        yield Setting(folder.name, listed, load, partial(_published_maps, folder, START), folder, {})
     elif (folder / f"map_{MIRRORED_START}.npz").is_file():
         published = PUBLISHED if folder.name.startswith("faust") else {}
-        yield Setting(folder.name, listed, load, _begun_from_signatures, folder, published)
+        yield Setting(folder.name, listed, load, _start_from_signatures, folder, published)
         name = f"{folder.name}, flipped edges, 2 landmarks"
-        yield Setting(name, listed, partial(_flipped, folder), _begun_from_landmarks, None, PUBLISHED_FLIPPED)
+        yield Setting(name, listed, partial(_flip, folder), _start_from_landmarks, None, PUBLISHED_FLIPPED)
 
 
-def _flipped(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
+def _flip(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     """A pair with flipped edges; no two shapes have the same."""
     pair = load_pair(folder, target_name, source_name)
     target, source = (with_flipped_edges(each, FLIPPED, seed) for seed, each in enumerate((pair.target, pair.source)))
     return replace(pair, target=target, source=source)
 
 
-def _shipped(folder: Path | None, method: str, pair: PairOfMeshes) -> tuple[Integers | None, Integers | None]:
+def _published_maps(folder: Path | None, method: str, pair: PairOfMeshes) -> tuple[Integers | None, Integers | None]:
     """Published maps of a pair there and back, where the set has them."""
     path = folder and folder / f"map_{method}.npz"
     if path is None or not path.is_file():
@@ -213,11 +213,11 @@ def _shipped(folder: Path | None, method: str, pair: PairOfMeshes) -> tuple[Inte
         return maps.get(there), maps.get(back)
 
 
-def _begun_from_signatures(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+def _start_from_signatures(pair: PairOfMeshes) -> tuple[Integers, Integers]:
     return from_signatures(pair.source, pair.target), from_signatures(pair.target, pair.source)
 
 
-def _begun_from_landmarks(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+def _start_from_landmarks(pair: PairOfMeshes) -> tuple[Integers, Integers]:
     source, target = (zo.eigenbasis(surface, K_SIGNATURES) for surface in (pair.source, pair.target))
     on_source, on_target = landmarks_of(pair)
     return (
@@ -226,7 +226,7 @@ def _begun_from_landmarks(pair: PairOfMeshes) -> tuple[Integers, Integers]:
     )
 
 
-def _begun_from_shot(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+def _start_from_shot(pair: PairOfMeshes) -> tuple[Integers, Integers]:
     return from_shot(pair.source, pair.target), from_shot(pair.target, pair.source)
 
 
@@ -240,7 +240,7 @@ def _each_way(method: Callable[[Start], Integers]) -> Callable[[Start], Maps]:
         begin = perf_counter()
         there = method(start)
         seconds = perf_counter() - begin
-        return Maps(there, method(start.swapped()), seconds)
+        return Maps(there, method(start.swap()), seconds)
 
     return maps
 
@@ -325,7 +325,7 @@ def _of_pair(setting: Setting, pair: PairOfMeshes) -> list[Record]:
     start = Start(source, target, initial, initial_back)
     found = {name: method(start) for name, method in METHODS.items()}
     for name in SHIPPED:
-        there, back = _shipped(setting.folder, name, pair)
+        there, back = _published_maps(setting.folder, name, pair)
         if there is not None:
             found[f"{name}, published"] = Maps(there, back, None)
     about = {"set": setting.name, "target": pair.target_name, "source": pair.source_name}

@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 
 import zoomout_core as zo
-from benchmarks.speed import subdivided, timed_match
+from benchmarks.speed import subdivide_triangles, time_match
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -26,7 +26,7 @@ PAIR = "michael0", "michael10"
 DECIMATED = 5000, 13_000
 SUBDIVIDED = 0, 1, 2
 # Larger meshes take their eigenfunctions from stand-ins.
-MOST_OF_FULL_BASIS = 250_000
+MAX_FOR_FULL_BASIS = 250_000
 FUNCTIONS = 50, 100, 200, 400
 SAMPLES = 500, 1000, 2000, 4000
 # Growth is also fitted to meshes from this size on, where reading and carrying over outweigh the rest.
@@ -79,17 +79,17 @@ def _sizes(data: Path) -> Iterator[tuple[Surface, Surface]]:
     for count in DECIMATED:
         yield tuple(Surface(*decimate(s.vertices, s.triangles, count)[:2]) for s in surfaces)  # type: ignore[misc]
     for levels in SUBDIVIDED:
-        yield tuple(subdivided(surface, levels, seed) for seed, surface in enumerate(surfaces))  # type: ignore[misc]
+        yield tuple(subdivide_triangles(surface, levels, seed) for seed, surface in enumerate(surfaces))  # type: ignore[misc]
 
 
 def _over_vertices(meshes: list[tuple[Surface, Surface]]) -> Iterator[Record]:
     for source, target in meshes:
         n = len(target.vertices)
-        runs = [timed_match(source, target) for _ in range(REPEATS)]
+        runs = [time_match(source, target) for _ in range(REPEATS)]
         yield _point("vertices", "match", n, median(run.seconds for run in runs))
         for stage in runs[0].stages:
             yield _point("vertices", stage.lower(), n, median(run.stages[stage] for run in runs))
-        if n < MOST_OF_FULL_BASIS:
+        if n < MAX_FOR_FULL_BASIS:
             fresh = Surface(target.vertices, target.triangles)
             yield _point("vertices", "full eigenbasis, k = 200", n, _seconds(partial(zo.eigenbasis, fresh)))
 

@@ -49,39 +49,39 @@ class Press(NamedTuple):
     effect: Callable[[], Any] | None = None
 
 
-def bound(scene: Scene) -> list[Press]:
+def bind(scene: Scene) -> list[Press]:
     """With *Bind to Rig*."""
     settings = bpy.context.scene.zoomout
     return [
-        *_begun(scene),
+        *_begin(scene),
         Press("Check mark Bind to Rig", lambda: setattr(settings, "bind", True)),
         Press("Match and Transfer", bpy.ops.zoomout.transfer),
     ]
 
 
-def parented(scene: Scene) -> list[Press]:
+def parent(scene: Scene) -> list[Press]:
     """Without it: weights are transferred, and the target is parented by hand."""
-    return [*_begun(scene), Press("Match and Transfer", bpy.ops.zoomout.transfer), *_parented(scene)]
+    return [*_begin(scene), Press("Match and Transfer", bpy.ops.zoomout.transfer), *_parent(scene)]
 
 
-def parented_in_its_shape(scene: Scene) -> list[Press]:
+def parent_in_its_shape(scene: Scene) -> list[Press]:
     """Without it, in the source's shape: what of the target's own build and detail it lacks is lost."""
     settings = bpy.context.scene.zoomout
     return [
-        *_begun(scene),
+        *_begin(scene),
         Press("Check mark Shape as Key", lambda: setattr(settings, "shape", True)),
         Press("Match and Transfer", bpy.ops.zoomout.transfer),
         Press("Tab Object Data of the properties"),
         Press("The key in the list"),
         Press("Its value, to 1", lambda: setattr(scene.target.data.shape_keys.key_blocks[-1], "value", 1.0)),
-        *_parented(scene),
+        *_parent(scene),
     ]
 
 
 WAYS: dict[str, Callable[[Scene], list[Press]]] = {
-    "Bind to Rig": bound,
-    "weights, parented by hand": parented,
-    "weights and shape, parented by hand": parented_in_its_shape,
+    "Bind to Rig": bind,
+    "weights, parented by hand": parent,
+    "weights and shape, parented by hand": parent_in_its_shape,
 }
 
 
@@ -95,7 +95,7 @@ def run() -> dict[str, list[Row]]:
     rows: list[Row] = []
     presses: list[Row] = []
     with registered():
-        _press(bound(make_scene()), "")  # the first work of a process takes longer
+        _press(bind(make_scene()), "")  # the first work of a process takes longer
     for name, way in WAYS.items():
         with registered():
             zo.forget_shapes()
@@ -154,7 +154,7 @@ def _press(presses: list[Press], way: str) -> list[Row]:
     return rows
 
 
-def _begun(scene: Scene) -> list[Press]:
+def _begin(scene: Scene) -> list[Press]:
     return [
         Press("Click on the source", lambda: select_only(scene.source)),
         Press("Shift-click on the target", lambda: select_only(scene.target, scene.source)),
@@ -163,7 +163,7 @@ def _begun(scene: Scene) -> list[Press]:
     ]
 
 
-def _parented(scene: Scene) -> list[Press]:
+def _parent(scene: Scene) -> list[Press]:
     """By hand, as Blender's own guide has it."""
     return [
         Press("Click on the target", lambda: select_only(scene.target)),

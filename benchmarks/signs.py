@@ -91,10 +91,10 @@ def run(data: Path, shapes: int | None, figure: Path | None) -> Tables:
         pictures.append([View(name, body, colour), *views[:SHOWN]])
     if figure is not None and pictures:
         draw_views(figure, pictures)
-    return {"rows": shown(rows), "pairs": rows}
+    return {"rows": distinct_rows(rows), "pairs": rows}
 
 
-def shown(rows: list[Record]) -> list[Record]:
+def distinct_rows(rows: list[Record]) -> list[Record]:
     """The first distinct maps of each shape, in their order."""
     distinct = [row for row in rows if row["rank"]]
     return [row for name in dict.fromkeys(r["shape"] for r in rows) for row in _of(name, distinct)[:SHOWN]]

@@ -91,7 +91,7 @@ def run(data: Path, pairs: int | None) -> Tables:
     return {"rows": _rows(records), "pairs": records}
 
 
-def cut_off(surface: Surface, tip: int, radius: float) -> tuple[Surface, Integers]:
+def cut_limb(surface: Surface, tip: int, radius: float) -> tuple[Surface, Integers]:
     """What of a surface is within a geodesic distance of a vertex, and (n,) which of its vertices these are."""
     near = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=[tip])[0] < radius
     inside = surface.triangles[near[surface.triangles].all(axis=1)]
@@ -111,7 +111,7 @@ def _record(folder: Path, limb: Limb, known: dict[str, Integers], number: int) -
     body, source = (read_surface(folder / f"{name}.off") for name in (target_name, source_name))
     here, there = known[target_name], known[source_name]
     radius = limb.radius * random.uniform(*FACTORS) * np.sqrt(body.area)
-    target, kept = cut_off(body, int(here[limb.tip]), radius)
+    target, kept = cut_limb(body, int(here[limb.tip]), radius)
     place = np.full(len(body.vertices), -1)
     place[here] = np.arange(len(here))
     truth = np.where(place[kept] >= 0, there[place[kept]], -1)

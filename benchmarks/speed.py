@@ -30,7 +30,7 @@ Record = dict[str, Any]
 REPEATS = 3
 # The peer: sizes of its maps, its samples, and the largest meshes that it ends on within ten minutes.
 K_INITIAL, K_FINAL, STEP, SAMPLES = 20, 200, 5, 1000
-MOST_OF_PEER = 60_000
+MAX_FOR_PEER = 60_000
 # Subdivided meshes get noise of this part of their mean edge, so that the two do not share their spectra exactly.
 NOISE = 0.05
 
@@ -78,7 +78,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
         if number == pairs:
             break
         for system, measured in SYSTEMS.items():
-            if system != "pyFMaps" or len(pair.target.vertices) <= MOST_OF_PEER:
+            if system != "pyFMaps" or len(pair.target.vertices) <= MAX_FOR_PEER:
                 row, of_stages = measured(pair)
                 about = {"pair": pair.name, "vertices": len(pair.target.vertices), "system": system}
                 rows.append(about | row | {"peak MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024})
@@ -95,13 +95,13 @@ def sized_pairs(data: Path) -> Iterator[SizedPair]:
     for names, levels in ((("horse0", "horse6"), 0), *((("michael0", "michael10"), level) for level in range(3))):
         paths = [data / "tosca_full" / f"{name}.off" for name in names]
         if all(path.is_file() for path in paths):
-            target, source = (subdivided(read_surface(path), levels, seed) for seed, path in enumerate(paths))
+            target, source = (subdivide_triangles(read_surface(path), levels, seed) for seed, path in enumerate(paths))
             identity = np.arange(len(target.vertices))
             name = " ".join(names) + f", subdivided {levels} times" * (levels > 0)
             yield SizedPair(name, target, source, identity, identity)
 
 
-def subdivided(surface: Surface, levels: int, seed: int) -> Surface:
+def subdivide_triangles(surface: Surface, levels: int, seed: int) -> Surface:
     """A surface with each triangle cut into four, a number of times, with noise."""
     vertices, triangles = surface.vertices, surface.triangles
     for _ in range(levels):
@@ -128,7 +128,7 @@ class TimedMatch:
     result: zo.MatchResult
 
 
-def timed_match(source: Surface, target: Surface, warm: bool = False, detail: str = "balanced") -> TimedMatch:
+def time_match(source: Surface, target: Surface, warm: bool = False, detail: str = "balanced") -> TimedMatch:
     """Match two meshes as they come from a file, with a preset; the source was seen before if `warm`."""
     options: dict[str, Any] = DETAIL[detail]
     zo.forget_shapes()
@@ -151,8 +151,8 @@ def timed_match(source: Surface, target: Surface, warm: bool = False, detail: st
 
 
 def _ours(pair: SizedPair, detail: str) -> tuple[Record, dict[str, float]]:
-    runs = [timed_match(pair.source, pair.target, False, detail) for _ in range(REPEATS)]
-    warm = [timed_match(pair.source, pair.target, True, detail) for _ in range(REPEATS)]
+    runs = [time_match(pair.source, pair.target, False, detail) for _ in range(REPEATS)]
+    warm = [time_match(pair.source, pair.target, True, detail) for _ in range(REPEATS)]
     return {
         "seconds": median(run.seconds for run in runs),
         "warm source": median(run.seconds for run in warm),
@@ -165,24 +165,24 @@ def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
     """Its own eigenbases and samples; the start is the truth."""
     stages: dict[str, float] = {}
 
-    def timed(stage: str, work: Callable[[], Any]) -> Any:
+    def time_stage(stage: str, work: Callable[[], Any]) -> Any:
         start = perf_counter()
         done = work()
         stages[stage] = perf_counter() - start
         return done
 
     source, target = (TriMesh(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
-    timed("eigenbases", lambda: [mesh.process(k=K_FINAL, verbose=False) for mesh in (source, target)])
-    samples = timed("sampling", lambda: [mesh.farthest_point_sampling(SAMPLES) for mesh in (source, target)])
+    time_stage("eigenbases", lambda: [mesh.process(k=K_FINAL, verbose=False) for mesh in (source, target)])
+    samples = time_stage("sampling", lambda: [mesh.farthest_point_sampling(SAMPLES) for mesh in (source, target)])
     rows: list[Floats] = [source.eigenvectors[pair.source_vertex], target.eigenvectors[pair.target_vertex]]
     start = np.linalg.lstsq(rows[1][:, :K_INITIAL], rows[0][:, :K_INITIAL], rcond=None)[0]
     eigenvectors = source.eigenvectors, target.eigenvectors
 
-    def refined() -> Integers:
+    def refine() -> Integers:
         C = zoomout_refine(start, *eigenvectors, nit=(K_FINAL - K_INITIAL) // STEP, step=STEP, subsample=samples)
         return np.asarray(FM_to_p2p(C, *eigenvectors))
 
-    vertex = timed("refinement and map", refined)
+    vertex = time_stage("refinement and map", refine)
     seconds = sum(stages.values())
     return {"seconds": seconds, "warm source": None, "longest wait": None, "mean error": pair.error(vertex)}, stages
 

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compared
+from benchmarks.compared import compare
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, sets_in, shipped_map, shipped_pairs
 from benchmarks.tables import Record, Tables
@@ -64,14 +64,14 @@ def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[Record]:
     )
     start = zo.functional_map_of(initial, source, target, INITIAL, INITIAL)
 
-    def upsampled(step: int) -> Integers:
+    def upsample_by(step: int) -> Integers:
         return zo.vertex_map_of(upsample(on_source, on_target, start, FINAL, step)[0], source, target)
 
     methods: dict[str, Integers | Callable[[], Integers]] = {"initial": initial}
     methods[ICP] = lambda: spectral_icp(source, target, initial, FINAL).vertex
     for step in STEPS:
-        methods[str(step)] = partial(upsampled, step)
-    return [record | {"step": record["method"]} for record in compared(pair, methods, {})[0]]
+        methods[str(step)] = partial(upsample_by, step)
+    return [record | {"step": record["method"]} for record in compare(pair, methods, {})[0]]
 
 
 def _row(records: list[Record], method: str) -> Record:

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.ablation import vertex_map
-from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_with_symmetry
+from benchmarks.datasets import MAX_PLACES, mirrored_places, sets_in, shapes_with_symmetry
 from benchmarks.mirroring import weight_rows
 from benchmarks.objects import draw_symmetries, object_rows, things
 from benchmarks.symmetry_refinement import records_of as refinement_records
@@ -69,8 +69,8 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
         for name in tqdm(shapes_with_symmetry(folder, shapes), desc=folder.name, leave=False):
             surface, *known = mirrored_places(folder, name)
             head = {"set": folder.name, "shape": name}
-            shape, basis_seconds = _prepared(surface)
-            found, seconds = _detected(surface, *known)
+            shape, basis_seconds = _prepare(surface)
+            found, seconds = _detect(surface, *known)
             records.append(head | {"method": OURS, "basis seconds": basis_seconds} | found | seconds)
             records.append(
                 head | {"method": BEST_POSSIBLE} | _figures(_through_basis(surface, *known), surface, *known)
@@ -97,7 +97,7 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     return tables | {"pairs": records + criteria}
 
 
-def _prepared(surface: Surface) -> tuple[ShapeAnalysis, float]:
+def _prepare(surface: Surface) -> tuple[ShapeAnalysis, float]:
     """The shape as `detect_symmetry` would prepare it; it will find it prepared."""
     zo.forget_shapes()
     start = perf_counter()
@@ -107,7 +107,7 @@ def _prepared(surface: Surface) -> tuple[ShapeAnalysis, float]:
     return shape, perf_counter() - start
 
 
-def _detected(surface: Surface, vertex: Integers, mirrored: Integers) -> tuple[Record, Record]:
+def _detect(surface: Surface, vertex: Integers, mirrored: Integers) -> tuple[Record, Record]:
     start = perf_counter(), process_time()
     found = zo.detect_symmetry(surface)
     seconds = {"seconds after it": perf_counter() - start[0], "processor seconds": process_time() - start[1]}
@@ -134,7 +134,7 @@ def _distortion(image: Integers, vertex: Integers, surface: Surface) -> float:
 
 def _error(image: Integers, surface: Surface, vertex: Integers, mirrored: Integers) -> float:
     """Mean geodesic error, times 1000, where there is one: not of images on loose parts."""
-    errors = zo.geodesic_error(image, surface, vertex, mirrored, MOST_PLACES)
+    errors = zo.geodesic_error(image, surface, vertex, mirrored, MAX_PLACES)
     return float(1000 * errors[np.isfinite(errors)].mean())
 
 

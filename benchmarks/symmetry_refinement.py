@@ -16,7 +16,7 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.baselines.bcicp import Side, bcicp
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
-from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_with_symmetry
+from benchmarks.datasets import MAX_PLACES, mirrored_places, sets_in, shapes_with_symmetry
 from benchmarks.refinement import K_FIXED, K_SIGNATURES
 from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
@@ -25,7 +25,7 @@ from zoomout_core.mesh.surface import Surface
 
 INITIAL, FINAL, STEP, SAMPLES = 10, 100, 5, 500
 # Sets of people, and the largest number of shapes, which take 6 s each.
-SETS, MOST_SHAPES = ("faust_r",), 10
+SETS, MAX_SHAPES = ("faust_r",), 10
 START, BCICP, ZOOMOUT, SAMPLED = "OrientRev", "OrientRev + BCICP", "OrientRev + ZoomOut", "OrientRev + ZoomOut*"
 # Melzi et al. 2019: mean errors on FAUST in its original meshes and on SCAPE, and seconds on FAUST.
 PUBLISHED: dict[str, tuple[float, float, float]] = {
@@ -49,11 +49,11 @@ def records_of(data: Path, shapes: int | None) -> list[Record]:
     records: list[Record] = []
     for folder in sets_in(data):
         if folder.name in SETS:
-            names = shapes_with_symmetry(folder, min(shapes or MOST_SHAPES, MOST_SHAPES))
+            names = shapes_with_symmetry(folder, min(shapes or MAX_SHAPES, MAX_SHAPES))
             for name in tqdm(names, desc=f"{folder.name}, refined", leave=False):
                 surface, vertex, mirrored = mirrored_places(folder, name)
-                for method, (image, seconds) in _refined(surface).items():
-                    error = float(1000 * np.mean(zo.geodesic_error(image, surface, vertex, mirrored, MOST_PLACES)))
+                for method, (image, seconds) in _refine(surface).items():
+                    error = float(1000 * np.mean(zo.geodesic_error(image, surface, vertex, mirrored, MAX_PLACES)))
                     about = {"set": folder.name, "shape": name, "method": method}
                     records.append(about | {"error": error, "seconds": seconds})
     return records
@@ -95,7 +95,7 @@ def reversing(surface: Surface, basis: zo.SpectralBasis) -> Floats:
     )
 
 
-def _refined(surface: Surface) -> dict[str, tuple[Integers, float]]:
+def _refine(surface: Surface) -> dict[str, tuple[Integers, float]]:
     """Of each method the image (n,) of each vertex, and the seconds that it took."""
     basis = zo.eigenbasis(surface, K_SIGNATURES)
     begin = perf_counter()

@@ -20,12 +20,12 @@ import zoomout_core as zo
 from benchmarks.characters.cases import Case, cases
 from benchmarks.characters.figures import figures
 from benchmarks.datasets import FEW_PLACES, PairOfMeshes, load_pair, pair_names, sets_in
-from zoomout_core.tuning import Tuning, retuned, stages
+from zoomout_core.tuning import Tuning, retune, stages
 
 # Half of a number, and twice as much.
 FACTORS = (0.5, 2.0)
 # Errors that differ by more than this part of them, and by more than this, are different.
-DIFFERENT, LEAST_DIFFERENCE = 0.05, 0.01
+DIFFERENT, MIN_DIFFERENCE = 0.05, 0.01
 
 
 def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -50,8 +50,8 @@ def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, A
     rows = []
     trials = [(name, stage, *trial) for name, stage in chosen.items() for trial in _trials(stage)]
     for name, stage, number, value in tqdm(trials, desc="numbers", leave=False):
-        after = _errors(measures, retuned(stage, **{number: value}))
-        limit = np.maximum(DIFFERENT * before, LEAST_DIFFERENCE)
+        after = _errors(measures, retune(stage, **{number: value}))
+        limit = np.maximum(DIFFERENT * before, MIN_DIFFERENCE)
         rows.append(
             {
                 "stage": name.removeprefix("zoomout_core."),
@@ -82,15 +82,15 @@ def _trials(stage: Tuning) -> Iterator[tuple[str, Any]]:
     for each in fields(stage):  # type: ignore[arg-type]
         value, valid = getattr(stage, each.name), each.metadata["valid"]
         for factor in FACTORS:
-            tried = _scaled(value, factor, *valid)
+            tried = _scale(value, factor, *valid)
             if tried != value:
                 yield each.name, tried
 
 
-def _scaled(value: Any, factor: float, low: float, high: float) -> Any:
+def _scale(value: Any, factor: float, low: float, high: float) -> Any:
     """A number, or those of nested tuples, times a factor; whole ones stay whole, and all stay in their range."""
     if isinstance(value, tuple):
-        scaled = [_scaled(each, factor, low, high) for each in value]
+        scaled = [_scale(each, factor, low, high) for each in value]
         return type(value)(*scaled) if hasattr(value, "_fields") else tuple(scaled)
     return type(value)(np.clip(round(factor * value) if isinstance(value, int) else factor * value, low, high))
 

@@ -61,9 +61,9 @@ def pairs_in(data: Path, most: int | None) -> Iterator[Pair]:
     """Set, name, source and target of the pairs."""
     if (folder := data / "faust_r").is_dir():
         two_persons = [names for names in pair_names(folder, None) if names[0][:-1] != names[1][:-1]]
-        yield from _loaded("people", folder, evenly(two_persons, most or PEOPLE))
+        yield from _load("people", folder, evenly(two_persons, most or PEOPLE))
     if (folder := data / "smal_r").is_dir():
-        yield from _loaded("animals", folder, pair_names(folder, most or ANIMALS))
+        yield from _load("animals", folder, pair_names(folder, most or ANIMALS))
     if (folder := data / "characters" / "game").is_dir():
         from benchmarks.characters.cases import first_pairs  # it starts Blender, which must come before pymeshlab
 
@@ -71,7 +71,7 @@ def pairs_in(data: Path, most: int | None) -> Iterator[Pair]:
             yield "characters", case.name.replace(" ", "_"), case.source, case.target
 
 
-def _loaded(kind: str, folder: Path, names: list[tuple[str, str]]) -> Iterator[Pair]:
+def _load(kind: str, folder: Path, names: list[tuple[str, str]]) -> Iterator[Pair]:
     for target_name, source_name in names:
         pair = load_pair(folder, target_name, source_name)
         yield kind, f"{source_name}_{target_name}", pair.source, pair.target

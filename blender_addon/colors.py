@@ -26,7 +26,7 @@ def asymmetry_colors(values: Floats, most: float) -> Floats:
     return confidence_colors(1 - values / most)
 
 
-def blended_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
+def blend_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
     """(n, 3) colours of points (n, 3), blended from those (s, 3) of some of them by how near they are."""
     found = cKDTree(points[known]).query(np.nan_to_num(points), min(BLENDED, len(known)))
     distance, nearest = (np.asarray(array).reshape(len(points), -1) for array in found)

@@ -72,7 +72,7 @@ class Job(Generic[Result]):
 
     def __init__(self, coroutine: Work[Result]) -> None:
         self.progress = Progress(0.0, "Beginning")
-        self._given, self._running = coroutine, self._watched(coroutine)
+        self._given, self._running = coroutine, self._watch(coroutine)
         self._context = copy_context()
         self._background: Background[Any] | None = None
 
@@ -121,7 +121,7 @@ class Job(Generic[Result]):
             return self._running.throw(error)
         return self._running.send(result)
 
-    async def _watched(self, coroutine: Work[Result]) -> Result:
+    async def _watch(self, coroutine: Work[Result]) -> Result:
         with progress(self._listen):
             return await coroutine
 

@@ -58,7 +58,7 @@ class Filter:
             if name not in rows:
                 raise ValueError(f"The filter {self.name} has no parameter '{name}': it has {', '.join(rows)}.")
         try:
-            return {name: row.checked(given.get(name, _default(row))) for name, row in rows.items()}
+            return {name: row.check(given.get(name, _default(row))) for name, row in rows.items()}
         except ValueError as error:
             raise ValueError(f"The filter {self.name}: {error}") from None
 
@@ -85,7 +85,7 @@ def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any
     decorator returns takes any of them, and a callback for progress.
     """
 
-    def entered(function: Callable[..., dict[str, Any]]) -> MeshFilter:
+    def register(function: Callable[..., dict[str, Any]]) -> MeshFilter:
         description = function.__doc__ or ""
         row = Filter(function.__name__, function, parameters, description.partition("\n")[0])
         CATALOGUE[row.name] = row
@@ -109,7 +109,7 @@ def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any
         run.row = row  # type: ignore[attr-defined]
         return run  # type: ignore[return-value]
 
-    return entered
+    return register
 
 
 def filter_list() -> list[str]:
@@ -126,7 +126,7 @@ def search(words: str) -> list[str]:
         words: with spaces between; a part of a word will do, and capitals do not matter.
     """
     wanted = re.split(r"[\s_]+", words.strip().lower())
-    return [name for name in filter_list() if all(word in _said_of(name).lower() for word in wanted)]
+    return [name for name in filter_list() if all(word in _help_text(name).lower() for word in wanted)]
 
 
 def meaning(name: str) -> str:
@@ -134,7 +134,7 @@ def meaning(name: str) -> str:
     return CATALOGUE[name].meaning if name in CATALOGUE else ""
 
 
-def _said_of(name: str) -> str:
+def _help_text(name: str) -> str:
     """All that is known of a filter."""
     parameters = CATALOGUE[name].parameters if name in CATALOGUE else ()
     return " ".join([name, meaning(name), *(f"{parameter.name} {parameter.meaning}" for parameter in parameters)])

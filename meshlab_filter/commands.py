@@ -24,7 +24,7 @@ from meshlab_filter.project import files_of, load_inputs
 from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
-from zoomout_core.batch import FAILED, PARTLY, is_folder, planned, say_outcomes, write_report
+from zoomout_core.batch import FAILED, PARTLY, is_folder, plan, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
     in_place_option,
@@ -113,7 +113,7 @@ def transfer(
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        jobs = planned(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
+        jobs = plan(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         matching = read_options(**options)
         with progress_bar():
             outcomes = transfer_files(source, jobs, in_place, candidate=candidate, **matching)

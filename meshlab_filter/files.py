@@ -15,7 +15,7 @@ from meshlab_filter.mesh_data import custom_in_ply
 from meshlab_filter.trial import fault_of_file
 from zoomout_core.mesh.files import read_polygons
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import is_same_file, written_together
+from zoomout_core.runtime.outputs import atomic_write_together, is_same_file
 
 if TYPE_CHECKING:
     from pymeshlab import Image, Mesh, MeshSet
@@ -124,7 +124,7 @@ def save_beside(
         MeshError: another texture has a name that it needs.
         OutputError: it cannot be written.
     """
-    with written_together(output) as whole:
+    with atomic_write_together(output) as whole:
         save_mesh(ms, whole)
         # An OBJ file's materials are in a file whose name begins with its own; all else are textures.
         images = [file for file in sorted(whole.parent.iterdir()) if not file.name.startswith(whole.name)]
@@ -136,7 +136,7 @@ def save_beside(
             for path, image in inputs.items():
                 if not is_same_file(path, output.parent / file.name):
                     continue
-                if _encoded(image, file.suffix) == file.read_bytes():
+                if _encode(image, file.suffix) == file.read_bytes():
                     file.unlink()
                     break
                 if not in_place:
@@ -147,7 +147,7 @@ def save_beside(
         brought |= digests
 
 
-def _encoded(image: Image, ending: str) -> bytes:
+def _encode(image: Image, ending: str) -> bytes:
     """An image as pymeshlab writes it to a file of an ending."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"image{ending}"

@@ -175,13 +175,13 @@ def read_shape(ms: MeshSet, mesh_id: int) -> Surface | PointCloud:
         places = mesh.transformed_vertex_matrix()
         if mesh.face_number() > 0:
             return Surface(places, mesh.face_matrix())
-        normals = turned_normals(mesh.vertex_normal_matrix(), mesh.transform_matrix())
+        normals = turn_normals(mesh.vertex_normal_matrix(), mesh.transform_matrix())
         cloud = PointCloud(places, normals if normals.any(axis=1).all() else None)
         as_surface(cloud)  # it is kept, and what is wrong with the points is known
         return cloud
 
 
-def turned_normals(normals: Floats, transform: Floats) -> Floats:
+def turn_normals(normals: Floats, transform: Floats) -> Floats:
     """(n, 3) normals of a layer in the frame of all layers, of length one; zero where there is none."""
     # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
     return unit_vectors(normals @ np.linalg.inv(transform[:3, :3]))
@@ -381,7 +381,7 @@ def _value_columns(components: dict[str, Attribute], of: str) -> list[Column]:
     if f"{of}_scalar" in components:
         columns.append(("quality", "double", components[f"{of}_scalar"].values))
     if f"{of}_color" in components:
-        encoded = np.rint(255 * _encoded(components[f"{of}_color"].values))
+        encoded = np.rint(255 * _encode(components[f"{of}_color"].values))
         columns += [(name, "uchar", encoded[:, i]) for i, name in enumerate(("red", "green", "blue", "alpha"))]
     return columns
 
@@ -416,7 +416,7 @@ def _linear(color: Floats) -> Floats:
     return np.hstack([rgb, alpha])
 
 
-def _encoded(color: Floats) -> Floats:
+def _encode(color: Floats) -> Floats:
     """The inverse of `_linear`, with everything brought into [0, 1]."""
     color = np.clip(color, 0, 1)
     linear, alpha = color[:, :3], color[:, 3:]

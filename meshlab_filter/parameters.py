@@ -147,7 +147,7 @@ class Parameter:
     meaning: str
     choices: tuple[str, ...] = ()
 
-    def checked(self, value: Any) -> Any:
+    def check(self, value: Any) -> Any:
         """A value from Python.
 
         Raises:
@@ -166,7 +166,7 @@ class Parameter:
         if self.choices and text.isdecimal() and int(text) < len(self.choices):
             return self.choices[int(text)]
         try:
-            return self.checked(self.type.read(text))
+            return self.check(self.type.read(text))
         except (ValueError, OverflowError):
             raise ValueError(f"'{self.name}' is {text!r}: give {self.wanted}.") from None
 

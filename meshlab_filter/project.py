@@ -19,7 +19,7 @@ from meshlab_filter.files import TextureFiles, load_mesh, texture_files
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -111,7 +111,7 @@ def write_project(path: Path, meshes: Sequence[ProjectMesh]) -> None:
             "</MLMatrix44>",
             "  </MLMesh>",
         ]
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(
             "\n".join([*lines, " </MeshGroup>", " <RasterGroup/>", "</MeshLabProject>", ""]), encoding="utf-8"
         )
@@ -133,10 +133,10 @@ def _project_mesh(path: Path, element: Element) -> ProjectMesh:
         raise MeshError(
             f"Line {element.line} of {path}: the mesh '{label}' has an invalid matrix; correct it."
         ) from None
-    return ProjectMesh(label, _found(path.parent, name), transform, element.attributes.get("visible") != "0")
+    return ProjectMesh(label, _find(path.parent, name), transform, element.attributes.get("visible") != "0")
 
 
-def _found(folder: Path, name: str) -> Path:
+def _find(folder: Path, name: str) -> Path:
     """The file of a mesh; beside the project where it is not where the project says.
 
     Saved to another folder than it was opened from, a project of MeshLab 2022 has the paths from there.

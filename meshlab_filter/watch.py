@@ -60,7 +60,7 @@ class Watch:
         projects = [path for path in files if is_project(path)]
         if self.source is None and self.script is None:
             return projects
-        known = [self.source, *(file for path in projects for file in _named(path))]
+        known = [self.source, *(file for path in projects for file in _mesh_names(path))]
         return projects + [
             path
             for path in files
@@ -164,7 +164,7 @@ def _is_result(path: Path) -> bool:
     return path.stem.endswith(RESULT)
 
 
-def _named(project: Path) -> list[Path]:
+def _mesh_names(project: Path) -> list[Path]:
     """The meshes of a project; none while it cannot be read."""
     try:
         return files_of(project)[1:]
@@ -175,7 +175,7 @@ def _named(project: Path) -> list[Path]:
 def _state(work: Watch, path: Path) -> State:
     """How an input is, with all that it names and is worked on by."""
     try:
-        files = [path, *_named(path), *(each for each in (work.source, work.script) if each is not None)]
+        files = [path, *_mesh_names(path), *(each for each in (work.source, work.script) if each is not None)]
         return tuple((found.st_size, found.st_mtime_ns) for found in map(os.stat, files))
     except OSError:  # it is being replaced
         return None

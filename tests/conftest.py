@@ -26,7 +26,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 # What the long functions of this process came to that were asked for last, which tests of other modules may ask for
 # again.
 _results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
-MOST_RESULTS = 80
+MAX_RESULTS = 80
 # What a shape is known by.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
 
@@ -39,7 +39,7 @@ def benchmark_data() -> Path:
     return BENCHMARK_DATA
 
 
-def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
+def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
     """A function of so many shapes and of options, which is run once for the same ones."""
 
     @wraps(function)
@@ -62,7 +62,7 @@ def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
         with listening(progress), listening(told.append):
             result = function(*given, **options)
         _results[key] = told, result
-        if len(_results) > MOST_RESULTS:
+        if len(_results) > MAX_RESULTS:
             _results.popitem(last=False)
         return result
 
@@ -77,17 +77,17 @@ def quick_search() -> Iterator[None]:
     """
     from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
     from zoomout_core.matching.ranking import RANKING
-    from zoomout_core.tuning import retuned
+    from zoomout_core.tuning import retune
 
     with (
-        retuned(RANKING, direct=(2, 4), mirrored=(1, 2)),
-        retuned(EXTREMITIES, quotas=(20, 6, 2, 1), kept_consistent=3, kept=6),
+        retune(RANKING, direct=(2, 4), mirrored=(1, 2)),
+        retune(EXTREMITIES, quotas=(20, 6, 2, 1), kept_consistent=3, kept=6),
     ):
         yield
 
 
 @pytest.fixture(scope="module")
-def remembered_matches(quick_search: None) -> Iterator[None]:
+def remember_matches(quick_search: None) -> Iterator[None]:
     """A match or a symmetry that is asked for again is what came of it before, with the same progress.
 
     For modules that are about what becomes of these: they are deterministic, and take most of the time.
@@ -95,6 +95,6 @@ def remembered_matches(quick_search: None) -> Iterator[None]:
     import zoomout_core as zo  # after bpy, where that is imported
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zo, "match", remembered(zo.match, 2))
-        patch.setattr(zo, "detect_symmetry", remembered(zo.detect_symmetry, 1))
+        patch.setattr(zo, "match", remember(zo.match, 2))
+        patch.setattr(zo, "detect_symmetry", remember(zo.detect_symmetry, 1))
         yield

@@ -222,7 +222,7 @@ def locked_wheels(python: str, platform: str) -> list[Path]:
     lock = LOCKS / f"{python}.txt"
     folder = DOWNLOADS / python / platform
     hashes = set(re.findall(r"sha256:(\w+)", lock.read_text()))
-    pins = pinned(lock)
+    pins = requirements(lock)
 
     def present() -> list[Path]:
         return [wheel for wheel in sorted(folder.glob("*.whl")) if digest(wheel) in hashes]
@@ -246,7 +246,7 @@ def download(python: str, platform: str, folder: Path, wanted: Sequence[str | Pa
 def write_lock(lock: Path) -> None:
     """Write the hashes of a lock's versions anew, for every platform; the comment at its top stays."""
     comment = "".join(line for line in lock.read_text().splitlines(keepends=True) if line.startswith("#"))
-    pins = pinned(lock)
+    pins = requirements(lock)
     hashes: dict[str, set[str]] = {pin: set() for pin in pins}
     for pin in pins:
         for platform in PLATFORMS:
@@ -257,7 +257,7 @@ def write_lock(lock: Path) -> None:
     lock.write_text(comment + "".join(f"{line}\n" for line in lines))
 
 
-def pinned(lock: Path) -> list[str]:
+def requirements(lock: Path) -> list[str]:
     """The requirements of a lock, such as `scipy==1.17.1`."""
     return re.findall(r"^[\w.-]+==[\w.]+", lock.read_text(), re.MULTILINE)
 

@@ -91,7 +91,7 @@ WAVE: Pose = {
 }
 
 
-def mirrored(pose: Pose) -> Pose:
+def mirror(pose: Pose) -> Pose:
     """A pose with its sides exchanged."""
     other = str.maketrans("LR", "RL")
     return {name[:-1] + name[-1:].translate(other): (x, -y, -z) for name, (x, y, z) in pose.items()}
@@ -106,9 +106,9 @@ def leaning(pose: Pose, forearm: float, hand: float) -> Pose:
 MOTION: tuple[tuple[float, Pose], ...] = (
     (0.0, POSE),
     (1.0, STEP),
-    (1.75, mirrored(STEP)),
+    (1.75, mirror(STEP)),
     (2.5, STEP),
-    (3.25, mirrored(STEP)),
+    (3.25, mirror(STEP)),
     (4.25, WAVE),
     (4.75, leaning(WAVE, forearm=-10, hand=-12)),
     (5.25, leaning(WAVE, forearm=24, hand=16)),
@@ -166,14 +166,14 @@ def film(frames: Path) -> Iterator[Shot]:
     add_colors(target.data, BARE, CLAY)
     yield still("begin", PAINT, BARE, 4, "A finished character, and a new mesh of it in another pose")
     add_colors(source.data, BARE, CLAY)
-    wires = [wired(obj) for obj in (source, target)]
+    wires = [wireframe(obj) for obj in (source, target)]
     counts = " and ".join(f"{len(obj.data.vertices):,}" for obj in (source, target))
     yield still("wires", BARE, BARE, 3.5, f"{counts} vertices: only the shape is the same")
     for wire in wires:
         bpy.data.objects.remove(wire)
 
     select_only(target, source)
-    seconds = timed(bpy.ops.zoomout.match)
+    seconds = seconds_of(bpy.ops.zoomout.match)
     bpy.ops.zoomout.preview(kind=preview.PLACES)
     shown = preview.current()
     assert shown is not None  # a match was just made
@@ -182,7 +182,7 @@ def film(frames: Path) -> Iterator[Shot]:
     yield still("match", PLACES, PLACES, 4.5, f"Match ({seconds:.0f} s): same color, same place")
 
     bpy.ops.zoomout.cut_seams()
-    seconds = timed(bpy.ops.zoomout.transfer)
+    seconds = seconds_of(bpy.ops.zoomout.transfer)
     yield still("paint", PAINT, PAINT, 3, f"Transfer ({seconds:.1f} s): its painted colors,")
     for obj in (source, target):
         obj.data.materials.append(picture.checker_material())
@@ -195,13 +195,13 @@ def film(frames: Path) -> Iterator[Shot]:
     show(source.data, PAINT)
     show(target.data, PAINT)
     select_only(target, source)
-    seconds = timed(bpy.ops.zoomout.bind_to_rig)
+    seconds = seconds_of(bpy.ops.zoomout.bind_to_rig)
     files = list(draw_motion(frames, source, rig))
     yield Shot(files, len(files) / FPS, f"Bind to Rig ({seconds:.0f} s): the source's bones pose the target")
     yield Shot(files[-1:], SECONDS - 21 - len(files) / FPS, "ZoomOut Transfer, for Blender 4.2 and newer")
 
 
-def timed(operator: Callable[[], object]) -> float:
+def seconds_of(operator: Callable[[], object]) -> float:
     """Seconds that an operator takes."""
     begun = perf_counter()
     operator()
@@ -264,7 +264,7 @@ def between(pose: Pose, other: Pose, share: float) -> Pose:
     share = share * share * (3 - 2 * share)
     rest = (0.0, 0.0, 0.0)
     found = {}
-    for name in {*POSE, *STEP, *WAVE, *mirrored(STEP)}:
+    for name in {*POSE, *STEP, *WAVE, *mirror(STEP)}:
         (x, y, z), (to_x, to_y, to_z) = pose.get(name, rest), other.get(name, rest)
         found[name] = (x + share * (to_x - x), y + share * (to_y - y), z + share * (to_z - z))
     return found
@@ -318,7 +318,7 @@ def add_colors(mesh: Mesh, name: str, colors: ArrayLike) -> None:
     mesh_data.write_layer(mesh, mesh_data.Layer(attribute, mesh_data.Role.COLOR, "FLOAT_COLOR"))
 
 
-def wired(obj: Object, thickness: float = WIRE) -> Object:
+def wireframe(obj: Object, thickness: float = WIRE) -> Object:
     """Dark wires along the edges of an object."""
     wire = obj.copy()
     wire.data = obj.data.copy()
@@ -353,7 +353,7 @@ def make_featured(path: Path) -> None:
     clear_pose(rig)
     rested = posed_copy(source)
     set_pose(rig, WAVE)
-    figures = [rested, *scan, posed_copy(target), wired(scan[0])]
+    figures = [rested, *scan, posed_copy(target), wireframe(scan[0])]
     clear_pose(rig)
     seen = []
     places = (-2.4, -0.8, 0.8, 2.4)
@@ -376,7 +376,7 @@ def make_icon(path: Path) -> None:
     left = mesh_data.read_positions(source.data)[:, :1] > 0
     add_colors(source.data, "Icon", np.where(left, read_colors(source.data, PAINT), CLAY))
     show(source.data, "Icon")
-    wire = wired(source, 1.5 * WIRE)
+    wire = wireframe(source, 1.5 * WIRE)
     wire.modifiers.remove(wire.modifiers["Corrective Smooth"])  # it refuses another number of vertices
     wire.vertex_groups.new(name="Right").add(np.flatnonzero(~left).tolist(), 1, "ADD")
     wire.modifiers.new("Right", "MASK").vertex_group = "Right"

@@ -37,7 +37,7 @@ from zoomout_core.text_arguments import read_landmarks
 
 # Seconds of processor time that a file of some kilobytes may take, for the machine may be busy, and bytes that reading
 # may need at most.
-MOST_SECONDS, MOST_MEMORY = 5.0, 4 << 30
+MAX_SECONDS, MAX_MEMORY = 5.0, 4 << 30
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 # What numbers become.
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"4294967295", b"2147483648", b"99999999999", b"1.5", b"x", b"")
@@ -71,10 +71,10 @@ def readers() -> dict[str, Reader]:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         SurfaceMap.from_vertices(np.arange(len(mesh.vertices)), surface).save(place / "map.npz")
-        write_asset(read_asset(_written(place / "uv.ply", _textured(mesh, texture))), place / "a.glb")
+        write_asset(read_asset(_write(place / "uv.ply", _ply_with_texture(mesh, texture))), place / "a.glb")
         write_asset(read_asset(place / "uv.ply"), place / "a.gltf")
         saved = {name: (place / name).read_bytes() for name in ("map.npz", "a.glb", "a.gltf")}
-    ply = tuple(_exported(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
+    ply = tuple(_export(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
     script = """<!DOCTYPE FilterScript>
 <FilterScript>
  <filter name="transfer_attributes_by_zoomout">
@@ -100,10 +100,10 @@ def readers() -> dict[str, Reader]:
         "off": Reader(".off", read_shape, (text.encode(),)),
         "obj": Reader(".obj", read_shape, (obj.encode(),)),
         "ply": Reader(".ply", read_shape, ply),
-        "stl": Reader(".stl", read_shape, (_exported(mesh, file_type="stl"),)),
+        "stl": Reader(".stl", read_shape, (_export(mesh, file_type="stl"),)),
         "glb": Reader(".glb", read_shape, (saved["a.glb"],)),
         "asset of obj": Reader(".obj", read_asset, (obj.encode(),)),
-        "asset of ply": Reader(".ply", read_asset, (*ply, _textured(mesh, texture))),
+        "asset of ply": Reader(".ply", read_asset, (*ply, _ply_with_texture(mesh, texture))),
         "asset of glb": Reader(".glb", read_asset, (saved["a.glb"],)),
         "asset of gltf": Reader(".gltf", read_asset, (saved["a.gltf"],)),
         "map": Reader(".npz", lambda path: SurfaceMap.load(path, surface), (saved["map.npz"],)),
@@ -114,11 +114,11 @@ def readers() -> dict[str, Reader]:
     }
 
 
-def _exported(mesh: Any, **options: str) -> bytes:
+def _export(mesh: Any, **options: str) -> bytes:
     return bytes(mesh.export(**options))
 
 
-def _textured(mesh: Any, texture: NDArray[Any]) -> bytes:
+def _ply_with_texture(mesh: Any, texture: NDArray[Any]) -> bytes:
     """A PLY file with texture coordinates at the vertices."""
     header = f"ply\nformat ascii 1.0\nelement vertex {len(mesh.vertices)}\n"
     header += "".join(f"property float {name}\n" for name in "xyzst")
@@ -127,12 +127,12 @@ def _textured(mesh: Any, texture: NDArray[Any]) -> bytes:
     return (header + "\n".join([*rows, *("3 " + " ".join(map(str, face)) for face in mesh.faces)]) + "\n").encode()
 
 
-def _written(path: Path, content: bytes) -> Path:
+def _write(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path
 
 
-def damaged(content: bytes, random: np.random.Generator) -> bytes:
+def damage(content: bytes, random: np.random.Generator) -> bytes:
     """A file with a few damages, most often one."""
     broken = bytearray(content)
     for _ in range(random.geometric(0.6)):
@@ -162,7 +162,7 @@ def cases(name: str, reader: Reader, count: int, seed: int) -> Iterator[bytes]:
     """Damaged files for a reader, the same for the same seed."""
     for number in range(count):
         random = np.random.default_rng([seed, number, *name.encode()])
-        yield damaged(reader.samples[number % len(reader.samples)], random)
+        yield damage(reader.samples[number % len(reader.samples)], random)
 
 
 def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
@@ -182,7 +182,7 @@ def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
     except Exception as error:  # whatever it is, it is what is looked for
         end = "finding", f"{type(error).__name__}: {error}"
     took = time.process_time() - begin
-    return ("finding", f"{took:.1f} s") if took > MOST_SECONDS else end
+    return ("finding", f"{took:.1f} s") if took > MAX_SECONDS else end
 
 
 def run(
@@ -223,7 +223,7 @@ def limit_memory() -> None:
     """Let this process have no more memory than reading a small file may need."""
     import resource
 
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def main() -> None:

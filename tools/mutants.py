@@ -130,7 +130,7 @@ class Tests:
 
 
 def main() -> None:
-    arguments = parsed(sys.argv[1:])
+    arguments = parse(sys.argv[1:])
     with tempfile.TemporaryDirectory() as folder:
         copies = [copy_of_tree(Path(folder) / str(number)) for number in range(arguments.jobs)]
         tally: dict[str, Counter[bool]] = {}
@@ -144,13 +144,13 @@ def main() -> None:
             code = (ROOT / module).read_text(encoding="utf-8")
             sample = arguments.sample if line is None else None
             chosen = chosen_mutants(module, code, sample, arguments.seed, line)
-            tally[module] = tried(chosen, tests.names, START + TIMES_AS_LONG * tests.seconds, copies)
+            tally[module] = try_mutants(chosen, tests.names, START + TIMES_AS_LONG * tests.seconds, copies)
     say("\n  killed  module")
     for module, count in [*tally.items(), ("in all", sum(tally.values(), Counter[bool]()))]:
         say(f"{count[True]:4d}/{count.total():<4d} {module}")
 
 
-def parsed(words: Sequence[str]) -> argparse.Namespace:
+def parse(words: Sequence[str]) -> argparse.Namespace:
     summary = (__doc__ or "").partition("\n")[0]
     parser = argparse.ArgumentParser(prog="make mutants", description=summary)
     parser.add_argument("rooms", nargs="+", help="folders, modules, or lines of modules (MODULE:LINE)")
@@ -307,13 +307,15 @@ def _mutant(module: str, code: str, operator: str, occurrence: int, line: int) -
     return Mutant(module, line, changed, change)
 
 
-def tried(mutants: Sequence[Mutant], tests: Sequence[str], seconds: float, copies: Sequence[Path]) -> Counter[bool]:
+def try_mutants(
+    mutants: Sequence[Mutant], tests: Sequence[str], seconds: float, copies: Sequence[Path]
+) -> Counter[bool]:
     """Numbers of the mutants that tests kill within a number of seconds, and that survive; each is printed."""
     free: Queue[Path] = Queue()
     for copy in copies:
         free.put(copy)
 
-    def killed(mutant: Mutant) -> bool:
+    def is_killed(mutant: Mutant) -> bool:
         copy = free.get()
         file, begin = copy / mutant.module, time.monotonic()
         original = file.read_bytes()
@@ -328,7 +330,7 @@ def tried(mutants: Sequence[Mutant], tests: Sequence[str], seconds: float, copie
         return dead
 
     with ThreadPoolExecutor(len(copies)) as pool:
-        return Counter(pool.map(killed, mutants))
+        return Counter(pool.map(is_killed, mutants))
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def main() -> None:
     arguments = parser.parse_args()
     url = os.environ.get("PROJECT_URL", "").rstrip("/")
     shutil.rmtree(BUILD, ignore_errors=True)
-    tree, version = exported(url)
+    tree, version = export(url)
     for old in (*DIST.glob("zoomout_core-*"), *([] if arguments.without_extension else DIST.glob("*.zip"))):
         old.unlink()
     run(sys.executable, "-m", "build", "--outdir", str(DIST), str(tree))
@@ -56,7 +56,7 @@ def main() -> None:
     print("release:", *(path.name for path in sorted(DIST.iterdir()) if path.is_file()))
 
 
-def exported(url: str) -> tuple[Path, str]:
+def export(url: str) -> tuple[Path, str]:
     """The last commit's tree, in a folder of its own, with the project's address in it; and the version."""
     if run("git", "status", "--porcelain", "--untracked-files=no").strip():
         print("release: what is not committed is left out")

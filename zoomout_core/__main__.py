@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
-from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
+from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
 def run(commands: str, name: str, extra: str) -> None:
@@ -37,7 +37,7 @@ def _run(commands: str, name: str) -> NoReturn:
     import click
 
     try:
-        with interrupts_heard():
+        with handle_interrupts():
             sys.exit(import_module(commands).main.main(prog_name=name, standalone_mode=False))
     except click.Abort:  # which an interrupt becomes
         raise KeyboardInterrupt from None

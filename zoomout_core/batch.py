@@ -14,7 +14,7 @@ import click
 
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import check_output, written_whole
+from zoomout_core.runtime.outputs import atomic_write, check_output
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -52,7 +52,7 @@ def is_folder(output: str) -> bool:
     return Path(output).is_dir() or not Path(output).suffix
 
 
-def planned(
+def plan(
     source: str,
     targets: Sequence[str],
     output: str,
@@ -123,7 +123,7 @@ def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], 
     """Do jobs one after the other; one that fails leaves the others alone.
 
     Args:
-        jobs: as of `planned`.
+        jobs: as of `plan`.
         run_of: does a job, and returns the report and the lines of its outcome.
     """
     outcomes = []
@@ -160,7 +160,7 @@ def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None
         OutputError: it cannot be written.
     """
     folder.mkdir(exist_ok=True)
-    with written_whole(folder / REPORT) as part:
+    with atomic_write(folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures_of(source, outcomes), indent=1)}\n", encoding="utf-8")
 
 

@@ -20,7 +20,7 @@ from zoomout_core.matching.option_table import (
     Door,
     Kind,
     Option,
-    offered,
+    select_options,
 )
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import MeshError
@@ -124,7 +124,7 @@ def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
     """The options of a table that the command line offers."""
 
     def with_options(command: Any) -> Any:
-        for option in reversed(offered(options, Door.COMMAND_LINE)):
+        for option in reversed(select_options(options, Door.COMMAND_LINE)):
             command = table_option(option)(command)
         return command
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.maps.surface_map import SurfaceMap, turned_over
+from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
 
@@ -105,7 +105,7 @@ def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface)
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
     images = surface_map.interpolate(source.vertices)
     found = np.zeros(len(target.triangles), dtype=bool)
-    found[target.working.triangle_of] = turned_over(images, at_images, _outward_triangles(target))
+    found[target.working.triangle_of] = folded_triangles(images, at_images, _outward_triangles(target))
     return found
 
 

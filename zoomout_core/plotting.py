@@ -109,7 +109,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
 def plot_confidence(
     target: ShapeLike, result: Match, sides: int = 2, figure: Figure | SubFigure | None = None
 ) -> Figure | SubFigure:
-    """The target coloured by confidence, from red for none to blue; violet is what has no partner.
+    """The target coloured by confidence, from red for none to blue; violet is what has no counterpart.
 
     Args:
         target: the shape that was matched.

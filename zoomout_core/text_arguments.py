@@ -11,7 +11,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
-from zoomout_core.matching.constraints import checked_axes
+from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
 from zoomout_core.mesh.surface import MeshError
 
@@ -50,7 +50,7 @@ def read_axis(text: str, option: str = "--common-axis") -> Floats:
         MeshError: it is no direction.
     """
     try:
-        return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
+        return check_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
     except ValueError:
         raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
 

@@ -65,7 +65,7 @@ def stages() -> dict[str, Tuning]:
 
 
 @contextmanager
-def retuned(stage: Tuning, **values: Any) -> Iterator[None]:
+def retune(stage: Tuning, **values: Any) -> Iterator[None]:
     """A context in which some numbers of a stage are others, for ablations and tests; in this process alone.
 
     Raises:

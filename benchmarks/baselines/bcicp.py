@@ -66,16 +66,19 @@ def bcicp(
     for _ in range(iterations):
         C = functional_map_of(there, source.basis, target.basis, k, k)
         D = functional_map_of(back, target.basis, source.basis, k, k)
-        C, D = turned_to_inverse(C, D), turned_to_inverse(D, C)
+        C, D = turn_to_inverse(C, D), turn_to_inverse(D, C)
         embedded_source = np.hstack([rows_source @ C.T, rows_source])
         embedded_target = np.hstack([rows_target, rows_target @ D.T])
         found = nearest(embedded_target, embedded_source), nearest(embedded_source, embedded_target)
-        smooth = smoothed(found[0], source.surface, target.surface), smoothed(found[1], target.surface, source.surface)
+        smooth = (
+            smooth_map(found[0], source.surface, target.surface),
+            smooth_map(found[1], target.surface, source.surface),
+        )
         there, back = covering(*smooth), covering(*smooth[::-1])
     return Refined(C, there), Refined(D, back)
 
 
-def turned_to_inverse(functional_map: Floats, back: Floats) -> Floats:
+def turn_to_inverse(functional_map: Floats, back: Floats) -> Floats:
     """A functional map C (k_t, k_s), turned so that it undoes the one back, D (k_s, k_t), as well as it can.
 
     With the polar decomposition D C = P R it is C R', after which D C R' = P is symmetric and has no rotation left.
@@ -83,7 +86,7 @@ def turned_to_inverse(functional_map: Floats, back: Floats) -> Floats:
     return functional_map @ nearest_orthonormal(back @ functional_map).T
 
 
-def smoothed(vertex: Integers, source: Surface, target: Surface) -> Integers:
+def smooth_map(vertex: Integers, source: Surface, target: Surface) -> Integers:
     """A vertex map (n_t,) without small pieces that stand out of their surroundings, and with fewer jumps.
 
     Pieces are what jumps separate; small ones take the images of what is nearest around them. A vertex at a jump then

@@ -32,7 +32,7 @@ BETA, LAMBDA, OUTLIERS = 2.0, 3.0, 0.1
 # Eigenpairs of the kernel, farthest points of each shape, and iterations.
 RANK, SAMPLES, ITERATIONS = 100, 1500, 100
 # The iteration ends when sigma^2 has fallen so far, where nearest points decide.
-LEAST_VARIANCE = 1e-5
+MIN_VARIANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Drift:
     weights: Floats
     variance: float
 
-    def moved(self, points: Floats) -> Floats:
+    def move(self, points: Floats) -> Floats:
         """(n, 3) points (n, 3) after the displacement."""
         return points + kernel(points, self.centres) @ self.weights
 
@@ -65,12 +65,12 @@ def cpd(source: Floats, target: Floats, samples: int = SAMPLES) -> Integers:
     Returns:
         (n_t,) source point of each target point.
     """
-    source, target = _normalised(source), _normalised(target)
-    drift = registered(source[farthest_points(source, samples)], target[farthest_points(target, samples)])
-    return np.asarray(cKDTree(drift.moved(source)).query(target)[1])
+    source, target = _normalise(source), _normalise(target)
+    drift = register(source[farthest_points(source, samples)], target[farthest_points(target, samples)])
+    return np.asarray(cKDTree(drift.move(source)).query(target)[1])
 
 
-def registered(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Drift:
+def register(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Drift:
     """The displacement that takes points (m, 3) to others (n, 3), both of about mean zero and variance one."""
     values, vectors = _low_rank(kernel(moving, moving))
     weights = np.zeros_like(moving)
@@ -88,7 +88,7 @@ def registered(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> D
         moved = moving + vectors @ (values[:, None] * (vectors.T @ weights))
         apart = cdist(moved, fixed, "sqeuclidean")
         variance = float((share * apart).sum() / (share.sum() * moving.shape[1]))
-        if variance < LEAST_VARIANCE:
+        if variance < MIN_VARIANCE:
             break
     return Drift(moving, weights, variance)
 
@@ -114,7 +114,7 @@ def _low_rank(matrix: Floats) -> tuple[Floats, Floats]:
     return values[kept], vectors[:, kept]
 
 
-def _normalised(points: Floats) -> Floats:
+def _normalise(points: Floats) -> Floats:
     """Points (n, d) of mean zero and of variance one over all coordinates."""
     centred = points - points.mean(axis=0)
     return np.asarray(centred / np.sqrt((centred**2).mean()))

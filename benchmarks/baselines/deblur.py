@@ -36,11 +36,11 @@ def deblur(
     vertex = initial
     for k in range(k_initial, k_final + 1, step):
         functional_map = functional_map_of(vertex, basis_source, basis_target, k, k)
-        vertex = deblurred(functional_map, basis_source, basis_target)
+        vertex = deblur_map(functional_map, basis_source, basis_target)
     return Refined(functional_map, vertex)
 
 
-def deblurred(functional_map: Floats, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
+def deblur_map(functional_map: Floats, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
     """(n_t,) vertex map of a functional map (k_t, k_s), by the target's eigenfunctions brought to the source."""
     k_target, k_source = functional_map.shape
     return nearest(basis_target.eigenvectors[:, :k_target] @ functional_map, basis_source.eigenvectors[:, :k_source])

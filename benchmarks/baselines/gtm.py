@@ -66,7 +66,7 @@ def gtm(source: Surface, target: Surface) -> Integers:
     )
     payoff = payoffs(pairs, from_target[:, on_target], from_source[:, on_source])
     group = pairs[agreeing(payoff)]
-    return interpolated(from_target[group[:, 0]], from_source[group[:, 1]])
+    return interpolate(from_target[group[:, 0]], from_source[group[:, 1]])
 
 
 def payoffs(pairs: Integers, between_targets: Floats, between_sources: Floats) -> Floats:
@@ -99,7 +99,7 @@ def agreeing(payoff: Floats) -> Integers:
     return np.flatnonzero(share > SURVIVES * share.max())
 
 
-def interpolated(from_targets: Floats, from_sources: Floats) -> Integers:
+def interpolate(from_targets: Floats, from_sources: Floats) -> Integers:
     """(n_t,) the source vertex that keeps a target vertex's distances to matched points; -1 where there are none.
 
     Args:

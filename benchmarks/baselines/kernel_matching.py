@@ -68,7 +68,7 @@ def kernel_matching(
         heat_source, heat_target = (np.exp(-time * basis.eigenvalues) for basis in (basis_source, basis_target))
         for _ in range(ASSIGNMENTS):
             before = partner
-            partner = assigned((target_rows * heat_target) @ functional_map @ (source_rows * heat_source).T)
+            partner = assign((target_rows * heat_target) @ functional_map @ (source_rows * heat_source).T)
             functional_map = target_rows.T @ source_rows[partner] / count
             if np.array_equal(partner, before):
                 break
@@ -79,6 +79,6 @@ def kernel_matching(
     return nearest(received_target, received_source), nearest(received_source, received_target)
 
 
-def assigned(gain: Floats) -> Integers:
+def assign(gain: Floats) -> Integers:
     """(s,) the column of each row (s, s) in the permutation with the largest sum."""
     return np.asarray(linear_sum_assignment(gain, maximize=True)[1])

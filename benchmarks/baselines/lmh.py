@@ -21,7 +21,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -57,17 +57,17 @@ def localized_harmonics(
     # (Woodbury). A shift makes S definite where no potential is.
     root = np.sqrt(areas)
     shift = 1e-2 * scale
-    factor = factorised(operator + shift * diags_array(areas))
+    factor = factorise(operator + shift * diags_array(areas))
     U = root[:, None] * whole.eigenvectors
 
-    def solved(right: Floats) -> Floats:
+    def solve(right: Floats) -> Floats:
         return np.asarray(root * factor.solve(root * right))
 
     inverse_U = root[:, None] * factor.solve(root[:, None] * U)
     small = cho_factor(np.eye(U.shape[1]) / (ORTHOGONALITY * scale) + U.T @ inverse_U)
 
     def inverse(right: Floats) -> Floats:
-        first = solved(right.ravel())
+        first = solve(right.ravel())
         return np.asarray(first - inverse_U @ cho_solve(small, U.T @ first))
 
     n = len(areas)
@@ -86,7 +86,7 @@ def lmh(basis_source: SpectralBasis, basis_target: SpectralBasis, matches: Array
         matches: (m, 2) target and source vertices.
     """
     on_target, on_source = np.asarray(matches).T
-    C = transported(kernels(basis_source, on_source), kernels(basis_target, on_target))
+    C = transport(kernels(basis_source, on_source), kernels(basis_target, on_target))
     return vertex_map_of(C, basis_source, basis_target)
 
 
@@ -98,7 +98,7 @@ def kernels(basis: SpectralBasis, vertices: Integers) -> Floats:
     return np.hstack([(each * rows).T for each in decayed])
 
 
-def transported(of_source: Floats, of_target: Floats) -> Floats:
+def transport(of_source: Floats, of_target: Floats) -> Floats:
     """(k_t, k_s) the functional map that takes functions (k_s, d) to others (k_t, d) by least squares, with a ridge."""
     gram = of_source @ of_source.T
     gram += RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
@@ -93,8 +93,8 @@ def rhm(
         P, Q = of_source.matrix(there), of_target.matrix(back)
         image = images(of_target, of_source, P, Q, beta)
         image_back = images(of_source, of_target, Q, P, beta)
-        there = _projected(of_target, of_source, image, image_back, beta)
-        back = _projected(of_source, of_target, image_back, image, beta)
+        there = _project(of_target, of_source, image, image_back, beta)
+        back = _project(of_source, of_target, image_back, image, beta)
     return there.vertex, back.vertex
 
 
@@ -111,7 +111,7 @@ def images(start: Embedded, end: Embedded, there: csr_array, back: csr_array, be
     returned = (1 - ALPHA) * back.T @ diags_array(end.areas)
     near = beta * diags_array(start.areas)
     system = ALPHA * start.stiffness + near + returned @ back
-    return np.asarray(factorised(csc_array(system)).solve(near @ (there @ end.positions) + returned @ end.positions))
+    return np.asarray(factorise(csc_array(system)).solve(near @ (there @ end.positions) + returned @ end.positions))
 
 
 def geodesic_embedding(surface: Surface, dimension: int = DIMENSION) -> Floats:
@@ -130,7 +130,7 @@ def geodesic_embedding(surface: Surface, dimension: int = DIMENSION) -> Floats:
     return np.asarray((mean[:, None] - squared).T / 2 @ (vectors[:, largest] / np.sqrt(values[largest])))
 
 
-def _projected(start: Embedded, end: Embedded, image: Floats, image_back: Floats, beta: float) -> SurfaceMap:
+def _project(start: Embedded, end: Embedded, image: Floats, image_back: Floats, beta: float) -> SurfaceMap:
     """The map for which both terms that it occurs in are least."""
     weights = np.sqrt(1 - ALPHA), np.sqrt(beta)
     queries = np.hstack([weights[0] * start.positions, weights[1] * image])

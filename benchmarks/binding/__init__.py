@@ -14,11 +14,11 @@ from bpy.types import Object
 from tqdm import tqdm
 
 from benchmarks.binding.cases import Case, bone_matrices, make_cases, positions, take, weights_of
-from benchmarks.binding.methods import WAYS, matched
+from benchmarks.binding.methods import WAYS, match_bare
 from benchmarks.binding.pictures import draw
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.transfer.skinning import moved
+from zoomout_core.transfer.skinning import transform_points
 
 # The way that has the true weights and the true rest pose, which others are compared with.
 TRUE = "true weights"
@@ -49,7 +49,7 @@ def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, 
     groups = dict.fromkeys((row["kind"], row["mesh"], row["way"]) for row in found)
     ways = [TRUE, *WAYS]
     summary = [
-        _summed(*group, [row for row in found if (row["kind"], row["mesh"], row["way"]) == group])
+        _sum_up(*group, [row for row in found if (row["kind"], row["mesh"], row["way"]) == group])
         for group in sorted(groups, key=lambda group: (*group[:2], ways.index(group[2])))
     ]
     return {"rows": summary, "cases": found}
@@ -57,7 +57,7 @@ def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, 
 
 def _rows(case: Case, picture_folder: Path | None) -> Iterator[Row]:
     truth = _Truth(case)
-    bare, seconds, certainty = matched(case)
+    bare, seconds, certainty = match_bare(case)
     exact = _figures([truth.off(points, number) for number, points in enumerate(_by_true_weights(case))])
     shared = {
         "kind": case.kind,
@@ -76,7 +76,7 @@ def _rows(case: Case, picture_folder: Path | None) -> Iterator[Row]:
         begin = perf_counter()
         way(case, target)
         spent = perf_counter() - begin
-        figures = _figures([truth.off(points, number) for number, points in enumerate(_taken(case, target))])
+        figures = _figures([truth.off(points, number) for number, points in enumerate(_take(case, target))])
         ratio = figures["surface"] / max(exact["surface"], 1e-9)
         yield {**shared, "way": name, **figures, "ratio": ratio, "match s": seconds, "s": spent}
         targets[name] = target
@@ -124,11 +124,11 @@ def _by_true_weights(case: Case) -> Iterator[Floats]:
     rest = np.einsum("nxy,ny->nx", np.linalg.pinv(posed[:, :, :3]), case.target.vertices - posed[:, :, 3])
     for stance in case.taken:
         take(case.armature, stance)
-        yield moved(matrices(), rest)
+        yield transform_points(matrices(), rest)
     take(case.armature, {})
 
 
-def _taken(case: Case, target: Object) -> Iterator[Floats]:
+def _take(case: Case, target: Object) -> Iterator[Floats]:
     """(n, 3) a bound target in each pose."""
     for stance in case.taken:
         take(case.armature, stance)
@@ -146,7 +146,7 @@ def _figures(off: list[Floats]) -> Row:
     }
 
 
-def _summed(kind: str, mesh: str, way: str, rows: list[Row]) -> Row:
+def _sum_up(kind: str, mesh: str, way: str, rows: list[Row]) -> Row:
     numbers = ("surface", "surface p95", "place", "place p95", "ratio", "match s", "s")
     known = {name: [row[name] for row in rows if row.get(name) is not None] for name in numbers}
     return {

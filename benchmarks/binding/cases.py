@@ -15,7 +15,7 @@ from mathutils import Matrix
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from benchmarks.characters.cases import OF_PACK, broken, spread
+from benchmarks.characters.cases import OF_PACK, is_broken, spread
 from benchmarks.characters.game import Body, all_frames, one_skin, read_character, set_frame
 from benchmarks.generate.remeshing import isotropic
 from benchmarks.transfer.cases import CELL
@@ -67,7 +67,7 @@ class Case:
 def make_cases(data: Path, most: int | None) -> Iterator[Case]:
     """Generated characters in several poses, and those of games, or about `most` of each kind, evenly spread."""
     for number in spread(list(range(BOUND_IN)), most):
-        yield from _generated(number)
+        yield from _generate(number)
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((data / "characters" / "game").glob("*"))]
     chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
     for path in spread(chosen, most):
@@ -111,18 +111,18 @@ def positions(obj: Object) -> Floats:
         return mesh_data.positions_in_world(evaluated, mesh_data.read_positions(mesh).astype(np.float64))
 
 
-def _generated(number: int) -> Iterator[Case]:
+def _generate(number: int) -> Iterator[Case]:
     """The demo's character, in the demo's pose, or one drawn at random."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     character, armature = build_character(CELL)
     character.modifiers.remove(character.modifiers["Corrective Smooth"])  # the truth is what the bones do
     random = np.random.default_rng(number)
 
-    def drawn() -> Stance:
+    def draw_stance() -> Stance:
         set_pose(armature, {name: tuple(random.normal(0, TURN, 3)) for name in POSE})
         return _stance(armature)
 
-    stances = [drawn() for _ in range(TAKEN + 1)]
+    stances = [draw_stance() for _ in range(TAKEN + 1)]
     set_pose(armature)
     bound_in = _stance(armature) if number == 0 else stances[0]
     yield from _cases(GENERATED, f"character, pose {number}", character, armature, bound_in, tuple(stances[1:]))
@@ -131,7 +131,7 @@ def _generated(number: int) -> Iterator[Case]:
 def _of_game(path: Path) -> Iterator[Case]:
     """A character of a game in the frame that differs most from its rest."""
     character = read_character(path)
-    if broken(character):
+    if is_broken(character):
         return
     armature = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE")
     bound_in = _stance(armature)

@@ -21,12 +21,12 @@ from blender_addon.storage import stored_match
 Way = Callable[[Case, Object], None]
 
 
-def bound(case: Case, target: Object) -> None:
+def bind(case: Case, target: Object) -> None:
     """Ours, by the match."""
     api.bind_to_rig(bpy.context, case.source, target)
 
 
-def bound_by_truth(case: Case, target: Object) -> None:
+def bind_by_truth(case: Case, target: Object) -> None:
     """Ours, along the true map: what is left are errors of binding alone."""
     pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     sure = np.ones(len(target.data.vertices))
@@ -53,14 +53,14 @@ def data_transfer(case: Case, target: Object) -> None:
 
 
 WAYS: dict[str, Way] = {
-    "Bind to Rig": bound,
-    "Bind to Rig, true map": bound_by_truth,
+    "Bind to Rig": bind,
+    "Bind to Rig, true map": bind_by_truth,
     "weights alone": weights_alone,
     "Data Transfer": data_transfer,
 }
 
 
-def matched(case: Case) -> tuple[Object, float, float]:
+def match_bare(case: Case) -> tuple[Object, float, float]:
     """A bare target, matched with nothing given; seconds and certainty."""
     mesh = bpy.data.meshes.new("Target")
     mesh.from_pydata(case.target.vertices, [], case.target.triangles)

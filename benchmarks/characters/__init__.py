@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from benchmarks.characters.cases import cases
 from benchmarks.characters.pictures import Picture, draw
-from benchmarks.characters.table import Row, badness, measured, summary
+from benchmarks.characters.table import Row, badness, measure, summary
 
 # Number of the worst cases of each kind that are drawn.
 WORST = 8
@@ -33,7 +33,7 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> dict[str,
     rows: list[Row] = []
     worst: dict[str, list[tuple[float, Picture]]] = {}
     for case in tqdm(cases(data / "characters", pairs), desc="characters", leave=False):
-        row, result = measured(case)
+        row, result = measure(case)
         rows.append(row)
         if picture_folder is not None:
             of_kind = [*worst.get(case.kind, []), (badness(row), Picture(row, case, result))]

@@ -13,7 +13,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 import zoomout_core as zo
-from benchmarks.characters.game import Body, Character, one_skin, read_character, shuffled
+from benchmarks.characters.game import Body, Character, one_skin, read_character, shuffle
 from benchmarks.characters.truth import Bones, Rest, bones_of
 from zoomout_core.arrays import Booleans, Floats
 
@@ -66,7 +66,7 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))]
     chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
     kinds: list[list[Maker]] = [
-        [partial(_posed, path) for path in chosen],
+        [partial(_pose, path) for path in chosen],
         [partial(_as_one_skin, path) for path in chosen],
         [partial(_other, *pair) for pack in packs for pair in _cycle(pack)],
         [partial(outfit, path) for path in sorted((folder / "outfits").glob("*.npz"))],
@@ -101,14 +101,14 @@ def _cycle(pack: list[Path]) -> Iterator[tuple[Path, Path, bool]]:
 # --- makers -------------------------------------------------------------------------------------------------
 
 
-def _posed(path: Path) -> Case | None:
+def _pose(path: Path) -> Case | None:
     character = read_character(path)
-    return None if broken(character) else _case(POSE, character, character, character.thinned, character.pose)
+    return None if is_broken(character) else _case(POSE, character, character, character.thinned, character.pose)
 
 
 def _as_one_skin(path: Path) -> Case | None:
     character = read_character(path)
-    if broken(character) or surface_of(character.rest).components.max() < FEW_PARTS:
+    if is_broken(character) or surface_of(character.rest).components.max() < FEW_PARTS:
         return None
     return _case(SKIN, character, character, one_skin(character.posed), character.pose)
 
@@ -116,7 +116,7 @@ def _as_one_skin(path: Path) -> Case | None:
 def _other(source_path: Path, target_path: Path, posed: bool) -> Case | None:
     source, target = read_character(source_path), read_character(target_path)
     moving = [set(np.array(one.skeleton.names)[_moving(one.rest)]) for one in (source, target)]
-    if broken(source) or broken(target) or len(moving[0] & moving[1]) < SHARED * min(map(len, moving)):
+    if is_broken(source) or is_broken(target) or len(moving[0] & moving[1]) < SHARED * min(map(len, moving)):
         return None
     body, pose = (target.posed, target.pose) if posed else (target.rest, "rest")
     return _case(OTHER, source, target, body, pose)
@@ -145,7 +145,7 @@ def _polygons(arrays: dict[str, Floats], side: str) -> zo.Surface:
 
 def _case(kind: str, source: Character, target: Character, body: Body, pose: str) -> Case:
     """A case from the first character at rest to a body of the other."""
-    body = shuffled(body)
+    body = shuffle(body)
     name = source.name if source is target else f"{source.name} to {target.name}"
     truth = bones_of(source, target, body)
     return Case(kind, f"{source.pack} {name}, {pose}", surface_of(source.rest), surface_of(body), truth)
@@ -156,7 +156,7 @@ def surface_of(body: Body) -> zo.Surface:
     return zo.Surface(body.vertices, body.triangles)
 
 
-def broken(character: Character) -> bool:
+def is_broken(character: Character) -> bool:
     return bool((character.rest.weights.sum(axis=1) < 0.5).mean() > UNMOVED)
 
 

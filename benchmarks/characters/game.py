@@ -135,7 +135,7 @@ def _largest_part(vertices: Floats, triangles: Integers) -> tuple[Floats, Intege
     return vertices[used], (np.cumsum(used) - 1)[triangles[used[triangles[:, 0]]]]
 
 
-def shuffled(body: Body, seed: int = 0) -> Body:
+def shuffle(body: Body, seed: int = 0) -> Body:
     """The same mesh, its vertices and triangles in another order."""
     rng = np.random.default_rng(seed)
     order = rng.permutation(len(body.vertices))

@@ -14,13 +14,13 @@ import numpy as np
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.characters.cases import Case, Maker, broken, outfit, spread, surface_of
+from benchmarks.characters.cases import Case, Maker, is_broken, outfit, spread, surface_of
 from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
 from zoomout_core.matching.notes import SURE_CERTAINTY
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 
 # The kinds of cases: a character at rest, in a pose, and what a body wears.
 AT_REST, POSED, WORN = "at rest", "posed", "worn"
@@ -40,7 +40,7 @@ def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
     characters = list(chain.from_iterable(sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))))
     kinds: list[list[Maker]] = [
         [partial(_character, path, posed) for path in characters for posed in (False, True)],
-        [partial(_worn, path) for path in sorted((folder / "outfits").glob("*.npz"))],
+        [partial(_worn_case, path) for path in sorted((folder / "outfits").glob("*.npz"))],
     ]
     for makers in kinds:
         for make in spread(makers, most):
@@ -55,7 +55,7 @@ def mirrored_bones(character: Character) -> Bones:
     What is moved by a bone of a side that has no partner, such as a weapon's, is not known.
     """
     truth = bones_of(character, character, character.rest)
-    names = [partner_of(name, truth.names) for name in truth.names]
+    names = [counterpart_of(name, truth.names) for name in truth.names]
     partner = np.array([truth.names.index(name) if name in truth.names else i for i, name in enumerate(names)])
     lone = truth.side[partner] != -truth.side
     return replace(truth, target=np.where(lone[partner], 0, truth.source[:, partner]))
@@ -63,7 +63,7 @@ def mirrored_bones(character: Character) -> Bones:
 
 def _character(path: Path, posed: bool) -> Case | None:
     character = read_character(path)
-    if broken(character):
+    if is_broken(character):
         return None
     body, pose = (character.posed, character.pose) if posed else (character.rest, "rest")
     surface = surface_of(body)
@@ -71,7 +71,7 @@ def _character(path: Path, posed: bool) -> Case | None:
     return Case(POSED if posed else AT_REST, name, surface, surface, mirrored_bones(character))
 
 
-def _worn(path: Path) -> Case:
+def _worn_case(path: Path) -> Case:
     case = outfit(path)
     assert isinstance(case.truth, Rest)
     rest, part = case.truth.target, case.truth.target_part

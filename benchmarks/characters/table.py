@@ -22,7 +22,7 @@ DIGITS = 3
 BASELINE = "DT "
 
 
-def measured(case: Case) -> tuple[Row, zo.MatchResult]:
+def measure(case: Case) -> tuple[Row, zo.MatchResult]:
     """Match a case with nothing given: its row, and the result."""
     zo.forget_shapes()
     begin = perf_counter()
@@ -36,8 +36,8 @@ def measured(case: Case) -> tuple[Row, zo.MatchResult]:
         "seconds": seconds,
         "certainty": result.certainty,
         "confidence": float(result.confidence.mean()),
-        **_named(ours),
-        **_named(baseline, BASELINE),
+        **_with_prefix(ours),
+        **_with_prefix(baseline, BASELINE),
         "right": ours.right,
         "behind": _behind(ours, baseline),
     }
@@ -50,7 +50,7 @@ def summary(rows: list[Row]) -> list[Row]:
     Also the worst and the median limb, strongest bone and error.
     """
     kinds = list(dict.fromkeys(row["kind"] for row in rows))
-    return [_summed(kind, [row for row in rows if kind in (row["kind"], "all")]) for kind in [*kinds, "all"]]
+    return [_sum_up(kind, [row for row in rows if kind in (row["kind"], "all")]) for kind in [*kinds, "all"]]
 
 
 def badness(row: Row) -> float:
@@ -58,7 +58,7 @@ def badness(row: Row) -> float:
     return float(row["cm"] if row["cm"] is not None else 1 - (row["limb"] or 0))
 
 
-def _summed(kind: str, rows: list[Row]) -> Row:
+def _sum_up(kind: str, rows: list[Row]) -> Row:
     return {
         "kind": kind,
         "cases": len(rows),
@@ -82,7 +82,7 @@ def over(statistic: Callable[[list[float]], Any], rows: list[Row], column: str) 
     return float(statistic(values)) if values else None
 
 
-def _named(of_map: Figures, prefix: str = "") -> Row:
+def _with_prefix(of_map: Figures, prefix: str = "") -> Row:
     columns = ("dom", "limb", "side", "L1", "cm", "median cm")
     return {
         prefix + column: None if value is None else round(value, DIGITS)

@@ -57,7 +57,7 @@ class Rest:
 def bones_of(source: Character, target: Character, body: Body) -> Bones:
     """The weights over the bones of both, by the limbs of the target's skeleton."""
     of_source, of_target = limbs_of(source.skeleton), limbs_of(target.skeleton)
-    ours = dict(zip(source.skeleton.names, _translated(source, of_source, target, of_target), strict=True))
+    ours = dict(zip(source.skeleton.names, _translate(source, of_source, target, of_target), strict=True))
     theirs = dict(zip(target.skeleton.names, of_target.limb, strict=True))
     sides = dict(zip(source.skeleton.names, of_source.side.tolist(), strict=True))
     sides |= dict(zip(target.skeleton.names, of_target.side.tolist(), strict=True))
@@ -74,7 +74,7 @@ def bones_of(source: Character, target: Character, body: Body) -> Bones:
     )
 
 
-def _translated(source: Character, of_source: Limbs, target: Character, of_target: Limbs) -> list[str]:
+def _translate(source: Character, of_source: Limbs, target: Character, of_target: Limbs) -> list[str]:
     """The limbs of the source's bones, called as the target's skeleton calls that of most bones that they share."""
     theirs = dict(zip(target.skeleton.names, of_target.limb, strict=True))
     called: dict[str, str] = {}

@@ -164,17 +164,17 @@ def _picture(path: Path, case: Case, shape: Floats, found: dict[str, list[Floats
     """The source as it is dressed, and the target, turned like it, as each way dresses it."""
     motion = procrustes(shape, case.source.vertices)
     things = list(case.things.values())
-    shown = [_dressed(case.source.vertices, case.source, [thing.vertices for thing in things], things)]
+    shown = [_join_dressed(case.source.vertices, case.source, [thing.vertices for thing in things], things)]
     for way in (TRUE, "dress", "Surface Deform"):
         if way in found:
             positions = [motion(each) for each in found[way]]
-            shown.append(_dressed(motion(case.target.vertices), case.target, positions, things))
+            shown.append(_join_dressed(motion(case.target.vertices), case.target, positions, things))
     draw(path, shown)
     for obj in shown:
         bpy.data.meshes.remove(obj.data)
 
 
-def _dressed(points: Floats, body: Surface, worn: list[Floats], things: list[Surface]) -> Object:
+def _join_dressed(points: Floats, body: Surface, worn: list[Floats], things: list[Surface]) -> Object:
     """A body and what it wears as one object, each in a colour of its own."""
     parts = [body.with_vertices(points), *(thing.with_vertices(each) for thing, each in zip(things, worn, strict=True))]
     whole = Surface.joined(parts)

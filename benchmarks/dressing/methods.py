@@ -20,7 +20,7 @@ from zoomout_core.transfer import carry
 Way = Callable[[Case, Floats], list[Floats]]
 
 
-def dressed(case: Case, shape: Floats) -> list[Floats]:
+def dress(case: Case, shape: Floats) -> list[Floats]:
     """Ours."""
     return list(carry(case.source, shape, case.target, list(case.things.values())).vertices)
 
@@ -30,7 +30,7 @@ def stiff(case: Case, shape: Floats) -> list[Floats]:
     return list(carry(case.source, shape, case.target, list(case.things.values()), stiffness=0.8).vertices)
 
 
-def nearest_displaced(case: Case, shape: Floats) -> list[Floats]:
+def displace_nearest(case: Case, shape: Floats) -> list[Floats]:
     """Aligned with the body as a whole, and each vertex displaced as the skin nearest to it is."""
     motion, found = procrustes(case.source.vertices, shape), []
     for thing in case.things.values():
@@ -58,17 +58,17 @@ def surface_deform(case: Case, shape: Floats) -> list[Floats]:
         body.data.vertices.foreach_set("co", motion.inverse(shape).astype(np.float32).ravel())
         body.data.update()
         bpy.context.view_layer.update()
-        return [motion(_seen(obj)) for obj in things]
+        return [motion(_visible_positions(obj)) for obj in things]
     finally:
         for obj in (body, *things):
             bpy.data.meshes.remove(obj.data)
 
 
 WAYS: dict[str, Way] = {
-    "dress": dressed,
+    "dress": dress,
     "dress, stiff": stiff,
     "Surface Deform": surface_deform,
-    "nearest skin": nearest_displaced,
+    "nearest skin": displace_nearest,
 }
 
 
@@ -82,7 +82,7 @@ def _object(name: str, surface: Surface) -> Object:
     return obj
 
 
-def _seen(obj: Object) -> Floats:
+def _visible_positions(obj: Object) -> Floats:
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     points = np.empty(3 * len(evaluated.data.vertices), np.float32)
     evaluated.data.vertices.foreach_get("co", points)

@@ -15,7 +15,7 @@ from blender_addon.demo.character import select_only
 from blender_addon.demo.target import posed_copy, set_pose
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.symmetry.mirror import names_flipped
+from zoomout_core.symmetry.mirror import flip_names
 from zoomout_core.transfer import Attribute
 
 from .bodies import Template, build_template, draw_pose
@@ -81,7 +81,7 @@ def _true_weights(template: Template) -> Attribute:
     n = len(template.surface.vertices)
     columns = template.surface.triangles[triangle].ravel()
     to_mirror_image = csr_array((barycentric.ravel(), columns, np.arange(0, 3 * n + 1, 3)), shape=(n, n))
-    other = csr_array(to_mirror_image @ names_flipped(weights).values)
+    other = csr_array(to_mirror_image @ flip_names(weights).values)
     right = (template.surface.vertices[:, 0] < 0).astype(float)
     values = diags_array(1 - right) @ weights.values + diags_array(right) @ other
     return replace(weights, values=csr_array(values))

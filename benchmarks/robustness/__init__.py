@@ -45,8 +45,7 @@ def run(pairs: int | None) -> Tables:
     with TemporaryDirectory() as folder, ThreadPoolExecutor(AT_ONCE) as pool:
         cases = [("file", name, partial(_read, name, content, Path(folder))) for name, content in files.items()]
         cases += [
-            ("mesh", name, partial(_used, harden, Path(folder), str(n)))
-            for n, (name, harden) in enumerate(hard.items())
+            ("mesh", name, partial(_use, harden, Path(folder), str(n))) for n, (name, harden) in enumerate(hard.items())
         ]
         verdicts = [[pool.submit(verdict, tool) for tool in TOOLS] for _, _, verdict in cases]
         rows = [
@@ -78,7 +77,7 @@ def _read(name: str, content: bytes, folder: Path, tool: str) -> str:
     return SILENT if answer.get("read") else SENTENCE if "said" in answer else DOUBTED
 
 
-def _used(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -> str:
+def _use(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -> str:
     """What a tool does with a mesh that was made hard to use."""
     source, target = clean()
     place = folder / f"{number} {tool}"

@@ -52,7 +52,7 @@ def hard_meshes() -> dict[str, Callable[[Mesh], Mesh]]:
     """What is done to the target, by a name; the first vertices stay those of the target, in their order."""
     return {
         "clean": lambda mesh: mesh,
-        "half of the faces turned over": _half_turned,
+        "half of the faces turned over": _turn_half,
         "every face twice": lambda mesh: (mesh[0], np.concatenate([mesh[1], mesh[1]])),
         "both sides of every face": lambda mesh: (mesh[0], np.concatenate([mesh[1], mesh[1][:, ::-1]])),
         "each triangle with vertices of its own": _soup,
@@ -60,8 +60,8 @@ def hard_meshes() -> dict[str, Callable[[Mesh], Mesh]]:
         "faces without an extent": lambda mesh: (mesh[0], np.concatenate([mesh[1], mesh[1][:200, [0, 0, 1]]])),
         "300 vertices that no face uses": lambda mesh: (_with(mesh[0], 300, 0.0), mesh[1]),
         "an unused vertex that is NaN": lambda mesh: (_with(mesh[0], 1, np.nan), mesh[1]),
-        "a used vertex that is NaN": lambda mesh: (_changed(mesh[0], 7, np.nan), mesh[1]),
-        "a used vertex at 1e30": lambda mesh: (_changed(mesh[0], 7, 1e30), mesh[1]),
+        "a used vertex that is NaN": lambda mesh: (_change(mesh[0], 7, np.nan), mesh[1]),
+        "a used vertex at 1e30": lambda mesh: (_change(mesh[0], 7, 1e30), mesh[1]),
         "300 loose triangles around it": _dust,
         "a fan on one edge": _fan,
         "all faces between three vertices": lambda mesh: (mesh[0], np.tile([0, 1, 2], (len(mesh[1]), 1))),
@@ -71,7 +71,7 @@ def hard_meshes() -> dict[str, Callable[[Mesh], Mesh]]:
     }
 
 
-def _half_turned(mesh: Mesh) -> Mesh:
+def _turn_half(mesh: Mesh) -> Mesh:
     triangles = mesh[1].copy()
     triangles[::2] = triangles[::2, ::-1]
     return mesh[0], triangles
@@ -87,7 +87,7 @@ def _with(vertices: Floats, count: int, value: float) -> Floats:
     return np.concatenate([vertices, np.full((count, 3), value)])
 
 
-def _changed(vertices: Floats, which: int, value: float) -> Floats:
+def _change(vertices: Floats, which: int, value: float) -> Floats:
     changed = vertices.copy()
     changed[which] = value
     return changed

@@ -164,7 +164,7 @@ def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
 
 def _dress(obj: bpy.types.Object) -> None:
     """Add materials in patches, and shape keys that swell a place each."""
-    vertices, triangles = _triangulated(obj)
+    vertices, triangles = _triangulate(obj)
     region = regions(vertices, triangles, MATERIALS)
     for i in range(MATERIALS):
         obj.data.materials.append(bpy.data.materials.new(f"Material {i}"))
@@ -183,7 +183,7 @@ def _dress(obj: bpy.types.Object) -> None:
         key.data.foreach_set("co", (vertices + offsets[:, i]).astype(np.float32).ravel())
 
 
-def _triangulated(obj: bpy.types.Object) -> tuple[Floats, Integers]:
+def _triangulate(obj: bpy.types.Object) -> tuple[Floats, Integers]:
     mesh = obj.data
     mesh.calc_loop_triangles()
     triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
@@ -208,7 +208,7 @@ def _strengths(vertices: Floats, triangles: Integers) -> Floats:
 
 def _case(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Case:
     """The target for a source, whose vertices stand at `posed` (n_s, 3) in the target's pose."""
-    rest, triangles = _triangulated(source)
+    rest, triangles = _triangulate(source)
     count = round(THINNED * len(posed))
     remeshed = isotropic(zo.Surface(posed, triangles), count, np.random.default_rng(0))
     mesh = bpy.data.meshes.new("Target")

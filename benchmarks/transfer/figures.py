@@ -45,7 +45,7 @@ def figures(case: Case, target: bpy.types.Object) -> dict[str, float | None]:
     if PAINT in mesh.color_attributes:
         row["color"] = float(color_error(target, truth).mean())
     if mesh.materials:
-        row["materials"] = float((_materials(target) == _wanted(case)).mean())
+        row["materials"] = float((_materials(target) == _wanted_values(case)).mean())
     if mesh.shape_keys:
         missed, wanted = (keys[truth.known] for keys in (_keys(target) - case.keys, case.keys))
         row["keys"] = float(np.linalg.norm(missed) / np.linalg.norm(wanted))
@@ -58,7 +58,7 @@ def _materials(target: bpy.types.Object) -> np.ndarray:
     return np.array(names)[slots.values]
 
 
-def _wanted(case: Case) -> np.ndarray:
+def _wanted_values(case: Case) -> np.ndarray:
     names, _ = mesh_data.read_materials(case.source, case.source.data)
     return np.array(names)[case.material]
 

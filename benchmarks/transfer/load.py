@@ -60,22 +60,22 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     source, target = demo.character, demo.target
     burden(source, groups, keys)
     match = StoredMatch(demo.truth.surface_map, demo.truth.known.astype(float), ())
-    pair, cost = _timed(lambda: jobs.run(read_pair(bpy.context, source.name, target.name)))
+    pair, cost = _time(lambda: jobs.run(read_pair(bpy.context, source.name, target.name)))
     job = TransferJob(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
     rows = [_row("(surfaces)", 2, {"read": cost})]
     with mesh_data.evaluated_mesh(source, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
         request = TransferRequest(source, evaluated, mesh, target, USUAL_DATA, DEFAULT, job.blend)
-        collected = [_timed(partial(collect, request, Remarks())) for collect in COLLECTORS]
+        collected = [_time(partial(collect, request, Remarks())) for collect in COLLECTORS]
     for adapters, read in collected:
         for kind, group in groupby(adapters, key=lambda one: one.kind):
             of_kind = list(group)
-            costs = {"read": read, "transfer": _timed(partial(_transfer, of_kind, job))[1]}
-            costs["write"] = _timed(partial(_write, of_kind, target))[1]
+            costs = {"read": read, "transfer": _time(partial(_transfer, of_kind, job))[1]}
+            costs["write"] = _time(partial(_write, of_kind, target))[1]
             rows.append(_row(kind, sum(len(one.names) for one in of_kind), costs))
             read = Cost(0, 0)  # layers of all kinds are read together
     totals = {name: sum(row[name] or 0 for row in rows) for name in rows[0] if name != "kind"}
     stored_match.write(target.data, match, pair, {})
-    _, waiting = _timed(partial(transfer_objects, bpy.context, source, target))
+    _, waiting = _time(partial(transfer_objects, bpy.context, source, target))
     return {"rows": [*rows, {"kind": "all", **totals}, _row("(in one transfer)", totals["count"], {"all": waiting})]}
 
 
@@ -89,7 +89,7 @@ def _write(adapters: list[Adapter], target: bpy.types.Object) -> None:
         one.write(target)
 
 
-def _timed(work: Callable[[], Any]) -> tuple[Any, Cost]:
+def _time(work: Callable[[], Any]) -> tuple[Any, Cost]:
     clock, processor = perf_counter(), process_time()
     result = work()
     return result, Cost(perf_counter() - clock, process_time() - processor)

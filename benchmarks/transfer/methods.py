@@ -96,7 +96,7 @@ def by_meshlab(case: Case, target: bpy.types.Object) -> float:
     return perf_counter() - start
 
 
-def aligned(way: Way) -> Way:
+def align(way: Way) -> Way:
     """A way that is given the best rigid alignment first."""
 
     def after_alignment(case: Case, target: bpy.types.Object) -> float:
@@ -111,9 +111,9 @@ WAYS: dict[str, Way] = {
     "ZoomOut": by_match,
     "true map": by_truth,
     "proximity": by_proximity,
-    "proximity, aligned": aligned(by_proximity),
+    "proximity, aligned": align(by_proximity),
     "Data Transfer": by_data_transfer,
-    "Data Transfer, aligned": aligned(by_data_transfer),
+    "Data Transfer, aligned": align(by_data_transfer),
     "MeshLab": by_meshlab,
-    "MeshLab, aligned": aligned(by_meshlab),
+    "MeshLab, aligned": align(by_meshlab),
 }

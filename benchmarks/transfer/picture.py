@@ -42,7 +42,7 @@ def draw(path: Path, size: Size = SIZE, width: int = WIDTH) -> None:
     opened = demo.target.copy()
     opened.data = demo.target.data.copy()
     bpy.context.scene.collection.objects.link(opened)
-    opened_map = _cut_open(character, opened)
+    opened_map = _cut_along_seams(character, opened)
     for target in (demo.target, opened):
         transfer_objects(bpy.context, character, target, ("uv_maps",))
     transfer_best(character, demo.baseline, demo.truth)
@@ -77,7 +77,7 @@ def draw(path: Path, size: Size = SIZE, width: int = WIDTH) -> None:
     Image.open(path).quantize(COLORS).save(path, optimize=True)
 
 
-def _cut_open(character: bpy.types.Object, target: bpy.types.Object) -> zo.SurfaceMap:
+def _cut_along_seams(character: bpy.types.Object, target: bpy.types.Object) -> zo.SurfaceMap:
     """Cut the target along the seams of the character that it is matched with, and the map that it has then."""
     cut_seams(bpy.context, character, target)
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, character.name, target.name)))

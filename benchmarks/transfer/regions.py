@@ -48,11 +48,11 @@ def islands(vertices: Floats, triangles: Integers, region: Integers) -> Booleans
     for number in range(region.max() + 1):
         inside = np.unique(edge_of[region == number])
         area = triangle_areas(vertices, triangles[region == number]).sum()
-        seam[inside] = _laid_flat(edges[inside], length[inside], seam[inside], DEEP * np.sqrt(area))
+        seam[inside] = _cut_to_flatten(edges[inside], length[inside], seam[inside], DEEP * np.sqrt(area))
     return seam
 
 
-def _laid_flat(edges: Integers, length: Floats, seam: Booleans, depth: float) -> Booleans:
+def _cut_to_flatten(edges: Integers, length: Floats, seam: Booleans, depth: float) -> Booleans:
     """(k,) the seams of a region, with cuts added that join all its borders, and reach what lies deep inside.
 
     Args:

@@ -16,7 +16,7 @@ from bpy.types import Object
 import blender_addon
 import zoomout_core as zo
 from benchmarks.window import scene, undo
-from benchmarks.window.watching import Watch, watched
+from benchmarks.window.watching import Watch, watch
 from blender_addon.demo.character import select_only
 
 Record = dict[str, Any]
@@ -59,9 +59,9 @@ def _operators(data: Path) -> dict[str, list[Record]]:
     source, target = scene.make_pair(data)
     select_only(target)
     cold = [_cold() for _ in range(REPEATS)]
-    warm = [watched(bpy.ops.zoomout.match) for _ in range(REPEATS)]
+    warm = [watch(bpy.ops.zoomout.match) for _ in range(REPEATS)]
     rows = [_row("match, cold", cold), _row("match, warm", warm)]
-    rows += [_row(name, [watched(operate)]) for name, operate in chain(_on_target(data), _on_source(source))]
+    rows += [_row(name, [watch(operate)]) for name, operate in chain(_on_target(data), _on_source(source))]
     stages = [
         {
             "match": name,
@@ -77,7 +77,7 @@ def _operators(data: Path) -> dict[str, list[Record]]:
 
 def _cold() -> Watch:
     zo.forget_shapes()
-    return watched(bpy.ops.zoomout.match)
+    return watch(bpy.ops.zoomout.match)
 
 
 def _on_target(data: Path) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -136,13 +136,13 @@ def _escapes(data: Path) -> list[Record]:
     _, target = scene.make_pair(data)
     select_only(target)
     rows = []
-    for name, match in (("match, cold", _cold), ("match, warm", partial(watched, bpy.ops.zoomout.match))):
+    for name, match in (("match, cold", _cold), ("match, warm", partial(watch, bpy.ops.zoomout.match))):
         whole = match().seconds
         ended = []
         for number in range(CANCELS):
             if name == "match, cold":
                 zo.forget_shapes()
-            ended.append(watched(bpy.ops.zoomout.match, escape_after=whole * (number + 0.5) / CANCELS))
+            ended.append(watch(bpy.ops.zoomout.match, escape_after=whole * (number + 0.5) / CANCELS))
         ended = [run for run in ended if run.closing]  # the last may have been faster than the first
         rows.append(
             {

@@ -52,15 +52,15 @@ def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Reco
     del demo, pair, match
     bpy.ops.ed.undo_push(message="Before")
     before = _content(bpy.data.objects[name])
-    made = [_measured("transfer", bpy.ops.zoomout.transfer)]
+    made = [_measure("transfer", bpy.ops.zoomout.transfer)]
     after = _content(bpy.data.objects[name])
-    made.append(_measured("keep a step of undo", lambda: bpy.ops.ed.undo_push(message="Transfer")))
+    made.append(_measure("keep a step of undo", lambda: bpy.ops.ed.undo_push(message="Transfer")))
     for step, wanted in (("undo", before), ("redo", after)):
-        made.append(_measured(step, getattr(bpy.ops.ed, step)) | {"exact": _content(bpy.data.objects[name]) == wanted})
+        made.append(_measure(step, getattr(bpy.ops.ed, step)) | {"exact": _content(bpy.data.objects[name]) == wanted})
     return [made[0] | {"exact": before != after}, made[1] | {"exact": None}, *made[2:]]
 
 
-def _measured(step: str, work: Callable[[], object]) -> Record:
+def _measure(step: str, work: Callable[[], object]) -> Record:
     clock, processor, memory = perf_counter(), process_time(), _resident()
     work()
     return {

@@ -76,7 +76,7 @@ class Watch:
         return stages
 
 
-def watched(operate: Callable[[], object], escape_after: float = float("inf")) -> Watch:
+def watch(operate: Callable[[], object], escape_after: float = float("inf")) -> Watch:
     """Call one modal operator, have it work as in a window, and watch it.
 
     Args:
@@ -116,15 +116,15 @@ class _TimedJob(Job[str]):
         self._seen = seen
 
     def _is_ready(self, seconds: float) -> bool:
-        with self._noted():
+        with self._note():
             return super()._is_ready(seconds)
 
     def _step(self) -> bool:
-        with self._noted():
+        with self._note():
             return super()._step()
 
     @contextmanager
-    def _noted(self) -> Iterator[None]:
+    def _note(self) -> Iterator[None]:
         stage, before = self.progress.stage, np.array(_clocks())
         try:
             yield

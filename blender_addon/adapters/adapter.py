@@ -118,7 +118,7 @@ class TransferJob:
             options: of the attribute's kind.
         """
         with stage(message("Transferring {what}", what=what)):
-            carried = transfer_along(attribute, self._between(source, target), **options)
+            carried = transfer_along(attribute, self._mapped_target(source, target), **options)
         self.remarks.add(carried.notes)
         return carried
 
@@ -126,7 +126,7 @@ class TransferJob:
         """The same transfer along another match."""
         return replace(self, match=match, _mapped_targets={})
 
-    def _between(self, source: Surface | None, target: Surface | None) -> MappedTarget:
+    def _mapped_target(self, source: Surface | None, target: Surface | None) -> MappedTarget:
         """The mapped target, with other surfaces in place of its own if given; cached for the next attribute."""
         if (source, target) not in self._mapped_targets:
             own = self._mapped_targets[None, None]
@@ -135,7 +135,7 @@ class TransferJob:
             )
         return self._mapped_targets[source, target]
 
-    def blended(
+    def blend_values(
         self,
         carried: Attribute,
         present: Attribute | None,
@@ -175,7 +175,7 @@ class TransferJob:
         first = np.cumsum([len(source.triangles) for source in self.pair.sources])
         return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
 
-    def kept_as(self, carried: Attribute, present: Attribute) -> Attribute:
+    def keep_values(self, carried: Attribute, present: Attribute) -> Attribute:
         """A transferred attribute, which is not blended, with what is there where vertices stay as they are."""
         if not self.kept.any():
             return carried

@@ -35,7 +35,7 @@ class MarkAdapter:
 
     def transfer(self, job: TransferJob) -> None:
         carried = job.transfer(self.marks, self.marks.name)
-        self.marks = job.blended(carried, self.present)
+        self.marks = job.blend_values(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_marks(target.data, self.marks)
@@ -63,7 +63,7 @@ class SeamAdapter:
     def transfer(self, job: TransferJob) -> None:
         with stage("Marking seams"):
             seams = uv_seams(job.pair.target, job.uv_maps[self.uv_map].values)
-        self.marks = job.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
+        self.marks = job.blend_values(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
         job.remarks.add([message("Seams were marked where the islands of '{uv_map}' meet.", uv_map=self.uv_map)])
 
     def write(self, target: Object) -> None:

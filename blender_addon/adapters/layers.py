@@ -50,7 +50,7 @@ class LayerAdapter:
             if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
                 options["turned"] = True
         attribute = job.transfer(attribute, f"'{attribute.name}'", **options)
-        self.layer = replace(self.layer, attribute=job.blended(attribute, self.present, lacking=self.lacking))
+        self.layer = replace(self.layer, attribute=job.blend_values(attribute, self.present, lacking=self.lacking))
         if self.layer.role is Role.UV_MAP:
             job.uv_maps[attribute.name] = self.layer.attribute
 
@@ -119,13 +119,13 @@ def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remar
 def _check_uv_maps(layers: list[Layer], target: Object) -> None:
     names = {layer.attribute.name for layer in layers if layer.role is Role.UV_MAP}
     count = len(names.union(target.data.uv_layers.keys()))
-    if count > mesh_data.MOST_UV_MAPS:
+    if count > mesh_data.MAX_UV_MAPS:
         raise zo.MeshError(
             "'{target}' would have {count} UV maps, and Blender's limit is {most}: remove some from "
             "it, or from the source.",
             target=target.name,
             count=count,
-            most=mesh_data.MOST_UV_MAPS,
+            most=mesh_data.MAX_UV_MAPS,
         )
 
 

@@ -39,7 +39,7 @@ class MaterialAdapter:
 
     def transfer(self, job: TransferJob) -> None:
         carried = job.transfer(self.face_slots, message("materials"))
-        self.face_slots = job.blended(carried, self.present, lacking=self.lacking)
+        self.face_slots = job.blend_values(carried, self.present, lacking=self.lacking)
 
     def write(self, target: Object) -> None:
         mesh_data.write_materials(target, self.materials, self.face_slots)

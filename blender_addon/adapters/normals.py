@@ -37,7 +37,7 @@ class NormalAdapter:
     def transfer(self, job: TransferJob) -> None:
         job.note_replaced(message("custom normals"))
         self.normals = job.transfer(self.normals, message("custom normals"), target=self.target)
-        self.normals = job.kept_as(self.normals, self.present)
+        self.normals = job.keep_values(self.normals, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_custom_normals(target.data, self.normals)

@@ -10,7 +10,7 @@ from typing import Literal
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.transfer import Blend, Mode
 
 from .. import mesh_data
@@ -51,7 +51,7 @@ class Settings:
         """What a vertex group of the source, which has groups and bones of some names, is called on the target."""
         if group in self.group_names:
             return self.group_names[group]
-        return partner_of(group, names) if self.flip_names else group
+        return counterpart_of(group, names) if self.flip_names else group
 
     def blend(self, target: Object) -> Blend:
         """How values are blended with those of a target.

@@ -53,7 +53,7 @@ class ShapeKeyAdapter:
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
         carried = job.transfer(self.offsets, message("shape keys"), source, target)
-        self.offsets = job.kept_as(carried, self.present)
+        self.offsets = job.keep_values(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
@@ -100,7 +100,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """
     found: list[Adapter] = []
     if "shape_keys" in request.data:
-        found += _collected_keys(request, remarks)
+        found += _collect_keys(request, remarks)
     if "shape" in request.data:
         check_takes_keys(request.target, [request.source.name])
         if any(modifier.show_viewport for modifier in request.target.modifiers):
@@ -116,7 +116,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     return found
 
 
-def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
+def _collect_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     target = request.target
     if all(_absent(source.original) for source in request.sources):
         return []
@@ -124,7 +124,7 @@ def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]
     faces = [mesh_data.read_faces(source.mesh) for source in request.sources]
     originals = [one.original for one in request.sources]
     found = [_keys_of(source, each, remarks) for source, each in zip(originals, faces, strict=True)]
-    joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
+    joined, own = mesh_data.join_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
     if not joined.keys:
         return []
     check_takes_keys(target, joined.offsets.labels)

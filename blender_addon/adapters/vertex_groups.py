@@ -42,7 +42,7 @@ class WeightAdapter:
 
     def transfer(self, job: TransferJob) -> None:
         carried = job.transfer(self.weights, message("vertex groups"), **self.sharing)
-        self.weights = job.blended(carried, self.present, self.deforming, self.lacking)
+        self.weights = job.blend_values(carried, self.present, self.deforming, self.lacking)
         if self.weights is not carried and job.settings.limit:
             limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)
 

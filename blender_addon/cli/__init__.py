@@ -17,8 +17,8 @@ from typing import Any
 import bpy
 
 import zoomout_core as zo
-from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
-from zoomout_core.runtime.outputs import check_output, written_whole
+from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
+from zoomout_core.runtime.outputs import atomic_write, check_output
 
 from ..scene.files import check_writable_format, save_scene
 from . import arguments, files, pairs, symmetry
@@ -63,7 +63,7 @@ def main(command_line: Sequence[str]) -> int:
     """
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # without a window Blender has one of its own
     try:
-        with interrupts_heard():
+        with handle_interrupts():
             return _run(command_line)
     except KeyboardInterrupt:
         print("zoomout: interrupted; incomplete files were not written.", file=sys.stderr)
@@ -96,7 +96,7 @@ def _run(command_line: Sequence[str]) -> int:
         failed = [report["error"]]
     if options.report:
         try:
-            with written_whole(options.report) as part:
+            with atomic_write(options.report) as part:
                 part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             failed.append(str(error))

@@ -34,7 +34,7 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
                 for sentence in _work(context, obj, options):
                     entry["done"].append(sentence)
             finally:  # who has to choose another symmetry sees which there are
-                entry |= _described(obj) if _is_known(obj) else {}
+                entry |= _describe(obj) if _is_known(obj) else {}
             entry["asymmetry"] = {check: _asymmetry(context, name, check) for check in options.check}
         except zo.MeshError as error:
             entry["error"] = str(error)
@@ -69,7 +69,7 @@ def _is_known(obj: Object) -> bool:
     return True
 
 
-def _described(obj: Object) -> dict[str, Any]:
+def _describe(obj: Object) -> dict[str, Any]:
     """The symmetries stored on an object's mesh, and the number of the one that is used, from 1."""
     stored = stored_symmetry.description(obj.data)
     assert stored is not None  # it was found before

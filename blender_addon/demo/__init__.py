@@ -18,7 +18,7 @@ import scipy
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 from .. import jobs, mesh_data, registered
 from ..scene.pair import read_pair
@@ -129,11 +129,11 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
         }
         with _timed(seconds, "picture"):
             picture.arrange(demo.character, demo.armature, demo.target, demo.baseline, report)
-            with written_whole(output / "demo.blend") as part:
+            with atomic_write(output / "demo.blend") as part:
                 bpy.ops.wm.save_as_mainfile(filepath=str(part), compress=True, copy=True)
-            with written_whole(output / "demo.png") as part:
+            with atomic_write(output / "demo.png") as part:
                 picture.render(part, size.width, size.samples)
-    with written_whole(output / "report.json") as part:
+    with atomic_write(output / "report.json") as part:
         part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return report
 

@@ -16,7 +16,14 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
-from .base import base_mesh, carried_values, is_cage, read_mirrored_surface, read_target_faces, read_target_surface
+from .base import (
+    base_mesh,
+    is_cage,
+    read_mirrored_surface,
+    read_target_faces,
+    read_target_surface,
+    values_through_modifiers,
+)
 from .cutting import divide, write_divided
 from .inspection import MeshFacts, content_hash, inspect_mesh
 from .joined import (
@@ -34,7 +41,7 @@ from .joined import (
 from .layers import (
     HAS_PARTNER,
     MATCH_ATTRIBUTES,
-    MOST_UV_MAPS,
+    MAX_UV_MAPS,
     SCULPTED,
     SYMMETRY_ATTRIBUTES,
     ActiveLayers,
@@ -57,7 +64,7 @@ from .selection import read_selection, select_only, write_selection
 from .shape_keys import (
     ShapeKey,
     ShapeKeys,
-    joined_shape_keys,
+    join_shape_keys,
     move_vertices,
     offsets_of,
     read_key_positions,
@@ -121,7 +128,7 @@ __all__ = [
     "HAS_PARTNER",
     "MARKS",
     "MATCH_ATTRIBUTES",
-    "MOST_UV_MAPS",
+    "MAX_UV_MAPS",
     "SCULPTED",
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
@@ -149,7 +156,6 @@ __all__ = [
     "bind_like",
     "bind_worn_copy",
     "can_be_put",
-    "carried_values",
     "collection_beside",
     "content_hash",
     "content_of",
@@ -164,7 +170,7 @@ __all__ = [
     "is_cage",
     "is_flat",
     "is_mirrored",
-    "joined_shape_keys",
+    "join_shape_keys",
     "locked_groups",
     "move_vertices",
     "nearest_surface_point",
@@ -218,6 +224,7 @@ __all__ = [
     "unbind",
     "untransferable_data",
     "update_weights",
+    "values_through_modifiers",
     "without_faces",
     "worn_copies",
     "worn_copies_in",

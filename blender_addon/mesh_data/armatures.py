@@ -15,7 +15,7 @@ from mathutils import Euler, Matrix, Quaternion, Vector
 
 from zoomout_core.arrays import Floats, Integers
 
-from .matrices import moved_by, world_matrix
+from .matrices import transform_points, world_matrix
 from .shape_keys import read_key_positions, read_rest_positions
 from .surfaces import is_mirrored, positions_in_world
 
@@ -83,7 +83,7 @@ def bind_like(source: Object, target: Object) -> None:
     if not given:
         target.modifiers.new("Armature", "ARMATURE").object = source.parent
         target.modifiers.move(len(target.modifiers) - 1, place)
-    put(target, _parent_for(source), place_beside(source, target))
+    set_parent(target, _parent_for(source), place_beside(source, target))
 
 
 def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
@@ -98,7 +98,7 @@ def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
 def hang_like(source: Object, target: Object) -> None:
     """Hang an object from what another one hangs from, in the same place."""
     for name in (*OF_PARENT, *OF_PLACE, *DELTAS):
-        setattr(target, name, _copied(getattr(source, name)))
+        setattr(target, name, _copy(getattr(source, name)))
 
 
 def place_beside(source: Object, target: Object) -> Floats:
@@ -111,7 +111,7 @@ def can_be_put(source: Object, target: Object) -> bool:
     """Whether an object would stand where another one does, if it were bound like that: nothing else holds it."""
     wanted, before = place_beside(source, target), Place(target)
     try:
-        put(target, _parent_for(source), wanted)
+        set_parent(target, _parent_for(source), wanted)
         bpy.context.view_layer.update()
         found = world_matrix(target)
     finally:
@@ -125,9 +125,9 @@ def unbind(obj: Object) -> None:
     for modifier in armature_modifiers(obj):
         obj.modifiers.remove(modifier)
     if _is_deformed_by_parent(obj):
-        placed = obj.matrix_world.copy()
+        to_object_space = obj.matrix_world.copy()
         obj.parent = None
-        obj.matrix_world = placed
+        obj.matrix_world = to_object_space
 
 
 def matrix_at_rest(obj: Object) -> Floats:
@@ -158,14 +158,14 @@ def reshape(
     mesh, to_world = obj.data, world_matrix(obj) if stood is None else stood
     to_object = np.linalg.inv(place)
 
-    def placed(offsets: Floats) -> Floats:
+    def to_object_space(offsets: Floats) -> Floats:
         world = at_rest + np.einsum("nxy,ny->nx", linear, offsets)
-        return np.ascontiguousarray(moved_by(to_object, world), np.float32)
+        return np.ascontiguousarray(transform_points(to_object, world), np.float32)
 
     blocks = mesh.shape_keys.key_blocks if mesh.shape_keys else ()
-    keys = [moved_by(to_world, read_key_positions(mesh, block.name)) for block in blocks]
-    shapes = [placed(key - seen) for key in keys]
-    mesh.vertices.foreach_set("co", (shapes[0] if shapes else placed(np.zeros_like(seen))).ravel())
+    keys = [transform_points(to_world, read_key_positions(mesh, block.name)) for block in blocks]
+    shapes = [to_object_space(key - seen) for key in keys]
+    mesh.vertices.foreach_set("co", (shapes[0] if shapes else to_object_space(np.zeros_like(seen))).ravel())
     for block, shape in zip(blocks, shapes, strict=True):
         block.points.foreach_set("co", shape.ravel())
     mesh.update()
@@ -200,7 +200,7 @@ def _place_of_modifiers(source: Object, target: Object) -> int:
     return max(behind, default=-1) + 1
 
 
-def put(obj: Object, parent: Object, place: Floats) -> None:
+def set_parent(obj: Object, parent: Object, place: Floats) -> None:
     """Hang an object from a parent, at a place (4, 4) in the world, sheared as that may be."""
     children = [(child, world_matrix(child)) for child in obj.children]
     obj.parent, obj.parent_type = parent, "OBJECT"
@@ -219,7 +219,7 @@ class Place:
 
     def __init__(self, obj: Object) -> None:
         self._obj = obj
-        self._own = {name: _copied(getattr(obj, name)) for name in (*OF_PARENT, *OF_PLACE, *DELTAS)}
+        self._own = {name: _copy(getattr(obj, name)) for name in (*OF_PARENT, *OF_PLACE, *DELTAS)}
         self._children = [(child, child.matrix_parent_inverse.copy()) for child in obj.children]
 
     def restore(self) -> None:
@@ -230,7 +230,7 @@ class Place:
             child.matrix_parent_inverse = inverse
 
 
-def _copied(value: object) -> object:
+def _copy(value: object) -> object:
     """A value of a property, which writing to the property leaves as it is."""
     if isinstance(value, (Matrix, Vector, Euler, Quaternion)):
         return value.copy()

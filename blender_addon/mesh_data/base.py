@@ -130,7 +130,7 @@ def read_mirrored_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface | Non
     return surface if off <= generating[0].merge_threshold else None
 
 
-def carried_values(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats | None:
+def values_through_modifiers(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats | None:
     """What all modifiers of an object make of values of its own vertices (n, 3) or corners (c, 2).
 
     Returns:

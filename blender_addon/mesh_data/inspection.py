@@ -47,12 +47,12 @@ async def inspect_mesh(mesh: Mesh) -> MeshFacts:
     edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)
     marks = tuple(attribute.name for attribute in read_marks(mesh))
 
-    def inspected() -> MeshFacts:
+    def collect_facts() -> MeshFacts:
         faces_at_edge = np.bincount(edge_of_corner, minlength=len(edges))
         parts = _count_parts(positions, edges[faces_at_edge > 0])
         return MeshFacts(_content(positions, faces), parts, int((faces_at_edge > 2).sum()), marks)
 
-    return await compute(inspected)
+    return await compute(collect_facts)
 
 
 def _content(positions: np.ndarray, faces: Faces) -> str:

@@ -77,7 +77,7 @@ def read_joined_layers(
         of_one_type = [part if part is not None and _alike(part, first) else None for part in parts]
         joined.append(
             JoinedLayer(
-                replace(first, attribute=_joined([part and part.attribute for part in of_one_type], objects)),
+                replace(first, attribute=_join([part and part.attribute for part in of_one_type], objects)),
                 tuple(number for number, part in enumerate(of_one_type) if part is None),
             )
         )
@@ -105,14 +105,14 @@ def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
     for obj in objects:
         own = name if name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv
         parts.append(own and replace(read_layer(obj.mesh, own, Role.UV_MAP).attribute, name=name))
-    return _joined([part or None for part in parts], objects)
+    return _join([part or None for part in parts], objects)
 
 
 def read_joined_marks(objects: Sequence[EvaluatedObject]) -> list[Attribute]:
     """`read_marks` of several objects."""
     found = [{marks.name: marks for marks in read_marks(obj.mesh)} for obj in objects]
     names = dict.fromkeys(name for marks in found for name in marks)
-    return [_joined([marks.get(name) for marks in found], objects) for name in names]
+    return [_join([marks.get(name) for marks in found], objects) for name in names]
 
 
 def read_joined_materials(objects: Sequence[EvaluatedObject]) -> tuple[list[str | None], Attribute, tuple[int, ...]]:
@@ -151,7 +151,7 @@ def read_joined_normals(objects: Sequence[EvaluatedObject]) -> Attribute | None:
     """The normals of the corners of several objects in world space, if any of these has custom ones."""
     if not any(obj.mesh.has_custom_normals for obj in objects):
         return None
-    return _joined([read_normals(obj.evaluated, obj.mesh) for obj in objects], objects)
+    return _join([read_normals(obj.evaluated, obj.mesh) for obj in objects], objects)
 
 
 def read_joined_at_rest(objects: Sequence[EvaluatedObject]) -> zo.Surface:
@@ -178,7 +178,7 @@ def _alike(layer: Layer, other: Layer) -> bool:
     )
 
 
-def _joined(parts: Sequence[Attribute | None], objects: Sequence[EvaluatedObject]) -> Attribute:
+def _join(parts: Sequence[Attribute | None], objects: Sequence[EvaluatedObject]) -> Attribute:
     """One attribute of several objects, some of which may lack it."""
     present = next(part for part in parts if part is not None)
     if len(parts) == 1:

@@ -21,7 +21,7 @@ from .marks import MARK_ATTRIBUTES
 from .normals import CUSTOM_NORMAL
 
 # Blender refuses more UV maps in its panels, and draws no more than these.
-MOST_UV_MAPS = 8
+MAX_UV_MAPS = 8
 # The attributes of a stored match: for each vertex a triangle of the source, barycentric coordinates, and confidence.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
 # That of a match which knows it: whether there is something on the source for a vertex.
@@ -123,7 +123,7 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
         Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
     """
     layers, skipped = [], dict[str, str]()
-    for name, role, reason in _listed(mesh):
+    for name, role, reason in _list_attributes(mesh):
         if reason is None:
             layers.append(read_layer(mesh, name, role, name in turning))
         elif name.startswith(EDITING_STATES):
@@ -137,10 +137,10 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
 
 def count_layers(mesh: Mesh) -> dict[Role, int]:
     """How many attributes of each role `read_layers` would read; their values are not read."""
-    return Counter(role for _, role, reason in _listed(mesh) if reason is None)
+    return Counter(role for _, role, reason in _list_attributes(mesh) if reason is None)
 
 
-def _listed(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
+def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
     """Name and role of each attribute, and why it cannot be transferred, in the order of Blender's lists."""
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
@@ -217,10 +217,10 @@ def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
     if attribute.data_type == "STRING":  # Blender hands out no arrays of these
         return np.array([element.value for element in attribute.data])
     values = read_array(attribute.data, storage.element, storage.dtype, storage.width)
-    return _transposed(values) if storage.kind is Kind.MATRIX else values
+    return _transpose(values) if storage.kind is Kind.MATRIX else values
 
 
-def _transposed(matrices: np.ndarray) -> np.ndarray:
+def _transpose(matrices: np.ndarray) -> np.ndarray:
     """Matrices (count, 16), column by column, row by row, or the reverse."""
     return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
 
@@ -245,7 +245,7 @@ def write_layer(mesh: Mesh, layer: Layer) -> None:
         for element, value in zip(present.data, values.tolist(), strict=True):
             element.value = value
         return
-    values = _transposed(values) if storage.kind is Kind.MATRIX else values
+    values = _transpose(values) if storage.kind is Kind.MATRIX else values
     present.data.foreach_set(storage.element, np.ascontiguousarray(values, storage.dtype).ravel())
 
 

@@ -34,7 +34,7 @@ def world_matrix(obj: Object) -> Floats:
     return product if (np.abs(product - seen) <= most).all() else seen
 
 
-def moved_by(matrix: Floats, positions: Floats) -> Floats:
+def transform_points(matrix: Floats, positions: Floats) -> Floats:
     """Positions (..., 3), moved by a matrix (4, 4)."""
     with np.errstate(invalid="ignore"):  # of positions that are not finite, which surfaces refuse
         return np.asarray(positions @ matrix[:3, :3].T + matrix[:3, 3])

@@ -127,7 +127,7 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
     return _shape_keys(keys, rest, [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)])
 
 
-def joined_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:
+def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:
     """The shape keys of several objects as of one: keys of a name are one, and do not move what lacks them.
 
     How a key is set, and what it is relative to, is as on the first object that has it: where it is relative to another
@@ -146,7 +146,7 @@ def joined_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[lis
     }
     joined, own, offsets = dict[str, ShapeKey](), [], []
     for each in of_each:
-        new = {key.name: _renumbered(key, each.keys, columns) for key in each.keys if key.name not in joined}
+        new = {key.name: _renumber(key, each.keys, columns) for key in each.keys if key.name not in joined}
         joined |= new
         own.append(list(new))
         offsets.append(np.zeros((len(each.rest), len(columns), 3)))
@@ -157,7 +157,7 @@ def joined_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[lis
     return ShapeKeys(tuple(joined.values()), offsets_of(tuple(columns), np.concatenate(offsets)), rest), own
 
 
-def _renumbered(key: ShapeKey, keys: Sequence[ShapeKey], columns: Mapping[str, int]) -> ShapeKey:
+def _renumber(key: ShapeKey, keys: Sequence[ShapeKey], columns: Mapping[str, int]) -> ShapeKey:
     """A key among others, whose base is numbered as in `columns`."""
     return replace(key, base=-1 if key.base < 0 else columns[keys[key.base].name])
 

@@ -16,7 +16,7 @@ from zoomout_core.mesh.surface import single_precision_step
 from zoomout_core.messages import message
 
 from .arrays import read_array
-from .matrices import moved_by, world_matrix
+from .matrices import transform_points, world_matrix
 
 # Modifiers that move vertices or change data, but neither add nor remove vertices.
 VERTEX_PRESERVING = frozenset(
@@ -141,7 +141,7 @@ def read_faces(mesh: Mesh) -> Faces:
 
 def positions_in_world(obj: Object, positions: Floats) -> Floats:
     """Positions (..., 3) in the object's space, in world space."""
-    return moved_by(world_matrix(obj), positions)
+    return transform_points(world_matrix(obj), positions)
 
 
 def directions_in_world(obj: Object, directions: Floats) -> Floats:

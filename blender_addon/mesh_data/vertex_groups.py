@@ -96,7 +96,7 @@ def write_weights(obj: Object, weights: Attribute) -> None:
     """Write vertex groups in the order of their labels, in place of those of the same names."""
     groups = obj.vertex_groups
     columns = csc_array(weights.values)
-    with _preserved_active_group(obj):
+    with _preserve_active_group(obj):
         for name in weights.labels:
             if name in groups:
                 groups.remove(groups[name])
@@ -114,7 +114,7 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
     """
     groups = obj.vertex_groups
     old, new = csc_array(before.values), csc_array(after.values)
-    with _preserved_active_group(obj):
+    with _preserve_active_group(obj):
         for column, name in enumerate(after.labels):
             group = groups.get(name) or groups.new(name=name)
             (was_in, had), (is_in, has) = _members(old, column), _members(new, column)
@@ -138,7 +138,7 @@ def _add(group: VertexGroup, vertices: Indices, weight: SingleFloats) -> None:
 
 
 @contextmanager
-def _preserved_active_group(obj: Object) -> Iterator[None]:
+def _preserve_active_group(obj: Object) -> Iterator[None]:
     """Restore the active vertex group of an object, which adding and removing groups changes."""
     groups = obj.vertex_groups
     active = groups.active.name if groups.active else None

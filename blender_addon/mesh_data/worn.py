@@ -15,11 +15,11 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 
-from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, put, reshape, stands_as_modelled
+from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, reshape, set_parent, stands_as_modelled
 from .arrays import hash_of, read_array
 from .base import read_base_positions, read_target_surface
 from .inspection import content_hash
-from .matrices import moved_by, world_matrix
+from .matrices import transform_points, world_matrix
 from .shape_keys import read_rest_positions
 from .strands import read_strands, write_strands
 from .surfaces import VERTEX_PRESERVING, check_evaluated
@@ -138,7 +138,7 @@ def add_worn_copy(
             )
     _write_positions(copy, worn, positions, turns, place)
     if not worn.at_rest or copy.parent in bodies:
-        put(copy, wearer, place)
+        set_parent(copy, wearer, place)
     return copy, notes
 
 
@@ -161,7 +161,7 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
     original = context.scene.objects.get(copy[COPY_OF])
     place = world_matrix(wearer) if original is None else matrix_at_rest(original)
     _write_positions(copy, worn, positions, turns, place)
-    put(copy, wearer, place)
+    set_parent(copy, wearer, place)
     if original is None:
         return
     if original.type == "MESH" and armatures_of(original):
@@ -191,7 +191,7 @@ def _mesh(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> zo
         raise zo.MeshError("'{name}' has no vertices: leave it out.", name=obj.name)
     check_evaluated(obj, depsgraph)
     own = read_rest_positions(mesh) if at_rest else read_base_positions(obj, depsgraph)
-    positions = moved_by(stood, own)
+    positions = transform_points(stood, own)
     if mesh.polygons:
         return read_target_surface(obj, depsgraph).with_vertices(positions)
     return zo.Lines(positions, read_array(mesh.edges, "vertices", np.int32, 2))
@@ -201,13 +201,13 @@ def _curves(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> 
     lines = read_strands(obj, None if at_rest else depsgraph)
     if not at_rest:
         return lines
-    return zo.Lines(moved_by(stood @ np.linalg.inv(world_matrix(obj)), lines.vertices), lines.edges)
+    return zo.Lines(transform_points(stood @ np.linalg.inv(world_matrix(obj)), lines.vertices), lines.edges)
 
 
 def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats, place: Floats) -> None:
     """Move the points of a copy to positions (n, 3) in world space, before it is given a place (4, 4)."""
     if copy.type == "CURVES":
-        write_strands(copy.data, moved_by(np.linalg.inv(place), positions))
+        write_strands(copy.data, transform_points(np.linalg.inv(place), positions))
     else:
         reshape(copy, worn.shape.vertices, positions, turns, place, worn.stood)
 

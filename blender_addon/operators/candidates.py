@@ -10,7 +10,7 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.messages import message
 
-from ..services.candidates import side_swapped
+from ..services.candidates import side_swapped_candidate
 from ..services.use_candidate import stored_list, use_candidate_async
 from ..storage import stored_match
 from ..storage.stored_candidates import CandidateList
@@ -76,7 +76,7 @@ class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def place(self, listing: CandidateList) -> int:
-        swapped = side_swapped(listing)
+        swapped = side_swapped_candidate(listing)
         if swapped is None:
             raise zo.MeshError(
                 "None of the candidates swaps the sides: place a landmark on one side, then match again."

@@ -27,7 +27,7 @@ from ..translations import reported, translated
 from . import modes
 
 # More vertices are not selected to mark places one by one.
-MOST_SELECTED = 64
+MAX_SELECTED = 64
 
 
 class LandmarkOperator(Operator):
@@ -50,9 +50,9 @@ class LandmarkOperator(Operator):
     def execute(self, context: Context) -> set[str]:
         """Change them, and report."""
         left = modes.leave(context, self)
-        return modes.come_back_after(context, left, self, self._changed(context))
+        return modes.come_back_after(context, left, self, self._finish_change(context))
 
-    def _changed(self, context: Context) -> set[str]:
+    def _finish_change(self, context: Context) -> set[str]:
         try:
             source, targets = participants(context)
             self.report({"INFO"}, reported(self.change(context, [source, *targets])))
@@ -80,7 +80,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
 
     def execute(self, context: Context) -> set[str]:
         """Note what is selected before Edit Mode is left."""
-        self._selected = {obj.name: _selected(obj) for obj in context.objects_in_mode}
+        self._selected = {obj.name: _selected_vertices(obj) for obj in context.objects_in_mode}
         return super().execute(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
@@ -89,9 +89,9 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         count = sum(map(len, selected.values()))
         if not count:
             raise zo.MeshError("No vertex of the source or of a target is selected: select at least one.")
-        if count > MOST_SELECTED:
+        if count > MAX_SELECTED:
             raise zo.MeshError(
-                "{count} vertices are selected, more than {most}: select fewer.", count=count, most=MOST_SELECTED
+                "{count} vertices are selected, more than {most}: select fewer.", count=count, most=MAX_SELECTED
             )
         depsgraph = context.evaluated_depsgraph_get()
         places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
@@ -162,7 +162,7 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
         return message("Removed {landmarks}", landmarks=landmarks_in_words(remove_landmarks_on(context.scene, objects)))
 
 
-def _selected(obj: Object) -> list[int]:
+def _selected_vertices(obj: Object) -> list[int]:
     """The selected vertices of a mesh that is being edited, those of the selection's history first, in its order."""
     editable = bmesh.from_edit_mesh(obj.data)
     editable.verts.index_update()

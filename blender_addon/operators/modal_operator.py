@@ -64,9 +64,9 @@ class ModalOperator(Operator):
         left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
-            result = self._finished(run(self.work(context)))
+            result = self._finish(run(self.work(context)))
         except zo.MeshError as error:
-            result = self._failed(error)
+            result = self._fail(error)
         finally:
             modes.come_back_after(context, left, self, result)
         return result
@@ -94,9 +94,9 @@ class ModalOperator(Operator):
             if not self._job.advance(SLICE):
                 _show_progress(context, self._job.progress)
                 return {"RUNNING_MODAL"}
-            result = self._finished(self._job.result)
+            result = self._finish(self._job.result)
         except zo.MeshError as error:
-            result = self._failed(error)
+            result = self._fail(error)
         except BaseException:
             self.cancel(context)
             raise
@@ -114,11 +114,11 @@ class ModalOperator(Operator):
         context.window_manager.event_timer_remove(self._timer)
         _show_progress(context, None)
 
-    def _finished(self, message: str) -> set[str]:
+    def _finish(self, message: str) -> set[str]:
         self.report({"INFO"}, reported(message))
         return {"FINISHED"}
 
-    def _failed(self, error: zo.MeshError) -> set[str]:
+    def _fail(self, error: zo.MeshError) -> set[str]:
         self.report({"ERROR"}, reported(str(error)))
         return {"CANCELLED"}
 

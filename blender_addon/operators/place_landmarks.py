@@ -79,9 +79,9 @@ class ZOOMOUT_OT_place_landmarks(Operator):
             return modes.come_back_after(context, self._left, self, result)
         if event.type == "BACK_SPACE" and event.value == "PRESS" and self._placed:
             return self._take_back(context)
-        pointed = _pointed(context, event)
+        pointed = _place_of_mouse(context, event)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._dragged:
-            return self._let_go(context)
+            return self._drop(context)
         if event.type == "MOUSEMOVE" and self._dragged and pointed:
             return self._drag(context, pointed)
         if event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK") and pointed and not event.alt:
@@ -128,7 +128,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
             set_landmark(context.scene, *hit, number)
         return self._show(context)
 
-    def _let_go(self, context: Context) -> set[str]:
+    def _drop(self, context: Context) -> set[str]:
         """Take a proposed one as it is, and propose the partners anew of one that has no other yet."""
         number, name = self._dragged
         self._dragged = None
@@ -189,7 +189,7 @@ def _names(objects: list[Object]) -> str:
     return ", ".join(f"'{obj.name}'" for obj in objects)
 
 
-def _pointed(context: Context, event: Event) -> Pointed | None:
+def _place_of_mouse(context: Context, event: Event) -> Pointed | None:
     """The place of the mouse in a 3D view, or None elsewhere, as over a sidebar."""
     for area in context.window.screen.areas if context.window else ():
         if area.type == "VIEW_3D" and _inside(area, event):

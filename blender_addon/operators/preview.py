@@ -9,7 +9,7 @@ from bpy.types import Context, Operator, OperatorProperties
 
 from zoomout_core.messages import message
 
-from ..scene.pair import check_unedited
+from ..scene.pair import check_not_edited
 from ..scene.stored_pair import read_stored_match
 from ..services import previews
 from ..translations import translated
@@ -48,7 +48,7 @@ class ZOOMOUT_OT_preview(ModalOperator):
             return message("Showing the symmetry of '{name}'", name=name)
         pair, match = await read_stored_match(context, name)
         made = await previews.of_match(context, pair, match, self.kind)
-        check_unedited(context, pair)
+        check_not_edited(context, pair)
         preview.show(made)
         return message("Showing the match of '{name}'", name=name)
 

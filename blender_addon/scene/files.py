@@ -14,7 +14,7 @@ import bpy
 from bpy.types import ID, Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.outputs import written_together, written_whole
+from zoomout_core.runtime.outputs import atomic_write, atomic_write_together
 
 from .. import mesh_data
 
@@ -98,7 +98,7 @@ def shown_meshes(context: Context) -> list[str]:
 
 
 @contextmanager
-def kept_as_blend(path: str | Path) -> Iterator[Path]:
+def keep_as_blend(path: str | Path) -> Iterator[Path]:
     """The file of the scene that was opened from a path, as a .blend: where it is none, one that goes with the context.
 
     Raises:
@@ -175,11 +175,11 @@ def save_scene(path: str | Path) -> None:
     check_writable_format(path)
     ending = Path(path).suffix.lower()
     if ending == BLEND:
-        with written_whole(path) as part:
+        with atomic_write(path) as part:
             bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True)
         return
     _enable(ending)
-    with written_together(path) as part:
+    with atomic_write_together(path) as part:
         EXPORTERS[ending](filepath=str(part))
 
 

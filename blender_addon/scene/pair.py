@@ -30,7 +30,7 @@ READING = "Reading the meshes"
 
 
 def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
-    """The mesh object of a name, ready to be read; or `edited` in Edit Mode, which operators leave before they read.
+    """The mesh object of a name, ready to be read; or `edit_error` in Edit Mode, which operators leave first.
 
     Raises:
         MeshError: there is none in the scene, or more than one, or it is being edited.
@@ -118,11 +118,11 @@ async def read_pair(
         target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
         pair = ObjectPair(tuple(sources), target, fingerprints, target_fingerprint)
         await pause()
-    check_unedited(context, pair)
+    check_not_edited(context, pair)
     return pair
 
 
-def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
+def check_not_edited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
     """The first source and the target; all are still what they were when the pair was read.
 
     Raises:
@@ -136,12 +136,12 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
 
 @contextmanager
 def writing(context: Context, pair: ObjectPair, *others: Object) -> Iterator[tuple[Object, Object]]:
-    """`check_unedited`, and a context in which the target, and other objects, are written to: all of it, or nothing.
+    """`check_not_edited`, and a context in which the target, and other objects, are written to: all of it, or nothing.
 
     Raises:
         MeshError: the source or the target was removed or edited since the pair was read.
     """
-    source, target = check_unedited(context, pair)
+    source, target = check_not_edited(context, pair)
     with mesh_data.all_or_nothing(target, *others):
         yield source, target
 
@@ -149,10 +149,10 @@ def writing(context: Context, pair: ObjectPair, *others: Object) -> Iterator[tup
 def check_same(before: Fingerprint, now: Fingerprint) -> None:
     """Raise a MeshError if an object was edited between two fingerprints."""
     if before.digest != now.digest:
-        raise edited(before.name)
+        raise edit_error(before.name)
 
 
-def edited(name: str) -> zo.MeshError:
+def edit_error(name: str) -> zo.MeshError:
     """The error for an object that was edited during the work."""
     return zo.MeshError("'{name}' was edited during the operation: start again.", name=name)
 
@@ -198,7 +198,7 @@ def check_elements(name: str, surface: zo.Surface, mesh: Mesh) -> None:
     """Raise a MeshError if a mesh has not as many elements as its surface: what it carries would not fit there."""
     elements = len(mesh.vertices), len(mesh.polygons), len(mesh.loops)
     if elements != (len(surface.vertices), len(surface.face_start) - 1, len(surface.corner_vertex)):
-        raise edited(name)
+        raise edit_error(name)
 
 
 def users_of_mesh(context: Context, target: Object) -> int:

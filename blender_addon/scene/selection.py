@@ -37,13 +37,13 @@ def source_name(context: Context, target: Object, named: str = "") -> str:
             "{count} meshes are selected besides the active one: select only the source, or choose it in the sidebar.",
             count=len(selected),
         )
-    name = name or "".join(selected) or matched_with(context, target)
+    name = name or "".join(selected) or match_source(context, target)
     if not name:
         raise zo.MeshError("There is no source: choose it in the sidebar, or select it first and the target last.")
     return name
 
 
-def matched_with(context: Context, target: Object | None) -> str:
+def match_source(context: Context, target: Object | None) -> str:
     """The name of the source that a target was matched with; empty without one, or where it is not in the scene."""
     stored = stored_match.description(target.data) if target and target.type == "MESH" else None
     return stored["source"] if stored and stored["source"] in context.scene.objects else ""
@@ -69,7 +69,7 @@ def own_sources(context: Context) -> dict[str, str]:
     """
     if context.scene.zoomout.source is not None:
         return {}
-    found = {obj.name: matched_with(context, obj) for obj in chosen_targets(context)}
+    found = {obj.name: match_source(context, obj) for obj in chosen_targets(context)}
     sources = set(found.values())
     if not all(sources) or sources & found.keys() or (len(found) == 2 and len(sources) == 1):
         return {}
@@ -111,7 +111,7 @@ def source_of_worn(context: Context, target: Object, named: str = "") -> str:
         MeshError: there is no telling which it is.
     """
     chosen = context.scene.zoomout.source
-    name = named or (chosen.name if chosen else "") or matched_with(context, target)
+    name = named or (chosen.name if chosen else "") or match_source(context, target)
     if not name:
         raise zo.MeshError("The source is missing: in the sidebar, choose the body that wears the objects.")
     return name

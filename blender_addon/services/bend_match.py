@@ -9,7 +9,7 @@ from functools import partial
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.constraints import bent_to_points, missed_points
+from zoomout_core.matching.constraints import bend_to_points, landmark_errors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 
@@ -24,7 +24,7 @@ from ..viewport import preview
 from . import previews
 
 # By how much the match may miss a landmark, at unit area; beyond, it is another place, to be found by matching.
-MOST_MISSED = 0.2
+MAX_MISS = 0.2
 
 
 def bend_match(context: Context, target: Object) -> str:
@@ -55,7 +55,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
             target=target_name,
         )
     with stage("Bending the match"):
-        surface_map, most = await compute(partial(_bent, pair, match, landmarks))
+        surface_map, most = await compute(partial(_bend, pair, match, landmarks))
     count = len(landmarks.numbers)
     what = landmarks_in_words(count)
     note = message("Bent to {landmarks}.", landmarks=what)
@@ -75,11 +75,11 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     )
 
 
-def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
+def _bend(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
     """The bent map, and by how much it missed, at unit area."""
     given = match.surface_map, pair.source, pair.target, landmarks.source, landmarks.target
-    off = missed_points(*given)
-    if off.max() > MOST_MISSED:
+    off = landmark_errors(*given)
+    if off.max() > MAX_MISS:
         number = landmarks.numbers[int(off.argmax())]
         raise zo.MeshError("The match is too far from landmark {number} to be bent to it: match again.", number=number)
-    return bent_to_points(*given), float(off.max())
+    return bend_to_points(*given), float(off.max())

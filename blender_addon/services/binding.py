@@ -20,9 +20,9 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
-from zoomout_core.transfer.rest_pose import PosedTarget, aligned, posed_target
+from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
 from zoomout_core.transfer.skinning import skinning_matrices
-from zoomout_core.transfer.unpose import Rest, unposed
+from zoomout_core.transfer.unpose import Rest, unpose
 
 from .. import mesh_data
 from ..adapters import Binding, Settings, TransferJob
@@ -94,7 +94,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         raise zo.MeshError(
             "'{target}' is already bound to {armatures}: turn on Replace Binding, or remove its Armature modifier.",
             target=target.name,
-            armatures=_named(target),
+            armatures=_names(target),
         )
     if (users := users_of_mesh(context, target)) > 1:
         raise zo.MeshError(
@@ -129,12 +129,12 @@ def _check_rig(source: Object) -> None:
         raise zo.MeshError(
             "No deform bone of {armatures} is named like a vertex group of '{source}': add bone "
             "weights to the source first.",
-            armatures=_named(source),
+            armatures=_names(source),
             source=source.name,
         )
 
 
-def _named(obj: Object) -> str:
+def _names(obj: Object) -> str:
     """The armatures of an object."""
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
@@ -159,7 +159,7 @@ async def prepare_binding(
     rigged = _read_rigged(context, pair)
     posed = await compute(partial(_pose, job, rigged, weights, untouched))
     if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
-        return Bound("keep_shape", pair.target.vertices, aligned(pair.target, posed.pose), ())
+        return Bound("keep_shape", pair.target.vertices, align(pair.target, posed.pose), ())
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
     with stage("Unposing", TAKING, 1):
         rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
@@ -185,7 +185,7 @@ def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: 
     """The pose of a target; weights are read anew where it moves the target elsewhere on the source."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING_ANEW):
-        posed = posed_target(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
+        posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
     if posed.mapped.surface_map is not mapped.surface_map:
         anew = stored_match.StoredMatch(
             posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
@@ -225,7 +225,7 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
             "'{target}' has shape keys and is posed by {armatures}: set that armature to Rest "
             "Position, and match again.",
             target=target.name,
-            armatures=_named(target),
+            armatures=_names(target),
         )
 
 
@@ -284,4 +284,4 @@ def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged:
     """The target at rest."""
     transforms = posed.pose.transforms
     matrices = skinning_matrices(transforms, weights, preserve_volume=rigged.preserves_volume)
-    return unposed(target, matrices, posed.pose.scale, posed.mapped.confidence)
+    return unpose(target, matrices, posed.pose.scale, posed.mapped.confidence)

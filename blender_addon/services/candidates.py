@@ -25,11 +25,11 @@ from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList, ListedCandidate
 
 # Largest number of listed candidates that preserve orientation, and of those that reverse it, which rank behind them.
-MOST_DIRECT, MOST_MIRRORED = 6, 2
+MAX_DIRECT, MAX_MIRRORED = 6, 2
 # Number of matches whose results are cached, those used last.
-MOST_CACHED = 2
+MAX_CACHED = 2
 # The same of those that transfers made, of several targets at once.
-MOST_MADE = 8
+MAX_MADE = 8
 
 # Computed results, by the list's key and the candidate's number.
 _cache: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
@@ -92,18 +92,18 @@ def cache_result(key: str, result: zo.MatchResult) -> None:
     """Cache a result in memory, with those of other candidates of the same list."""
     _cache.setdefault(key, {})[result.chosen] = result
     _cache.move_to_end(key)
-    while len(_cache) > MOST_CACHED:
+    while len(_cache) > MAX_CACHED:
         _cache.popitem(last=False)
 
 
-def cache_made(pair: ObjectPair, match: stored_match.Match) -> None:
+def cache_made_match(pair: ObjectPair, match: stored_match.Match) -> None:
     """Cache a match that a transfer made, for the transfer to be adjusted."""
     _made[_digests(pair)] = match
-    while len(_made) > MOST_MADE:
+    while len(_made) > MAX_MADE:
         _made.popitem(last=False)
 
 
-def last_made(pair: ObjectPair) -> stored_match.Match | None:
+def last_made_match(pair: ObjectPair) -> stored_match.Match | None:
     """The match that a transfer made of these two objects, as they are now, or None if none is cached."""
     return _made.get(_digests(pair))
 
@@ -133,9 +133,9 @@ async def result_of(listing: CandidateList, place: int) -> zo.MatchResult:
     return _cache[listing.key][number]
 
 
-def side_swapped(listing: CandidateList) -> int | None:
+def side_swapped_candidate(listing: CandidateList) -> int | None:
     """Index of the candidate that most nearly swaps the sides of the one in use, or None if none does."""
-    return _side_swapped(listing.chosen, [candidate.colors for candidate in listing.candidates])
+    return _side_swapped_number(listing.chosen, [candidate.colors for candidate in listing.candidates])
 
 
 def most_similar(place: int, listing: CandidateList, found: CandidateList) -> int:
@@ -150,13 +150,13 @@ def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]
     order = range(len(found))
     direct = [number for number in order if not found[number].reverses_orientation]
     least = MIN_SYMMETRY_CERTAINTY
-    likely = [one for one in direct if one == direct[0] or found[one].certainty >= least][:MOST_DIRECT]
-    mirrored = [number for number in order if found[number].reverses_orientation][:MOST_MIRRORED]
-    swapped = (_side_swapped(number, colors) for number in likely)
+    likely = [one for one in direct if one == direct[0] or found[one].certainty >= least][:MAX_DIRECT]
+    mirrored = [number for number in order if found[number].reverses_orientation][:MAX_MIRRORED]
+    swapped = (_side_swapped_number(number, colors) for number in likely)
     return {*likely, *mirrored, *(number for number in swapped if number is not None)}
 
 
-def _side_swapped(chosen: int, colors: Sequence[Bytes]) -> int | None:
+def _side_swapped_number(chosen: int, colors: Sequence[Bytes]) -> int | None:
     """Number of the map, given by its position colours, that most nearly swaps the sides of the chosen one.
 
     One of the three mid-planes of the source's bounding box separates the sides: the map is nearer to the chosen one's
@@ -168,12 +168,12 @@ def _side_swapped(chosen: int, colors: Sequence[Bytes]) -> int | None:
         unswapped = np.abs(other - here).mean()
         for axis in range(3):
             reflected = here.copy()
-            reflected[:, axis] = _reflected(here[:, axis])
+            reflected[:, axis] = _reflect(here[:, axis])
             difference = np.abs(other - reflected).mean()
             if number != chosen and difference < min(least, unswapped):
                 best, least = number, difference
     return best
 
 
-def _reflected(color: Floats) -> Floats:
+def _reflect(color: Floats) -> Floats:
     return 255 * (DARK + LIGHT) - color

@@ -15,7 +15,7 @@ from zoomout_core.runtime.outputs import check_output, is_same_file
 from .. import mesh_data
 from ..adapters import Binding, Settings
 from ..jobs import Work, run
-from ..scene.files import Brought, kept_as_blend, open_scene, shown_meshes
+from ..scene.files import Brought, keep_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
 from .collection_match import KnownMatch, Parts, prepare_parts
@@ -92,7 +92,7 @@ def carry(
     if is_same_file(source, target):
         raise zo.MeshError(f"{source} is both source and target: give two files.")
     surfaces = read_file(context, source, "source")
-    with kept_as_blend(source) as library:
+    with keep_as_blend(source) as library:
         own = read_file(context, target, "target")
         if output:
             check_output(output, [source, target, *bpy.utils.blend_paths(absolute=True)], in_place)

@@ -31,14 +31,14 @@ from ..mesh_data import Fingerprint, ObjectPair
 from ..scene.pair import (
     READING,
     check_distinct,
-    check_unedited,
+    check_not_edited,
     find_mesh,
     fingerprint_source,
     fingerprint_target,
 )
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 from .candidates import store_match
-from .name_matching import paired_by_name
+from .name_matching import pair_by_name
 from .targets import Write
 
 # Part of the progress bar that matching takes, in [0, 1].
@@ -52,7 +52,7 @@ SMALLEST_SHARE = 0.005
 # target are projected onto the counterpart of their own.
 NEAR = 0.02
 # Weight of a vertex with a confidence of 0.
-LEAST_CONFIDENCE = 1e-6
+MIN_CONFIDENCE = 1e-6
 
 # Numbers of sources and targets with matching names.
 Pairs: TypeAlias = Sequence[tuple[int, int]]
@@ -146,7 +146,7 @@ async def prepare_parts(
     matches = await compute(partial(_matches, sources, targets, known, resolve_detail(detail, **options)))
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
-        written = [_unedited(context, pair) for pair, _ in matches]
+        written = [_find_target(context, pair) for pair, _ in matches]
         with mesh_data.all_or_nothing(*written):
             for obj, (pair, match) in zip(written, matches, strict=True):
                 store_match(obj.data, match, pair, options | {"detail": detail})
@@ -159,7 +159,7 @@ def _matches(
     sources: Parts, targets: Parts, known: KnownMatch | None, options: dict[str, Any]
 ) -> list[tuple[ObjectPair, StoredMatch]]:
     """Each target with the sources that it lies on, and the match with these."""
-    namesakes = paired_by_name(sources.names, targets.names)
+    namesakes = pair_by_name(sources.names, targets.names)
     result: zo.MatchResult | KnownMatch
     if known is not None:
         result = known
@@ -173,9 +173,9 @@ def _matches(
         )
 
 
-def _unedited(context: Context, pair: ObjectPair) -> Object:
+def _find_target(context: Context, pair: ObjectPair) -> Object:
     """The target of a pair, which can be written to, and which is still what it was."""
-    source, target = check_unedited(context, pair)
+    source, target = check_not_edited(context, pair)
     check_distinct(source, target)
     return target
 
@@ -234,7 +234,7 @@ class _TargetMap:
 
     def contributors(self, sources: int) -> list[int]:
         """Numbers of the sources that the target receives from, by decreasing share of its area."""
-        share = np.bincount(self.owner, self.weight * (self.confidence + LEAST_CONFIDENCE), minlength=sources)
+        share = np.bincount(self.owner, self.weight * (self.confidence + MIN_CONFIDENCE), minlength=sources)
         share /= share.sum()
         largest = int(np.argmax(share))
         wanted = {largest, *self._sources_of_loose_parts(sources)}
@@ -259,7 +259,7 @@ def _match_of_target(
     result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int, namesakes: Pairs
 ) -> tuple[ObjectPair, StoredMatch]:
     """One of the targets with the sources that it lies on, and the match with these."""
-    own = _moved_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
+    own = _move_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
     contributors = own.contributors(len(sources.names))
     surfaces, fingerprints = (
         tuple(sources.surfaces[i] for i in contributors),
@@ -324,7 +324,7 @@ def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Pa
     )
 
 
-def _moved_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
+def _move_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
     """The same, projected onto the source whose name matches the target's where that is within `NEAR`.
 
     Only vertices that map to the counterpart of another target are moved, as those of boots that map to trousers.

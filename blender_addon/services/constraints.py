@@ -37,7 +37,7 @@ from .initial_maps import map_of_file, same_order
 # Smallest weight with which a vertex belongs to a vertex group.
 MEMBER = 0.5
 # Largest number of regions; the largest ones are used, since smaller ones lie in them or beside them and add little.
-MOST_REGIONS = 36
+MAX_REGIONS = 36
 # The user is told where the score of the regions, the part in which map and names disagree, is larger.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
@@ -193,7 +193,7 @@ async def _constraints(
         regions, received = await shared_regions(context, pair)
         if regions:
             arguments["regions"] = list(regions.values())
-            used += _counted(regions)
+            used += _count_in_words(regions)
         if received:
             notes.append("Names that the target received by an earlier transfer were not used as hints.")
     if same_up:
@@ -232,7 +232,7 @@ async def shared_regions(
     shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
     own = [(what, name) for what, name in shared if name not in received[what]]
     size = {region: _smaller_share(shared[region], pair) for region in own}
-    largest = sorted(own, key=lambda region: -size[region])[:MOST_REGIONS]
+    largest = sorted(own, key=lambda region: -size[region])[:MAX_REGIONS]
     return {region: shared[region] for region in largest}, len(own) < len(shared)
 
 
@@ -268,7 +268,7 @@ def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
     return None if stored is None else stored.surface_map
 
 
-def _counted(regions: Collection[tuple[str, str]]) -> list[str]:
+def _count_in_words(regions: Collection[tuple[str, str]]) -> list[str]:
     """The number of each sort, in words."""
     numbers = Counter(what for what, _ in regions)
     return [counted(numbers[what], *HINTS[what]) for what in HINTS if numbers[what]]

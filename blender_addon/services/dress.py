@@ -21,7 +21,7 @@ from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
 from .. import mesh_data
 from ..jobs import compute, pause, run
 from ..mesh_data import ObjectPair, Worn
-from ..scene.pair import check_unedited, edited, find_mesh
+from ..scene.pair import check_not_edited, edit_error, find_mesh
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .binding import read_sources_at_rest
@@ -141,7 +141,7 @@ async def prepare_dress(
         moved, dressed = await compute(partial(_carry, match, fitting, dressing))
 
     def write() -> dict[str, Any]:
-        check_unedited(context, pair)
+        check_not_edited(context, pair)
         check_unchanged(context, fitting.worn)
         with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
             if stored is None:
@@ -202,7 +202,7 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
     for each in worn:
         obj = context.scene.objects.get(each.name)
         if obj is None or mesh_data.content_of(obj) != each.content:
-            raise edited(each.name)
+            raise edit_error(each.name)
 
 
 async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> _Fitting:

@@ -36,7 +36,7 @@ def same_order(pair: ObjectPair) -> StoredMatch:
             target_vertices=len(target.vertices),
         )
     count = len(target.vertices)
-    shared = np.isin(_numbered(target.edges, count), _numbered(source.edges, count)).mean()
+    shared = np.isin(_number_edges(target.edges, count), _number_edges(source.edges, count)).mean()
     if shared < SHARED_EDGES:
         raise zo.MeshError(
             "'{source}' and '{target}' share only {share:.0%} of their edges, so their vertex order "
@@ -94,7 +94,7 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
     return vertex
 
 
-def _numbered(edges: Integers, count: int) -> Integers:
+def _number_edges(edges: Integers, count: int) -> Integers:
     """(e,) a number for each undirected edge (e, 2) of a mesh with `count` vertices."""
     ends = np.sort(edges.astype(np.int64), axis=1)
     return ends[:, 0] * count + ends[:, 1]

@@ -25,7 +25,7 @@ from ..scene.landmarks import set_landmark
 from .name_matching import COPY
 
 # Largest spread of a vertex group that marks a point: the standard deviation over the square root of the mesh's area.
-MOST_SPREAD = 0.1
+MAX_SPREAD = 0.1
 # What marks the places, in messages.
 NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
 
@@ -75,10 +75,10 @@ def points_of_groups(context: Context, obj: Object, objects: list[Object]) -> di
         if of_group.sum() > 0:
             share = of_group / of_group.sum()
             centre = share @ positions
-            if np.sqrt(share @ ((positions - centre) ** 2).sum(axis=1)) <= MOST_SPREAD * size:
+            if np.sqrt(share @ ((positions - centre) ** 2).sum(axis=1)) <= MAX_SPREAD * size:
                 centres[name] = Vector(centre)
     places = {
-        name: nearest_surface_point(obj, centre, MOST_SPREAD * size, depsgraph) for name, centre in centres.items()
+        name: nearest_surface_point(obj, centre, MAX_SPREAD * size, depsgraph) for name, centre in centres.items()
     }
     return {name: place for name, place in places.items() if place is not None}
 

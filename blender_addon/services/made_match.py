@@ -9,7 +9,7 @@ from bpy.types import Context
 
 from ..mesh_data import ObjectPair
 from ..storage.stored_match import Match
-from .candidates import cache_made, last_made
+from .candidates import cache_made_match, last_made_match
 from .constraints import match_pair, settings_to_store
 
 
@@ -25,7 +25,7 @@ async def make_match(
         match_options: those of `match_objects`.
     """
     settings = settings_to_store(context, pair, match_options)
-    made = last_made(pair) if adjusted else None
+    made = last_made_match(pair) if adjusted else None
     match = made or await match_pair(context, pair, **match_options)
-    cache_made(pair, match)
+    cache_made_match(pair, match)
     return match, settings

@@ -23,7 +23,7 @@ from ..viewport import preview
 from . import previews
 from .candidates import store_match
 from .constraints import match_pair, settings_to_store
-from .redo_match import kept_match, read_mask, redone_match
+from .redo_match import read_mask, redone_match, valid_match
 
 NOTHING_KEPT = "There was no match to keep, so the whole target was matched, not only the Redo Only group."
 
@@ -73,7 +73,7 @@ async def prepare_match(
     """
     pair = await read_pair(context, source_name, target_name)
     settings = settings_to_store(context, pair, options)
-    kept = kept_match(context, pair) if redo_group else None
+    kept = valid_match(context, pair) if redo_group else None
     mask = read_mask(context, pair, redo_group, redo_keeps) if kept is not None else None
     result = await match_pair(context, pair, **options)
     if kept is not None and mask is not None:

@@ -26,7 +26,7 @@ SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 OWN_NAME = 0.75
 # Smallest similarity, the weighted part of words in common, at which names match; and the largest similarity of any
 # other name, as a part of that.
-LEAST_SIMILARITY, MOST_RUNNER_UP = 0.6, 0.75
+MIN_SIMILARITY, MAX_RUNNER_UP = 0.6, 0.75
 
 
 class Words(NamedTuple):
@@ -47,7 +47,7 @@ class Words(NamedTuple):
         return cls(frozenset(found.difference(SIDES)), frozenset(SIDES[word] for word in found.intersection(SIDES)))
 
 
-def paired_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[int, int]]:
+def pair_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[int, int]]:
     """Pairs of objects, each in one pair at most, that are clearly called alike.
 
     Equal names bind, whatever number Blender appended, unless several objects of one character have the same. Left
@@ -94,12 +94,12 @@ def _similarities(sources: Sequence[Words], targets: Sequence[Words]) -> Floats:
         for word in (counts[0] + counts[1]).keys() - own_names
     }
 
-    def shared(ours: Words, theirs: Words) -> float:
+    def shared_weight(ours: Words, theirs: Words) -> float:
         every = sum(weight.get(word, 0) for word in ours.plain | theirs.plain)
         common = sum(weight.get(word, 0) for word in ours.plain & theirs.plain)
         return common / every if ours.sides == theirs.sides and every else 0
 
-    return np.array([[shared(ours, theirs) for theirs in targets] for ours in sources]).reshape(sizes)
+    return np.array([[shared_weight(ours, theirs) for theirs in targets] for ours in sources]).reshape(sizes)
 
 
 def _own_name(count: Counter[str], of_other: Counter[str], objects: int) -> set[str]:
@@ -114,5 +114,5 @@ def _clear_winners(similarity: Floats) -> list[int]:
         i = int(np.argmax(similarity[:, j]))
         best = similarity[i, j]
         others = max(np.delete(similarity[:, j], i).max(initial=0), np.delete(similarity[i], j).max(initial=0))
-        winners.append(i if best >= LEAST_SIMILARITY and others <= MOST_RUNNER_UP * best else -1)
+        winners.append(i if best >= MIN_SIMILARITY and others <= MAX_RUNNER_UP * best else -1)
     return winners

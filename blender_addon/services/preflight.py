@@ -20,7 +20,7 @@ from .. import mesh_data
 from ..scene.landmarks import landmarks_fingerprint
 from ..scene.mesh_facts import facts
 from ..scene.pair import check_distinct, check_writable, users_of_mesh
-from ..scene.selection import choose_source, chosen_targets, matched_with, own_sources
+from ..scene.selection import choose_source, chosen_targets, match_source, own_sources
 from ..storage import stored_match
 
 # Meshes of fewer vertices have too few features to be matched by.
@@ -68,7 +68,7 @@ def likely_source(context: Context) -> Object | None:
 def findings(context: Context) -> list[Finding]:
     """What the user should know before matching or transferring; what blocks comes first, and alone."""
     target, several = context.active_object, len(own_sources(context)) > 1
-    if not _is_any_chosen(context) and not matched_with(context, target):
+    if not _is_any_chosen(context) and not match_source(context, target):
         return [HOW_TO_BEGIN]
     if reason := obstacle(context):
         return [Finding(message("{reason}.", reason=as_message(reason)), True, begins=reason == NO_TARGET)]
@@ -82,7 +82,7 @@ def findings(context: Context) -> list[Finding]:
         return [Finding(str(error), True)]
     blocking = [Finding(text, True) for text in _blocking(context, source, target)]
     doubtful = [
-        *_left_out(context, source, target),
+        *_find_left_out(context, source, target),
         *_parts_of_characters(context, source),
         *_doubtful(context, source, target),
     ]
@@ -125,14 +125,14 @@ def stale(context: Context, target: Object) -> str:
             return message(
                 "Its source '{source}' is not in the scene: choose the source, then match again.", source=then["name"]
             )
-        if _edited(source, evaluated_data(context, source), then):
+        if _is_edited(source, evaluated_data(context, source), then):
             return message("The source '{source}' was edited after the match: match again.", source=source.name)
-    if _edited(target, target.data, recorded["target"]):
+    if _is_edited(target, target.data, recorded["target"]):
         return message("The target '{target}' was edited after the match: match again.", target=target.name)
     return ""
 
 
-def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
+def _is_edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
     """Whether an object, whose mesh is now this one, was other when it was matched; its own may have been that."""
     known = facts(obj)
     sizes = [] if mesh is None else [[len(one.vertices), len(one.polygons)] for one in (mesh, obj.data)]
@@ -143,7 +143,7 @@ def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
     )
 
 
-def outdated(context: Context, target: Object) -> list[str]:
+def find_outdated(context: Context, target: Object) -> list[str]:
     """Sentences about what is other than when a target was matched, though its match still holds."""
     stored = stored_match.description(target.data)
     source = likely_source(context) if stored else None
@@ -168,7 +168,7 @@ def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]
             yield message("'{name}' has no faces: choose a mesh with a surface.", name=obj.name)
 
 
-def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
+def _find_left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
     """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
     for other in chosen_targets(context, source):
         if other != target and (reason := _reason(context, source, other)):

@@ -19,7 +19,7 @@ from zoomout_core.transfer import Attribute, map_target, transfer_along
 
 from ..colors import (
     asymmetry_colors,
-    blended_colors,
+    blend_colors,
     pair_colors,
     side_colors,
 )
@@ -89,11 +89,11 @@ def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> It
         listing: the candidates of its match.
         place: of the candidate among them.
     """
-    before = preview.shown(obj)
+    before = preview.preview_of(obj)
     if before is None or before.kind != PLACES:
         yield
         return
-    colors = blended_colors(read_positions(obj.data), listing.vertices, listing.candidates[place].colors / 255)
+    colors = blend_colors(read_positions(obj.data), listing.vertices, listing.candidates[place].colors / 255)
     preview.show(before.with_colors(colors))
     try:
         yield
@@ -121,7 +121,7 @@ async def following(context: Context, pair: ObjectPair, match: Match, otherwise:
         match: the new match.
         otherwise: what to show, for a while, where nothing is shown; nothing when None.
     """
-    before = preview.shown(find_mesh(context, pair.target_name))
+    before = preview.preview_of(find_mesh(context, pair.target_name))
     if before is not None and before.kind in OF_MATCH:
         return replace(await of_match(context, pair, match, before.kind), passing=before.passing)
     if otherwise is None or preview.current() is not None:
@@ -131,7 +131,7 @@ async def following(context: Context, pair: ObjectPair, match: Match, otherwise:
 
 def follow_match(context: Context, obj: Object) -> None:
     """Bring up to date what is shown of an object's match, after its mesh and its match were subdivided."""
-    before = preview.shown(obj)
+    before = preview.preview_of(obj)
     if before is not None and before.kind in OF_MATCH:
         preview.show(run(_again(context, obj, before.kind)))
 
@@ -163,7 +163,7 @@ def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Previ
 
 def follow_symmetry(context: Context, obj: Object) -> None:
     """Bring up to date what is shown of an object's symmetry, after another one was stored or chosen."""
-    before = preview.shown(obj)
+    before = preview.preview_of(obj)
     if before is None or before.kind in OF_MATCH:
         return
     if before.kind == ASYMMETRY:
@@ -208,5 +208,5 @@ def _of_mesh(obj: Object, kind: str) -> Preview:
 
 def _stored_hash(mesh: Mesh, kind: str) -> str:
     """A hash of the match or the symmetry stored on a mesh."""
-    names = MATCH_ATTRIBUTES[:1] if kind in OF_MATCH else stored_symmetry.attributes_of_chosen(mesh)
+    names = MATCH_ATTRIBUTES[:1] if kind in OF_MATCH else stored_symmetry.chosen_attributes(mesh)
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in names if name in mesh.attributes))

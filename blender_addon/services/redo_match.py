@@ -21,7 +21,7 @@ from ..storage.stored_match import Match, StoredMatch
 MOSTLY = 0.5
 
 
-def kept_match(context: Context, pair: ObjectPair) -> StoredMatch | None:
+def valid_match(context: Context, pair: ObjectPair) -> StoredMatch | None:
     """The match of these two that is stored on the target; None without one, or if one of them was edited since."""
     with target_mesh(context, pair) as (_, mesh):
         try:
@@ -59,7 +59,7 @@ def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floa
         has_partner = of_source = None
     else:
         has_partner = np.where(shares >= MOSTLY, after.has_partner, has_partner)
-        of_source = np.where(_reached_anew(pair, surface_map, shares), new_of_source, of_source)
+        of_source = np.where(_rematched_vertices(pair, surface_map, shares), new_of_source, of_source)
         without = pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_source)
     note = message(
         "{share:.0%} of the area was matched again, and the rest was kept.", share=pair.target.share_of_area(shares > 0)
@@ -74,6 +74,6 @@ def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floa
     )
 
 
-def _reached_anew(pair: ObjectPair, surface_map: zo.SurfaceMap, shares: Floats) -> Booleans:
+def _rematched_vertices(pair: ObjectPair, surface_map: zo.SurfaceMap, shares: Floats) -> Booleans:
     """(n_s,) whether the nearest image to a vertex of the source is one that was matched again."""
     return np.asarray(surface_map.invert(pair.source, pair.target).interpolate(shares) >= MOSTLY)

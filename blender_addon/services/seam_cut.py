@@ -17,7 +17,7 @@ from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 from ..jobs import compute, run
 from ..mesh_data import ObjectPair, divide, read_joined_active_uv_map, write_divided
-from ..scene.pair import check_unedited, evaluated_sources, find_mesh, fingerprint_target, writing
+from ..scene.pair import check_not_edited, evaluated_sources, find_mesh, fingerprint_target, writing
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from . import previews
@@ -57,7 +57,7 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
     mapped = map_target(stored, pair.source, pair.target)
     with stage("Following the seams", 0, DIVIDING):
         cut = await compute(partial(seam_cut, uv, mapped))
-    _, target = check_unedited(context, pair)
+    _, target = check_not_edited(context, pair)
     with stage("Dividing faces", DIVIDING, 1):
         divided = await divide(target.data, cut)
     try:

@@ -20,7 +20,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from .. import mesh_data
 from ..jobs import compute, run
 from ..mesh_data import ObjectPair
-from ..scene.pair import check_unedited, find_mesh
+from ..scene.pair import check_not_edited, find_mesh
 from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 
@@ -53,7 +53,7 @@ async def select_faults_async(context: Context, target_name: str, what: str) -> 
     pair, match = await read_stored_match(context, target_name)
     with stage("Selecting", 0.1, 1.0):
         select = await compute(partial(FAULTS[what], pair, match))
-    check_unedited(context, pair)
+    check_not_edited(context, pair)
     return select(context)
 
 
@@ -81,7 +81,7 @@ def _doubtful(pair: ObjectPair, match: StoredMatch) -> Select:
     )
 
 
-def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
+def _select_flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     target = pair.target
     area = triangle_areas(target.vertices, target.triangles)
     over = flipped_triangles(match.surface_map, pair.source, target)
@@ -96,7 +96,7 @@ def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     def select(context: Context) -> str:
         obj = find_mesh(context, pair.target_name)
         mesh_data.select_only(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, chosen))
-        return message("Flipped: {selected}", selected=_counted(chosen, FACES, obj, share))
+        return message("Flipped: {selected}", selected=_count_in_words(chosen, FACES, obj, share))
 
     return select
 
@@ -120,7 +120,7 @@ def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
 
 FAULTS: dict[str, Callable[[ObjectPair, StoredMatch], Select]] = {
     DOUBTFUL: _doubtful,
-    FLIPPED: _flipped,
+    FLIPPED: _select_flipped,
     WITHOUT_PARTNER: _without_partner,
 }
 
@@ -138,9 +138,9 @@ def _select_on_sources(context: Context, pair: ObjectPair, chosen: Booleans) -> 
 
 def _select_vertices(obj: Object, chosen: Booleans, share: float) -> str:
     mesh_data.select_only(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
-    return _counted(chosen, VERTICES, obj, share)
+    return _count_in_words(chosen, VERTICES, obj, share)
 
 
-def _counted(chosen: Booleans, templates: tuple[str, str, str], obj: Object, share: float) -> str:
+def _count_in_words(chosen: Booleans, templates: tuple[str, str, str], obj: Object, share: float) -> str:
     count = int(np.count_nonzero(chosen))
     return message(templates[min(count, 2)], count=count, name=obj.name, share=share)

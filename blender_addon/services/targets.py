@@ -84,11 +84,11 @@ async def each_target(
 def _place(i: int, names: Sequence[str]) -> Iterator[None]:
     """The i-th of several pieces of work that are alike, whose progress says which it is."""
 
-    def placed(title: str) -> str:
+    def numbered_title(title: str) -> str:
         if len(names) == 1:
             return title
         values = {"name": names[i], "number": i + 1, "count": len(names), "title": as_message(title)}
         return message("'{name}', {number} of {count}: {title}", **values)
 
-    with portion(i / len(names), (i + 1) / len(names)), renaming(placed):
+    with portion(i / len(names), (i + 1) / len(names)), renaming(numbered_title):
         yield

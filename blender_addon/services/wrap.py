@@ -16,7 +16,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.messages import message, sentences
 from zoomout_core.runtime.progress import portion
-from zoomout_core.transfer import reversed_match
+from zoomout_core.transfer import reverse_match
 
 from .. import mesh_data
 from ..adapters import Settings, check_takes_keys
@@ -125,7 +125,7 @@ async def prepare_wrap(
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
-    given = _given(context, pair, wrapping)
+    given = _prepare(context, pair, wrapping)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
@@ -180,7 +180,7 @@ def summary(report: dict[str, Any]) -> str:
     return sentences(done, *report["notes"])
 
 
-def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
+def _prepare(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
     """What is wrapped onto what, as far as it can be.
 
     Raises:
@@ -257,7 +257,7 @@ def _wrap(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: 
     if not wrapping.reverse:
         return zo.wrap(match, given.onto, given.rest, landmarks=landmarks, **options)
     with portion(0, TURNING_ROUND):
-        turned = reversed_match(match, pair.source, pair.target)
+        turned = reverse_match(match, pair.source, pair.target)
     landmarks = None if landmarks is None else landmarks[::-1]
     with portion(TURNING_ROUND, 1):
         return zo.wrap(turned, given.onto, given.rest, landmarks=landmarks, **options)

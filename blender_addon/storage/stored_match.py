@@ -110,12 +110,12 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "content": {"source": source.content, "target": target.content},
             "size": {"source": source.size, "target": target.size},
             "mirrored": {"source": source.mirrored, "target": target.mirrored},
-            "others": [_described(source) for source in further],
+            "others": [_describe(source) for source in further],
             "entries": _hash_of_entries(mesh),
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "without_partner": without_partner(match),
-            "source_has_partner": None if of_source is None else _packed(of_source),
+            "source_has_partner": None if of_source is None else _pack(of_source),
             "notes": to_json(match.notes),
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
@@ -160,7 +160,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         stored.get("settings", {}),
         pair.source_names[1:],
         read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
-        _unpacked(stored.get("source_has_partner"), len(pair.source.vertices)),
+        _unpack(stored.get("source_has_partner"), len(pair.source.vertices)),
         stored.get("without_partner"),
     )
 
@@ -188,7 +188,7 @@ def remove(mesh: Mesh) -> None:
 
 
 def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The objects that a target maps to besides its source, as `_described` describes them."""
+    """The objects that a target maps to besides its source, as `_describe` describes them."""
     return stored.get("others", [])
 
 
@@ -204,13 +204,13 @@ def without_partner(match: Match) -> tuple[float, float] | None:
     return match.without_partner if isinstance(match, StoredMatch) else None
 
 
-def _packed(mask: Booleans) -> str:
+def _pack(mask: Booleans) -> str:
     """A selection (n,) as text, which is short where what is selected hangs together."""
     return b64encode(zlib.compress(np.packbits(mask).tobytes())).decode()
 
 
-def _unpacked(text: str | None, count: int) -> Booleans | None:
-    """(count,) the selection that `_packed` made a text of; None where there is none, or a damaged one."""
+def _unpack(text: str | None, count: int) -> Booleans | None:
+    """(count,) the selection that `_pack` made a text of; None where there is none, or a damaged one."""
     if text is None:
         return None
     try:
@@ -221,7 +221,7 @@ def _unpacked(text: str | None, count: int) -> Booleans | None:
     return found if len(found) == count else None
 
 
-def _described(source: Fingerprint) -> dict[str, Any]:
+def _describe(source: Fingerprint) -> dict[str, Any]:
     """A source besides the first one, as it is stored."""
     return {
         "name": source.name,

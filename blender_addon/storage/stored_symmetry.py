@@ -86,7 +86,7 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
     points, colors = _pictures(obj, found)
     mesh[PROPERTY] = json.dumps(
         {
-            "candidates": to_json([described(symmetry) for symmetry in found]),
+            "candidates": to_json([describe(symmetry) for symmetry in found]),
             "pictures": [to_text(color, np.uint8) for color in colors],
             "key": hash_of("", points, *colors),
             "points": to_text(points, np.float32),
@@ -124,7 +124,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     return stored if all(name in mesh.attributes for name in needed) else None
 
 
-def described(symmetry: zo.Symmetry) -> dict[str, Any]:
+def describe(symmetry: zo.Symmetry) -> dict[str, Any]:
     """The description of a symmetry, without map and thumbnail, one of the candidates of `description`."""
     turn = message("Turn of order {order}", order=symmetry.order) if symmetry.order else "Turn"
     turn = "Half turn" if symmetry.order == 2 else turn
@@ -144,7 +144,7 @@ def is_outdated(mesh: Mesh, stored: dict[str, Any]) -> bool:
     return (stored["vertices"], stored["faces"]) != (len(mesh.vertices), len(mesh.polygons))
 
 
-def pictured(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
+def thumbnails(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
     """For each candidate of a `description` the name of its thumbnail, points (s, 3), and their colours, 0 to 255."""
     if "pictures" not in stored:
         return []
@@ -153,7 +153,7 @@ def pictured(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
     return [(f"{stored['key']} {number}", points, color) for number, color in enumerate(colors)]
 
 
-def attributes_of_chosen(mesh: Mesh) -> list[str]:
+def chosen_attributes(mesh: Mesh) -> list[str]:
     """The names of the attributes that store the chosen symmetry; none without one."""
     stored = description(mesh)
     return [] if stored is None else [_name(stored["chosen"], part) for part in PARTS]
@@ -183,7 +183,7 @@ def read(obj: Object) -> SelfMap:
             "'{name}' was reshaped since its symmetry was detected: use Mirror Sculpt, or detect the symmetry again.",
             name=obj.name,
         )
-    return _chosen(obj.data, stored, now)
+    return _chosen_symmetry(obj.data, stored, now)
 
 
 def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
@@ -194,7 +194,7 @@ def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
     """
     stored, now = _required_description(obj), _surface_now(obj)
     before = now.with_vertices(read_layer(obj.data, REST).attribute.values)
-    return _chosen(obj.data, stored, before), now.vertices - before.vertices
+    return _chosen_symmetry(obj.data, stored, before), now.vertices - before.vertices
 
 
 def choose(mesh: Mesh, number: int) -> None:
@@ -243,7 +243,7 @@ def _surface_now(obj: Object) -> zo.Surface:
     return surface
 
 
-def _chosen(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
+def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
     """The chosen symmetry of a mesh, whose surface this was when it was detected."""
     values = {name: read_layer(mesh, _name(stored["chosen"], name)).attribute.values for name in PARTS}
     # Stored in single precision: brought back to a sum of one.

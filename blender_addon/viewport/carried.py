@@ -15,7 +15,7 @@ from bpy.types import Object
 
 from zoomout_core.arrays import Floats
 
-from ..mesh_data import carried_values
+from ..mesh_data import values_through_modifiers
 from ..scene.redraw import redraw_views
 
 
@@ -66,7 +66,7 @@ def carry_now() -> None:
             continue
         depsgraph = bpy.context.evaluated_depsgraph_get()
         state = _state(obj, obj.evaluated_get(depsgraph))
-        _known[uid] = _Carried(values, state, carried_values(obj, depsgraph, values))
+        _known[uid] = _Carried(values, state, values_through_modifiers(obj, depsgraph, values))
 
 
 def clear() -> None:

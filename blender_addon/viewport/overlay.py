@@ -168,7 +168,7 @@ def clear() -> None:
     redraw_views()
 
 
-def shown() -> tuple[Overlay, ...]:
+def overlays() -> tuple[Overlay, ...]:
     """What is drawn."""
     return _overlays
 
@@ -192,25 +192,27 @@ def repose(uids: Iterable[int] | None = None) -> None:
 
 def visible() -> list[tuple[Overlay, Object]]:
     """The overlays that are drawn, each with its object; none if one is outdated."""
-    return [] if is_outdated() else [(overlay, obj) for overlay, obj in _found() if obj.mode == "OBJECT"]
+    return [] if is_outdated() else [(overlay, obj) for overlay, obj in _find_overlays() if obj.mode == "OBJECT"]
 
 
 def is_hidden() -> bool:
     """Whether an object is in a mode in which its overlay is not drawn."""
-    return any(obj.mode != "OBJECT" for _, obj in _found())
+    return any(obj.mode != "OBJECT" for _, obj in _find_overlays())
 
 
 def is_lost() -> bool:
     """Whether an overlay is known not to be carried through the modifiers of its object."""
-    return any(carried.is_lost(obj) for _, obj in _found())
+    return any(carried.is_lost(obj) for _, obj in _find_overlays())
 
 
 def is_outdated() -> bool:
     """Whether one of the meshes is known to be another one than its overlay was computed for."""
-    return any((known := facts(obj)) is not None and known.content != overlay.content for overlay, obj in _found())
+    return any(
+        (known := facts(obj)) is not None and known.content != overlay.content for overlay, obj in _find_overlays()
+    )
 
 
-def seen_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[str, np.ndarray] | None:
+def visible_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[str, np.ndarray] | None:
     """`surface_of` the evaluated mesh of an object, which may have other vertices than the overlay has colours."""
     values = carried.values_on(obj, evaluated, overlay.values)
     return None if values is None else surface_of(evaluated.data, replace(overlay, values=values))
@@ -236,7 +238,7 @@ def surface_of(mesh: Mesh, overlay: Overlay) -> dict[str, np.ndarray] | None:
     return {"position": position, "normal": normal, "color": color, "triangles": triangles}
 
 
-def _found() -> list[tuple[Overlay, Object]]:
+def _find_overlays() -> list[tuple[Overlay, Object]]:
     return [(overlay, obj) for overlay in _overlays if (obj := find(overlay.object_uid)) is not None]
 
 
@@ -255,7 +257,7 @@ def _draw() -> None:
 
 def _draw_overlay(overlay: Overlay, obj: Object, evaluated: Object) -> None:
     if overlay.object_uid not in _batches:
-        surface = seen_surface(overlay, obj, evaluated)
+        surface = visible_surface(overlay, obj, evaluated)
         if surface is None:
             return
         _batches[overlay.object_uid] = _batch(surface)

@@ -98,7 +98,7 @@ _shown: Preview | None = None
 _selected: tuple[int, ...] = ()
 
 
-def shown(obj: Object | None) -> Preview | None:
+def preview_of(obj: Object | None) -> Preview | None:
     """What is shown of an object."""
     return _shown if _shown is not None and obj is not None and _shown.object_uid == obj.session_uid else None
 

@@ -11,7 +11,7 @@ from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching import option_table
-from zoomout_core.matching.option_table import Door, Kind, Option, offered
+from zoomout_core.matching.option_table import Door, Kind, Option, select_options
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.runtime.progress import portion
 from zoomout_core.text_arguments import read_values
@@ -46,7 +46,7 @@ TYPES = {
 
 def parameters_of(options: Sequence[Option]) -> tuple[Parameter, ...]:
     """The parameters that rows of the option table stand for."""
-    return tuple(_parameter(option) for option in offered(options, Door.MESHLAB))
+    return tuple(_parameter(option) for option in select_options(options, Door.MESHLAB))
 
 
 def _parameter(option: Option) -> Parameter:

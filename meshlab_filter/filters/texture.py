@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
 # Texels of an image, each way, at most: 1 GB of texels.
-MOST_TEXELS = 1 << 14
+MAX_TEXELS = 1 << 14
 
 
 @mesh_filter(
@@ -60,8 +60,8 @@ def transfer_texture_by_zoomout(
         ValueError: arguments that do not fit together.
     """
     for name, count in (("textw", textw), ("texth", texth)):
-        if not 1 <= count <= MOST_TEXELS:
-            raise ValueError(f"'{name}' is {count}: give a whole number from 1 to {MOST_TEXELS}.")
+        if not 1 <= count <= MAX_TEXELS:
+            raise ValueError(f"'{name}' is {count}: give a whole number from 1 to {MAX_TEXELS}.")
     source = read_layer(ms, sourcemesh)
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     uv, picture = _picture(source)

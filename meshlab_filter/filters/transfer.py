@@ -19,7 +19,7 @@ from meshlab_filter.mesh_data import (
     check_target,
     custom_names,
     read_layer,
-    turned_normals,
+    turn_normals,
 )
 from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
@@ -90,7 +90,7 @@ def transfer_attributes_by_zoomout(
         "vertex_selection": selectiontransfer,
         "face_selection": selectiontransfer,
     }
-    source = read_layer(ms, sourcemesh, _custom_wanted(ms, sourcemesh, customattributes))
+    source = read_layer(ms, sourcemesh, _check_custom_names(ms, sourcemesh, customattributes))
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
     source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
@@ -104,13 +104,13 @@ def transfer_attributes_by_zoomout(
             "choose others."
         )
     check_target(target)
-    source, homeless = _held_by(target, source)
+    source, homeless = _supported_layer(target, source)
 
     with portion(0.0, 0.8):
         found, report = find_correspondence(ms, source, target, targetmesh, correspondence, **matching)
     with portion(0.8, 1.0):
         received = _transfer(source, target, found)
-    new = _merged(target, source, received)
+    new = _merge(target, source, received)
     notes = [note for attribute in received for note in attribute.notes]
     notes += [f"Layer '{source.label}' has no {name}." for name in missing]
     notes += [f"Layer '{target.label}' has no faces, so {name} cannot be transferred to it." for name in homeless]
@@ -122,7 +122,7 @@ def transfer_attributes_by_zoomout(
     }
 
 
-def _held_by(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
+def _supported_layer(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
     """The source with what a target has a place for, and the names of what it has none for.
 
     Raises:
@@ -139,7 +139,7 @@ def _held_by(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
     return replace(source, components=components, custom=custom), homeless
 
 
-def _custom_wanted(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None) -> list[str]:
+def _check_custom_names(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None) -> list[str]:
     """The names of custom attributes that a user asked for."""
     if names == ALL:
         return custom_names(ms, mesh_id)
@@ -160,7 +160,7 @@ def _transfer(source: Layer, target: Layer, found: zo.MatchResult | Corresponden
 
 def _normals(layer: Layer) -> Attribute:
     """Its vertices' normals, in the frame of all layers."""
-    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, turned_normals(layer.normals, layer.transform))
+    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, turn_normals(layer.normals, layer.transform))
 
 
 def _selections(layer: Layer) -> dict[str, Attribute]:
@@ -176,7 +176,7 @@ def _selections(layer: Layer) -> dict[str, Attribute]:
     }
 
 
-def _merged(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
+def _merge(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
     """The target with what it received."""
     count = len(source.components)
     components = {attribute.name: attribute for attribute in received[:count]}

@@ -24,7 +24,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def refused(ran: Result, sentence: str) -> None:
+def assert_refused(ran: Result, sentence: str) -> None:
     """Whether a command ended with a sentence, not with a traceback."""
     assert ran.exit_code == 1, ran.output
     (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]

@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 import pytest
-from doors import refused, run
+from doors import assert_refused, run
 
 import blender_addon
 from blender_addon import cli
@@ -58,7 +58,7 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("door", DOORS)
 def test_it_is_said_at_once(door: str, meshes: Pair, locked: Path) -> None:
     (meshes[0].with_name("copy.ply")).write_bytes(meshes[1].read_bytes())
-    refused(run(*DOORS[door](meshes, locked)), "locked is not writable: change its permissions")
+    assert_refused(run(*DOORS[door](meshes, locked)), "locked is not writable: change its permissions")
     assert not list(locked.iterdir())
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
-from doors import refused, run
+from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
@@ -67,5 +67,5 @@ def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence:
     listed = meshes[0].with_name("landmarks.txt")
     listed.write_text(lines)
     output = meshes[0].with_name("map.npz")
-    refused(run(main, "match", *meshes, "--landmarks", listed, "-o", output), sentence)
+    assert_refused(run(main, "match", *meshes, "--landmarks", listed, "-o", output), sentence)
     assert not output.exists()

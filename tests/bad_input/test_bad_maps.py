@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 import pytest
 from creatures import creature
-from doors import refused, run
+from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
@@ -112,7 +112,7 @@ def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
     assert tracemalloc.get_traced_memory()[1] < 1 << 22
     tracemalloc.stop()
     with pytest.raises(ArrayFileError, match="its arrays take"):
-        read_arrays(path, most_bytes=1 << 20)
+        read_arrays(path, max_bytes=1 << 20)
 
 
 def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
@@ -120,8 +120,10 @@ def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     for name in ("petabytes stated of both", "bits flipped everywhere", "negative triangles"):
         path.write_bytes((HOSTILE | WRONG)[name]())
         for option in ("--initial", "--earlier-map"):
-            refused(run(main, "match", *meshes, "-o", tmp_path / "out.npz", option, path), "bad.npz contains no map")
-        refused(run(main, "evaluate", path, *meshes), "bad.npz")
+            assert_refused(
+                run(main, "match", *meshes, "-o", tmp_path / "out.npz", option, path), "bad.npz contains no map"
+            )
+        assert_refused(run(main, "evaluate", path, *meshes), "bad.npz")
     assert not (tmp_path / "out.npz").exists()
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from doors import Limit, contents, refused, run
+from doors import Limit, assert_refused, contents, run
 
 from zoomout_core.cli import main as zoomout
-from zoomout_core.runtime.outputs import ABANDONED, OutputError, check_output, written_together, written_whole
+from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, atomic_write_together, check_output
 
 # --- written whole or not at all ----------------------------------------------------------------------------
 
@@ -22,12 +22,12 @@ from zoomout_core.runtime.outputs import ABANDONED, OutputError, check_output, w
 def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
-    with pytest.raises(RuntimeError), written_whole(path) as part:  # noqa: PT012
+    with pytest.raises(RuntimeError), atomic_write(path) as part:  # noqa: PT012
         part.write_text("half")
         raise RuntimeError
     assert contents(tmp_path) == {"a.txt": b"before"}
     kept = r"a\.txt could not be written \(.*\), and the existing file was kept"
-    with pytest.raises(OutputError, match=kept), written_whole(path):
+    with pytest.raises(OutputError, match=kept), atomic_write(path):
         pass  # as a library does that says nothing where it fails
     assert contents(tmp_path) == {"a.txt": b"before"}
 
@@ -35,10 +35,10 @@ def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path:
 def test_a_write_that_a_limit_ended_in_silence_is_noticed(tmp_path: Path, size_limit: Limit) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
-    with size_limit(4096), pytest.raises(OutputError, match="File too large"), written_whole(path) as part:
+    with size_limit(4096), pytest.raises(OutputError, match="File too large"), atomic_write(path) as part:
         part.write_bytes(b"x" * 4096)  # all that a library that ignores errors gets onto the disk
     assert contents(tmp_path) == {"a.txt": b"before"}
-    with size_limit(4096), pytest.raises(OutputError), written_together(path) as whole:  # noqa: PT012
+    with size_limit(4096), pytest.raises(OutputError), atomic_write_together(path) as whole:  # noqa: PT012
         whole.with_name("texture.png").write_bytes(b"x" * 4096)
         whole.write_text("after")
     assert contents(tmp_path) == {"a.txt": b"before"}
@@ -57,11 +57,11 @@ with written_whole({str(path)!r}) as part:
     subprocess.run([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
     assert path.read_text() == "before"
     (remains,) = set(tmp_path.iterdir()) - {path}
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text("after")
     assert remains.exists()  # it might be another process's
     os.utime(remains, (remains.stat().st_mtime - 2 * ABANDONED,) * 2)
-    with written_whole(tmp_path / "b.txt") as part:
+    with atomic_write(tmp_path / "b.txt") as part:
         part.write_text("other")
     assert contents(tmp_path) == {"a.txt": b"after", "b.txt": b"other"}
 
@@ -71,7 +71,7 @@ def test_links_permissions_and_long_names_stay(tmp_path: Path) -> None:
     path.write_text("before")
     path.chmod(0o640)
     link.symlink_to(path)
-    with written_whole(link) as part:
+    with atomic_write(link) as part:
         part.write_text("after")
     assert link.is_symlink()
     assert path.read_text() == "after"
@@ -79,7 +79,7 @@ def test_links_permissions_and_long_names_stay(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_no_file_is_written_to_directly() -> None:
-    with written_whole(os.devnull) as part:
+    with atomic_write(os.devnull) as part:
         assert str(part) == os.devnull
 
 
@@ -102,7 +102,7 @@ def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple
     assert run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest").exit_code == 0
     before = contents(tmp_path)
     for option in ("--initial", "--earlier-map"):
-        refused(
+        assert_refused(
             run(zoomout, "match", *meshes, "-o", path, option, path), "map.npz is an input, and would be overwritten"
         )
     assert contents(tmp_path) == before
@@ -118,7 +118,7 @@ def test_zoomout_keeps_the_former_map_where_a_limit_ends_the_new_one(
     before = contents(tmp_path)
     with size_limit(2048):
         ran = run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest")
-    refused(ran, "map.npz could not be written (File too large)")
+    assert_refused(ran, "map.npz could not be written (File too large)")
     assert contents(tmp_path) == before
 
 
@@ -127,4 +127,4 @@ def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Pat
         pytest.skip("permissions do not hold this user back")
     folder = tmp_path / "locked"
     folder.mkdir(0o555)
-    refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")
+    assert_refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")

@@ -9,7 +9,7 @@ import numpy as np
 import pymeshlab
 import pytest
 from click.testing import Result
-from doors import Limit, contents, refused
+from doors import Limit, assert_refused, contents
 from doors import run as run_command
 from PIL import Image
 
@@ -49,12 +49,12 @@ def test_an_output_that_is_an_input_is_refused(coloured: tuple[Path, Path], scri
         ("run", script, target, "-o", target),
         ("run", script, source, target, "-o", source),
     ):
-        refused(run(*command), "is an input, and would be overwritten")
+        assert_refused(run(*command), "is an input, and would be overwritten")
         assert contents(tmp_path) == before
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / target.name).symlink_to(target)
-    refused(run("transfer", source, target, "-o", folder), "is an input, and would be overwritten")
+    assert_refused(run("transfer", source, target, "-o", folder), "is an input, and would be overwritten")
     assert contents(tmp_path)[target.name] == before[target.name]
 
 
@@ -77,7 +77,7 @@ def test_a_limit_leaves_the_former_file(
     before = contents(tmp_path)
     with size_limit(4096):
         ran = run("run", script, meshes[0], "-o", out)
-    refused(ran, f"out.{ending} could not be written")
+    assert_refused(ran, f"out.{ending} could not be written")
     assert contents(tmp_path) == before
 
 
@@ -92,7 +92,9 @@ def test_a_report_that_cannot_be_written_leaves_the_former_one(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    refused(run("transfer", *coloured, "-o", folder, "--detail", "fast"), "report.json could not be written (No space")
+    assert_refused(
+        run("transfer", *coloured, "-o", folder, "--detail", "fast"), "report.json could not be written (No space"
+    )
     assert (folder / "report.json").read_bytes() == b"before"
 
 

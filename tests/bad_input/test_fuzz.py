@@ -52,7 +52,7 @@ def test_what_is_neither_is_a_finding(tmp_path: Path, monkeypatch: pytest.Monkey
     assert fault_of(refuses("The file is broken: export it again."), tmp_path) == ("refused", "")
     assert fault_of(refuses("broken"), tmp_path) == ("finding", "is no sentence: 'broken'")
     assert fault_of(Reader(".off", crashes, ()), tmp_path) == ("finding", "IndexError: list index out of range")
-    monkeypatch.setattr("fuzz.MOST_SECONDS", 0.01)
+    monkeypatch.setattr("fuzz.MAX_SECONDS", 0.01)
     assert fault_of(Reader(".off", busy, ()), tmp_path)[0] == "finding"
     monkeypatch.setattr("fuzz.readers", lambda: {"one": Reader(".off", crashes, (b"OFF 1",))})
     ends, findings = run(3, 0, tmp_path / "kept")

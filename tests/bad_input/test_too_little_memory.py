@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import creature
-from doors import contents, refused, run
+from doors import assert_refused, contents, run
 
 import zoomout_core as zo
 from zoomout_core import __main__ as entry
@@ -28,11 +28,11 @@ NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
     "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.dense_map:refine"),
     "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
-    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:kept_working_mesh"),
+    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:cached_working_mesh"),
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
     "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank"),
     "transfer": (lambda: zo.transfer(VALUES, MAP, SOURCE, TARGET), "transfer.rules:transfer_along"),
-    "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conformed"),
+    "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conform_target"),
     "wrap": (lambda: zo.wrap(MAP, SOURCE, TARGET), "transfer.wrapping.wrap:map_target"),
     "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry"),
 }
@@ -81,7 +81,7 @@ def test_commands_say_it_and_write_nothing(
     (meshes[0].parent / "map.npz").write_bytes(b"the former map")
     before = contents(meshes[0].parent)
     without_memory(monkeypatch, place)
-    refused(run(main, *arguments), NO_MEMORY)
+    assert_refused(run(main, *arguments), NO_MEMORY)
     assert contents(meshes[0].parent) == before
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from creatures import creature
-from doors import refused, run
+from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
@@ -74,4 +74,4 @@ def test_the_extra_that_a_format_needs_is_named(
     path = tmp_path / name
     path.write_bytes(b"something")
     ran = run(main, "info", path)
-    refused(ran, "requires a package that is not installed: pip install 'zoomout-core[formats]'")
+    assert_refused(ran, "requires a package that is not installed: pip install 'zoomout-core[formats]'")

@@ -13,9 +13,9 @@ from creatures import creature, true_vertex
 import zoomout_core as zo
 from benchmarks.baselines import bcicp as bcicp_module
 from benchmarks.baselines import rhm as rhm_module
-from benchmarks.baselines.bcicp import Side, bcicp, covering, smoothed, turned_to_inverse
-from benchmarks.baselines.deblur import deblur, deblurred
-from benchmarks.baselines.kernel_matching import assigned, kernel_matching
+from benchmarks.baselines.bcicp import Side, bcicp, covering, smooth_map, turn_to_inverse
+from benchmarks.baselines.deblur import deblur, deblur_map
+from benchmarks.baselines.kernel_matching import assign, kernel_matching
 from benchmarks.baselines.rhm import Embedded, geodesic_embedding, images, rhm
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import nearest_orthonormal, spectral_icp
@@ -62,7 +62,7 @@ def grid(size: int = 11) -> Surface:
 
 def test_deblurring_brings_the_targets_functions_to_the_source() -> None:
     source, target, double = line([1, 2, 3, 4]), line([1, 2]), np.array([[2.0]])
-    np.testing.assert_array_equal(deblurred(double, source, target), [1, 3])  # 2 and 4 among 1, 2, 3, 4
+    np.testing.assert_array_equal(deblur_map(double, source, target), [1, 3])  # 2 and 4 among 1, 2, 3, 4
     np.testing.assert_array_equal(vertex_map_of(double, source, target), [0, 0])  # ZoomOut: 1 and 2 among 2, 4, 6, 8
 
 
@@ -81,7 +81,7 @@ def test_icp_turns_a_circle_by_what_its_map_says(circle: SpectralBasis) -> None:
 
 
 def test_an_assignment_is_the_best_in_all_and_not_for_each_row() -> None:
-    np.testing.assert_array_equal(assigned(np.array([[5.0, 4], [4, 1]])), [1, 0])
+    np.testing.assert_array_equal(assign(np.array([[5.0, 4], [4, 1]])), [1, 0])
 
 
 def test_kernels_make_a_bijection_of_a_map_that_is_none(circle: SpectralBasis) -> None:
@@ -91,8 +91,8 @@ def test_kernels_make_a_bijection_of_a_map_that_is_none(circle: SpectralBasis) -
 
 
 def test_bcicp_turns_a_functional_map_into_the_inverse_of_the_one_back() -> None:
-    np.testing.assert_allclose(turned_to_inverse(turn(30), turn(20)), turn(-20), atol=1e-12)
-    np.testing.assert_allclose(turned_to_inverse(2 * turn(30), turn(20)), 2 * turn(-20), atol=1e-12)
+    np.testing.assert_allclose(turn_to_inverse(turn(30), turn(20)), turn(-20), atol=1e-12)
+    np.testing.assert_allclose(turn_to_inverse(2 * turn(30), turn(20)), 2 * turn(-20), atol=1e-12)
 
 
 def test_missed_vertices_are_covered_where_the_old_image_stays_reached() -> None:
@@ -107,9 +107,9 @@ def test_missed_vertices_are_covered_where_the_old_image_stays_reached() -> None
 def test_what_stands_out_of_its_surroundings_is_smoothed_away() -> None:
     plane = grid()
     vertex = np.arange(121)
-    np.testing.assert_array_equal(smoothed(vertex, plane, plane), vertex)
+    np.testing.assert_array_equal(smooth_map(vertex, plane, plane), vertex)
     torn = np.where(vertex == 60, 0, vertex)  # the middle goes to a corner
-    mended = smoothed(torn, plane, plane)
+    mended = smooth_map(torn, plane, plane)
     assert mended[60] in (49, 50, 59, 61, 70, 71)
     np.testing.assert_array_equal(np.delete(mended, 60), np.delete(vertex, 60))
 
@@ -118,7 +118,7 @@ def test_a_jump_that_is_no_small_piece_takes_the_median_of_its_neighbours(monkey
     monkeypatch.setattr(bcicp_module, "OUTLIERS", 0.0)
     plane = grid()
     torn = np.where(np.arange(121) == 60, 0, np.arange(121))
-    mended = smoothed(torn, plane, plane)
+    mended = smooth_map(torn, plane, plane)
     # The neighbours' images are a hexagon, drawn out along one diagonal of the squares: its far corners are not median.
     assert mended[60] in (49, 59, 61, 71)
     np.testing.assert_array_equal(np.delete(mended, 60), np.delete(np.arange(121), 60))

@@ -136,7 +136,7 @@ def test_a_case_becomes_a_row_and_rows_a_summary(tmp_path: Path) -> None:
     bent = creature(700, 1, bend=0.9)
     turned = bent.surface.with_vertices(bent.surface.vertices[:, [1, 2, 0]])
     case = _case(creature(900, 0), replace(bent, surface=turned))
-    row, result = table.measured(case)
+    row, result = table.measure(case)
     assert row["limb"] > 0.95
     assert row["DT limb"] < 0.5
     assert row["right"]

@@ -78,7 +78,7 @@ def test_the_potential_is_zero_at_matches_and_one_far_from_them() -> None:
 
 
 def test_a_model_is_found_in_its_scene(animals: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    scene = clutter.made_scene(animals / "tosca_r", "beast0", "beast1", "other0")
+    scene = clutter.make_scene(animals / "tosca_r", "beast0", "beast1", "other0")
     assert 0.3 < (scene.truth >= 0).mean() < 0.95
     np.testing.assert_array_equal(scene.truth[scene.matches[:, 0]], scene.matches[:, 1])
     methods = {name: clutter.METHODS[name] for name in ("initial, from the matches", "LMH", "PFM", "ZoomOut")}
@@ -93,7 +93,7 @@ def test_a_model_is_found_in_its_scene(animals: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_pictured_model_carries_the_colours_of_the_scene(animals: Path) -> None:
-    scene = clutter.made_scene(animals / "tosca_r", "beast0", "beast1", "other0")
+    scene = clutter.make_scene(animals / "tosca_r", "beast0", "beast1", "other0")
     shown = clutter._views(scene, {"zo": np.zeros(len(scene.truth), dtype=int)})
     assert [view.caption for view in shown[1:]] == ["truth", "zo"]
     first, unseen = np.flatnonzero(scene.truth >= 0)[0], scene.truth < 0

@@ -110,7 +110,7 @@ def guessed(method: str, pair: PairOfParts) -> tuple[Any, Map]:
 
 
 def test_each_kind_of_parts_has_a_row_beside_published_figures(parts: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(correspondence, "_matched", guessed)
+    monkeypatch.setattr(correspondence, "_match", guessed)
     tables = correspondence.run(parts, None, False, None)
     rows = {row["set"]: row for row in tables["parts"]}
     assert {name: row["pairs"] for name, row in rows.items()} == {"cuts": 2, "holes": 1, "both cut, other species": 1}

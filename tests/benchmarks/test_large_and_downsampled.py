@@ -29,7 +29,7 @@ def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(starts, "K_SIGNATURES", 60)
     monkeypatch.setattr(large, "K_SIGNATURES", 60)
     monkeypatch.setattr(downsampled, "K_SIGNATURES", 60)
-    monkeypatch.setattr(datasets, "MOST_PLACES", 100)
+    monkeypatch.setattr(datasets, "MAX_PLACES", 100)
     return tmp_path
 
 
@@ -53,7 +53,7 @@ def test_large_meshes_are_refined_by_each_method_and_drawn(meshes: Path, monkeyp
 
 
 def test_rhm_is_left_out_where_it_takes_minutes(meshes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large, "MOST_FOR_RHM", VERTICES - 1)
+    monkeypatch.setattr(large, "MAX_FOR_RHM", VERTICES - 1)
     assert "RHM" not in large._methods(datasets.load_same_order(meshes, "a", "b"))
 
 

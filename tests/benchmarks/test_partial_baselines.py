@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from benchmarks.baselines import gtm as gtm_module
 from benchmarks.baselines.bcicp import Side
-from benchmarks.baselines.cpd import LAMBDA, OUTLIERS, cpd, kernel, probabilities, registered
+from benchmarks.baselines.cpd import LAMBDA, OUTLIERS, cpd, kernel, probabilities, register
 from benchmarks.baselines.fc import fc
-from benchmarks.baselines.gtm import DISTORTION, agreeing, gtm, interpolated, payoffs
+from benchmarks.baselines.gtm import DISTORTION, agreeing, gtm, interpolate, payoffs
 from zoomout_core.mesh.surface import Surface
 
 # --- coherent point drift -----------------------------------------------------------------------------------
@@ -31,12 +31,12 @@ def test_a_point_belongs_to_the_centres_by_their_likelihood_and_to_none_by_the_o
 def test_an_iteration_solves_the_papers_system() -> None:
     random = np.random.default_rng(0)
     moving, fixed = random.standard_normal((2, 30, 3))
-    drift = registered(moving, fixed, iterations=1)
+    drift = register(moving, fixed, iterations=1)
     variance = ((moving[:, None] - fixed) ** 2).sum(axis=2).mean() / 3
     share = probabilities(moving, fixed, variance)
     system = np.diag(share.sum(axis=1)) @ kernel(moving, moving) + LAMBDA * variance * np.eye(30)
     weights = np.linalg.solve(system, share @ fixed - share.sum(axis=1)[:, None] * moving)
-    np.testing.assert_allclose(drift.moved(moving), moving + kernel(moving, moving) @ weights, atol=1e-6)
+    np.testing.assert_allclose(drift.move(moving), moving + kernel(moving, moving) @ weights, atol=1e-6)
 
 
 def test_points_drift_onto_their_bent_copy() -> None:
@@ -76,12 +76,12 @@ def test_a_vertex_goes_where_it_is_as_far_from_the_matches() -> None:
     # On a line of five vertices the matched points are the ends; the source is the same line, turned round.
     line = np.arange(5) / 4
     from_targets = np.vstack([line, 1 - line])
-    np.testing.assert_array_equal(interpolated(from_targets, from_targets[::-1]), [4, 3, 2, 1, 0])
+    np.testing.assert_array_equal(interpolate(from_targets, from_targets[::-1]), [4, 3, 2, 1, 0])
     torn = from_targets[::-1].copy()
     torn[:, 4] = np.inf  # what cannot be reached from the matches is no image
-    np.testing.assert_array_equal(interpolated(from_targets, torn), [3, 3, 2, 1, 0])
+    np.testing.assert_array_equal(interpolate(from_targets, torn), [3, 3, 2, 1, 0])
     from_targets[:, 2] = np.inf
-    np.testing.assert_array_equal(interpolated(from_targets, from_targets[::-1])[[0, 2]], [4, -1])
+    np.testing.assert_array_equal(interpolate(from_targets, from_targets[::-1])[[0, 2]], [4, -1])
 
 
 # --- easy pairs ---------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from creatures import Creature, creature, true_vertex
 import zoomout_core as zo
 from benchmarks.baselines import pfm as module
 from benchmarks.baselines.bcicp import Side
-from benchmarks.baselines.lmh import kernels, lmh, localized_harmonics, transported
+from benchmarks.baselines.lmh import kernels, lmh, localized_harmonics, transport
 from benchmarks.baselines.pfm import (
     MapEnergy,
     RegionEnergy,
@@ -171,7 +171,7 @@ def test_without_a_region_and_without_globals_they_are_eigenfunctions(whole: Cre
 def test_functions_are_transported_by_least_squares() -> None:
     C = np.array([[0.0, 2], [1, 0]])
     functions = np.array([[1.0, 0, 1], [0, 1, 1]])
-    np.testing.assert_allclose(transported(functions, C @ functions), C, rtol=0.05, atol=0.05)
+    np.testing.assert_allclose(transport(functions, C @ functions), C, rtol=0.05, atol=0.05)
 
 
 def test_heat_at_a_match_is_its_row_at_three_decays() -> None:

@@ -43,7 +43,7 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> None:
         return SimpleNamespace(certainty=0.95), np.full(3, 10.0 if pair.source_name.endswith("b") else 200.0)
 
     for module in (point_clouds, discretisation):
-        monkeypatch.setattr(module, "matched", outcome)
+        monkeypatch.setattr(module, "match", outcome)
 
 
 @pytest.mark.usefixtures("matched")
@@ -65,7 +65,7 @@ def test_maps_of_clouds_are_refined(people: Path, tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(point_clouds, "K_FINAL", 40)
     monkeypatch.setattr(point_clouds, "K_SIGNATURES", 60)
     right = SimpleNamespace(certainty=1.0), np.zeros(3)
-    monkeypatch.setattr(point_clouds, "matched", lambda _: right)
+    monkeypatch.setattr(point_clouds, "match", lambda _: right)
     made = point_clouds._methods
 
     def quick(pair: PairOfMeshes, seed: int) -> dict[str, object]:
@@ -109,6 +109,6 @@ def test_each_kind_of_mesh_has_a_row_against_each_kind(people: Path) -> None:
 
 def test_a_match_is_measured_at_known_places(data: Path) -> None:
     pair = load_pair(data / "creatures", "a", "b")
-    result, errors = discretisation.matched(pair)
+    result, errors = discretisation.match(pair)
     own = 1000 * zo.geodesic_error(result.surface_map, pair.source, pair.target_vertex, pair.source_vertex)
     assert errors.mean() == pytest.approx(own.mean(), rel=0.2)

@@ -27,7 +27,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(refinement, "METHODS", {name: refinement.METHODS[name] for name in QUICK})
     monkeypatch.setattr(refinement, "K_FINAL", 30)
     monkeypatch.setattr(refinement, "K_FIXED", 20)
-    monkeypatch.setattr(datasets, "MOST_PLACES", 100)
+    monkeypatch.setattr(datasets, "MAX_PLACES", 100)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from creatures import creature, mirrored_vertex
 
 from benchmarks import overfitting, signs
-from benchmarks.signs import Ranked, rows_of, shown
+from benchmarks.signs import Ranked, distinct_rows, rows_of
 from zoomout_core.mesh.surface import Surface
 
 
@@ -49,7 +49,7 @@ def test_repetitions_and_the_identity_are_named_and_not_shown() -> None:
     rows = rows_of(square, ranked)
     assert [row["same as"] for row in rows] == ["the identity", None, "rank 1", None]
     assert rows[1]["there twice"] == rows[1]["off a rigid motion"] == 0
-    assert [row["rank"] for row in shown([{"shape": "square"} | row for row in rows])] == [1, 2]
+    assert [row["rank"] for row in distinct_rows([{"shape": "square"} | row for row in rows])] == [1, 2]
 
 
 def test_shapes_of_the_folder_have_rows_and_pictures(

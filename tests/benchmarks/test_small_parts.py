@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from benchmarks import small_parts
 from benchmarks.__main__ import main
 from benchmarks.datasets import CORRESPONDENCE
-from benchmarks.small_parts import Limb, cut_off
+from benchmarks.small_parts import Limb, cut_limb
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
@@ -26,7 +26,7 @@ from zoomout_core.mesh.triangles import edge_graph
 def test_what_is_cut_off_is_one_piece_around_the_tip() -> None:
     surface = creature(600).surface
     far = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=[7])[0]
-    part, kept = cut_off(surface, 7, 1.0)
+    part, kept = cut_limb(surface, 7, 1.0)
     assert 7 in kept
     assert 3 < len(kept) < 600
     assert far[kept].max() < 1.0

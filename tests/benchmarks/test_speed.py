@@ -50,7 +50,7 @@ def test_stages_add_up(tables: dict[str, list[dict]]) -> None:
 
 def test_subdivided_meshes_keep_their_order_and_their_shape() -> None:
     poses = [creature(600, 0, bend).surface for bend in (0.0, 0.9)]
-    fine = [speed.subdivided(pose, 1, seed) for seed, pose in enumerate(poses)]
+    fine = [speed.subdivide_triangles(pose, 1, seed) for seed, pose in enumerate(poses)]
     np.testing.assert_array_equal(fine[0].triangles, fine[1].triangles)
     assert len(fine[0].triangles) == 4 * len(poses[0].triangles)
     for before, after in zip(poses, fine, strict=True):

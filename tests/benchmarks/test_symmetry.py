@@ -19,7 +19,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 @pytest.fixture(scope="module")
 def tables(data: Path) -> Iterator[dict]:
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"SETS": ("creatures",), "MOST_SHAPES": 1, "K_SIGNATURES": 60, "K_FIXED": 20}.items():
+        for name, value in {"SETS": ("creatures",), "MAX_SHAPES": 1, "K_SIGNATURES": 60, "K_FIXED": 20}.items():
             patch.setattr(symmetry_refinement, name, value)
         patch.setattr(symmetry_refinement, "FINAL", 40)
         yield symmetry.run(data, None, False, None)

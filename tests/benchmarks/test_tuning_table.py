@@ -30,8 +30,8 @@ def test_each_number_is_tried_with_less_and_with_more(data: Path, monkeypatch: p
 
 
 def test_values_stay_in_their_range_whole_or_nested() -> None:
-    assert tuning._scaled(((1, 4), (2, 7)), 0.5, 1, 100) == ((1, 2), (1, 4))
-    assert tuning._scaled(0.8, 2.0, 0, 1) == 1.0
+    assert tuning._scale(((1, 4), (2, 7)), 0.5, 1, 100) == ((1, 2), (1, 4))
+    assert tuning._scale(0.8, 2.0, 0, 1) == 1.0
     for stage in stages().values():
         for number, value in tuning._trials(stage):
             assert type(value) is type(getattr(stage, number))

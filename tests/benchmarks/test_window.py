@@ -14,7 +14,7 @@ from creatures import creature
 
 from benchmarks import window
 from benchmarks.window import scene, undo
-from benchmarks.window.watching import watched
+from benchmarks.window.watching import watch
 from blender_addon.demo import Size
 from blender_addon.jobs import pause
 from blender_addon.operators import modal_operator
@@ -78,7 +78,7 @@ def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
         written.append("all")
         return "Done"
 
-    seen = watched(lambda: modal_operator.run(work()), escape_after=0.0)
+    seen = watch(lambda: modal_operator.run(work()), escape_after=0.0)
     assert not written
     assert not seen.steps
     assert seen.closing > 0

@@ -3,7 +3,7 @@
 
 import bpy
 import numpy as np
-from rigged import posed_target, source_and_rig
+from rigged import pose_target, source_and_rig
 from scenes import activate, add_uv_map, ellipsoid, new_material, positions
 
 import zoomout_core as zo
@@ -27,7 +27,7 @@ def write_pair(hero, scan):
     a smooth surface over them, and something that is hidden.
     """
     body, armature = source_and_rig()
-    target, at_rest = posed_target(body, armature, name="Body")
+    target, at_rest = pose_target(body, armature, name="Body")
     stored_match.remove(target.data)
     target.modifiers.new("Smooth", "SUBSURF")
     body.name = "Hero"

@@ -3,7 +3,7 @@
 
 import bpy
 import numpy as np
-from scenes import activate, linked
+from scenes import activate, link
 
 # Name: joint that it hangs from, place, radius. Limbs exist on both sides, the left one is +x.
 JOINTS = {
@@ -49,7 +49,7 @@ def character(levels=3):
     names = list(joints)
     edges = [(names.index(parent), names.index(name)) for name, (parent, _, _) in joints.items() if parent]
     mesh.from_pydata([place for _, place, _ in joints.values()], edges, [])
-    obj = linked("Character", mesh)
+    obj = link("Character", mesh)
     activate(obj)
     obj.modifiers.new("Skin", "SKIN")
     for vertex, (_, _, radius) in zip(mesh.skin_vertices[0].data, joints.values(), strict=True):
@@ -65,7 +65,7 @@ def character(levels=3):
     return obj, _rig(obj, joints)
 
 
-def posed_copy(obj, armature, voxel_size=0.045):
+def pose_copy(obj, armature, voxel_size=0.045):
     """A mesh of the posed character with another topology, and the posed original that it was made from."""
     for name, angles in POSE.items():
         bone = armature.pose.bones[name]
@@ -73,8 +73,8 @@ def posed_copy(obj, armature, voxel_size=0.045):
         bone.rotation_euler = angles
     bpy.context.view_layer.update()
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    posed = linked("Posed", bpy.data.meshes.new_from_object(evaluated))
-    remeshed = linked("Target", posed.data.copy())
+    posed = link("Posed", bpy.data.meshes.new_from_object(evaluated))
+    remeshed = link("Target", posed.data.copy())
     remeshed.data.remesh_voxel_size = voxel_size
     activate(remeshed)
     bpy.ops.object.voxel_remesh()

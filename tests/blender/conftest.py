@@ -18,7 +18,7 @@ from blender_addon.storage import stored_symmetry
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _each_match_once(remembered_matches):
+def _each_match_once(remember_matches):
     """Matches are the core's, and tested there."""
 
 

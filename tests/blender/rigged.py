@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 from bent_tube import LENGTH, tube, weights_of
 from mathutils import Euler, Matrix
-from scenes import activate, from_pydata, linked, positions, set_weights
+from scenes import activate, from_pydata, link, positions, set_weights
 from true_match import keep_true_match
 
 BONES = ("Lower", "Middle", "Upper")
@@ -20,7 +20,7 @@ def mesh_object(name, surface):
 
 def rig(name="Rig", bones=BONES):
     """An armature along the tube, linked to the scene."""
-    armature = linked(name, bpy.data.armatures.new(name))
+    armature = link(name, bpy.data.armatures.new(name))
     activate(armature)
     bpy.ops.object.mode_set(mode="EDIT")
     for i, bone in enumerate(bones):
@@ -57,7 +57,7 @@ def set_pose(armature, pose):
     bpy.context.view_layer.update()
 
 
-def seen(obj):
+def visible_positions(obj):
     """(n, 3) where an object's vertices are seen."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     evaluated = obj.evaluated_get(depsgraph)
@@ -67,7 +67,7 @@ def seen(obj):
     return points
 
 
-def posed_target(source, armature, pose=None, name="Target", matrix=None):
+def pose_target(source, armature, pose=None, name="Target", matrix=None):
     """A mesh of other topology, in a pose of the source, that has nothing else; and its vertices at rest.
 
     Its match is stored, and true.
@@ -79,9 +79,9 @@ def posed_target(source, armature, pose=None, name="Target", matrix=None):
     twin.parent = armature
     twin.modifiers.new("Armature", "ARMATURE").object = armature
     set_pose(armature, POSE if pose is None else pose)
-    points = seen(twin)
+    points = visible_positions(twin)
     set_pose(armature, {})
-    at_rest = seen(twin)
+    at_rest = visible_positions(twin)
     bpy.data.meshes.remove(twin.data)
     target = mesh_object(name, still.with_vertices(points.astype(np.float64)))
     if matrix is not None:
@@ -106,7 +106,7 @@ def truth(armature, pose, at_rest):
     return moved[:, :3]
 
 
-def sheared():
+def shear():
     """A matrix of a rotation, a translation and scales that differ."""
     return Matrix.LocRotScale((1, 2, 3), Euler((0.4, 0.2, 1.0)), (1.5, 0.7, 2.0))
 

@@ -34,10 +34,10 @@ def ellipsoid(name="Mesh", subdivisions=5, radii=(1.0, 0.7, 0.5)):
     points *= np.array(radii) * (1 + 0.8 * bump[:, None])
     mesh.vertices.foreach_set("co", points.ravel())
     mesh.update()
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
-def decimated(name="Target", subdivisions=5):
+def decimate(name="Target", subdivisions=5):
     """The ellipsoid with fewer triangles, in the same place."""
     obj = ellipsoid(name, subdivisions)
     activate(obj)
@@ -46,7 +46,7 @@ def decimated(name="Target", subdivisions=5):
     return obj
 
 
-def linked(name, mesh):
+def link(name, mesh):
     """An object of a mesh, in the scene."""
     obj = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(obj)
@@ -56,7 +56,7 @@ def linked(name, mesh):
 def from_pydata(name, vertices, faces):
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices, [], faces)
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
 def delete_vertex(obj):
@@ -153,7 +153,7 @@ def shape_keys(mesh):
     return keys, drivers, animation and animation.action and animation.action.name
 
 
-def seen_positions(obj):
+def visible_positions(obj):
     """(n, 3) positions in world space as the modifiers and shape keys leave them."""
     bpy.context.view_layer.update()
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())

@@ -8,14 +8,14 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from rigged import posed_target, source_and_rig
+from rigged import pose_target, source_and_rig
 from scenes import (
     activate,
     add_attribute,
     add_uv_map,
-    decimated,
+    decimate,
     ellipsoid,
-    linked,
+    link,
     new_material,
     positions,
     set_weights,
@@ -172,7 +172,7 @@ def without_handlers():
 @pytest.fixture
 def rich():
     """A source that has something of all kinds, and a target that has other things of the same names; not matched."""
-    source, target = ellipsoid("Source", 3), decimated(subdivisions=3)
+    source, target = ellipsoid("Source", 3), decimate(subdivisions=3)
     for obj in (source, target):
         count = len(obj.data.vertices)
         add_uv_map(obj.data, "UV")
@@ -192,11 +192,11 @@ def rich():
     end.id_type, end.id, end.data_path = "KEY", source.data.shape_keys, "eval_time"
     source.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(source.data.loops), 1)).tolist())
     add_key(target, "Basis 2", 0)
-    user = linked("User", None)  # of a key of the target
+    user = link("User", None)  # of a key of the target
     end = user.driver_add("location", 0).driver.variables.new().targets[0]
     end.id_type, end.id, end.data_path = "KEY", target.data.shape_keys, 'key_blocks["Key"].value'
     target["own"], target.data["own"] = 3, "text"
-    linked("Sharing", target.data)
+    link("Sharing", target.data)
     activate(target, source)
     bpy.context.view_layer.update()
     return source, target
@@ -214,10 +214,10 @@ def test_a_transfer(rich):
 
 def test_binding_to_a_rig_with_what_is_worn():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
-    child = linked("Child", None)
+    target, _ = pose_target(source, armature)
+    child = link("Child", None)
     child.parent, target.location.x = target, 0
-    other = linked("Rig before", bpy.data.armatures.new("Rig before"))
+    other = link("Rig before", bpy.data.armatures.new("Rig before"))
     target.modifiers.new("Before", "WARP")
     target.modifiers.new("Skeleton", "ARMATURE").object = other
     target.modifiers.new("Behind", "SMOOTH").show_viewport = False
@@ -290,7 +290,7 @@ def test_a_mirrored_sculpt(body):
 
 
 def test_cutting_and_bending():
-    source, target = ellipsoid("Source", 3), decimated(subdivisions=3)
+    source, target = ellipsoid("Source", 3), decimate(subdivisions=3)
     add_uv_map(source.data, "UV")
     layer = source.data.uv_layers["UV"].data
     for polygon in source.data.polygons:  # two islands

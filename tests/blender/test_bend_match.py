@@ -13,7 +13,7 @@ from blender_addon import jobs
 from blender_addon.scene.landmarks import landmark_pairs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.bend_match import bend_match
-from blender_addon.services.preflight import outdated
+from blender_addon.services.preflight import find_outdated
 from blender_addon.storage import stored_match
 
 HERE, THERE = np.array([0.2, 0.6, 0.3]), np.array([0.4, 0.55, 0.3])
@@ -50,11 +50,11 @@ def test_the_match_meets_the_landmark_and_stays_far_from_it(source, marked):
 def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source, marked):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     stored_match.write(marked.data, stored_match.read(marked.data, pair), pair, {stored_match.LANDMARKS: "other"})
-    assert outdated(bpy.context, marked)
+    assert find_outdated(bpy.context, marked)
     said = bend_match(bpy.context, marked)
     bend_match(bpy.context, marked)
     assert said.startswith("Bent the match of 'Target' to 1 landmark, after a miss of up to ")
-    assert outdated(bpy.context, marked) == []
+    assert find_outdated(bpy.context, marked) == []
     bent = stored_match.read(marked.data, pair)
     assert zo.evaluation.flipped_share(bent.surface_map, pair.source, pair.target) < 0.01
     assert bent.notes == ("Bent to 1 landmark.",)

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Euler, Matrix
-from rigged import BONES, OTHER, posed_target, seen, set_pose, source_and_rig
+from rigged import BONES, OTHER, pose_target, set_pose, source_and_rig, visible_positions
 from scenes import activate, ellipsoid, from_pydata, positions
 
 from blender_addon import api, mesh_data
@@ -23,7 +23,7 @@ THICK = 0.07
 def share_off(source, target):
     """(n,) distances of a target's vertices from the source's surface, as both are seen, over the source's height."""
     surface = mesh_data.read_source_surface(source, bpy.context.evaluated_depsgraph_get())
-    places, points = seen(source), seen(target)
+    places, points = visible_positions(source), visible_positions(target)
     triangle, barycentric = closest_points(points, places, surface.triangles)
     nearest = np.einsum("nc,ncx->nx", barycentric, places[surface.triangles[triangle]])
     return np.linalg.norm(points - nearest, axis=1) / np.ptp(places, axis=0).max()
@@ -32,7 +32,7 @@ def share_off(source, target):
 def test_a_rig_in_centimetres_whose_bones_have_a_prefix_poses_the_target():
     place = Matrix.LocRotScale((0, 0, 0), Euler((radians(90), 0, 0)), (0.01, 0.01, 0.01))
     source, armature = source_and_rig(None, place)
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     for bone, name in zip(BONES, MIXAMO, strict=True):
         armature.data.bones[bone].name = name  # and the source's groups with it
     report = api.bind_to_rig(bpy.context, source, target)
@@ -99,5 +99,5 @@ def test_a_rig_of_rigify_poses_the_target_by_its_controls(rigify_rig):
     assert report["bound"] == {"armature": "rig", "shape": "rest_pose"}
     assert np.median(share_off(source, target)) < 2e-3
     move(hand_ik_R=(0.0, -0.3, 0.1), foot_ik_L=(0.0, 0.2, 0.2))
-    assert np.ptp(seen(source)[:, 1]) > 0.5  # it has moved
+    assert np.ptp(visible_positions(source)[:, 1]) > 0.5  # it has moved
     assert np.median(share_off(source, target)) < 2e-3

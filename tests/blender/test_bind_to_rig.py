@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 from drawing import Context, Layout
 from mathutils import Euler, Matrix
-from rigged import BONES, OTHER, POSE, mesh_object, posed_target, rig, seen, set_pose, sheared, source_and_rig, truth
+from rigged import (
+    BONES,
+    OTHER,
+    POSE,
+    mesh_object,
+    pose_target,
+    rig,
+    set_pose,
+    shear,
+    source_and_rig,
+    truth,
+    visible_positions,
+)
 from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, snapshot, weight_array
 from true_match import keep_true_match
 
@@ -26,7 +38,7 @@ PLACES = {
         Matrix.LocRotScale((5, -3, 2), Euler((0, 0.6, 2.0)), (0.5, 0.5, 0.5)),
         Matrix.LocRotScale((-4, 1, 0), Euler((1, 1, 0)), (3, 3, 3)),
     ),
-    "scaled unevenly": (sheared(), Matrix.LocRotScale((0, 1, 0), Euler((0, 0, 1)), (1, 1, 1)), sheared()),
+    "scaled unevenly": (shear(), Matrix.LocRotScale((0, 1, 0), Euler((0, 0, 1)), (1, 1, 1)), shear()),
     "mirrored": (Matrix.Diagonal((-1, 1, 1, 1)), None, None),
 }
 
@@ -45,7 +57,7 @@ def match_anew(target, at_rest):
 def off(target, armature, at_rest, pose=None):
     """Distances of a bound target's vertices from the truth, over the tube's length at the rig's scale."""
     wanted = truth(armature, OTHER if pose is None else pose, at_rest)
-    found = np.linalg.norm(seen(target) - wanted, axis=1) / (6 * armature.matrix_world.median_scale)
+    found = np.linalg.norm(visible_positions(target) - wanted, axis=1) / (6 * armature.matrix_world.median_scale)
     set_pose(armature, {})
     return found
 
@@ -54,8 +66,8 @@ def off(target, armature, at_rest, pose=None):
 def test_bones_pose_the_target_at_once(place):
     of_source, of_rig, of_target = PLACES[place]
     source, armature = source_and_rig(of_source, of_rig)
-    target, at_rest = posed_target(source, armature, matrix=of_target)
-    stood, before = seen(target), snapshot(source)
+    target, at_rest = pose_target(source, armature, matrix=of_target)
+    stood, before = visible_positions(target), snapshot(source)
     report = bind(source, target)
     assert np.median(off(target, armature, at_rest, {})) < 2e-3
     assert np.median(off(target, armature, at_rest)) < 2e-3
@@ -64,16 +76,16 @@ def test_bones_pose_the_target_at_once(place):
     assert report["written"]["vertex_groups"] == list(BONES)
     assert snapshot(source) == before
     target.data.shape_keys.key_blocks["Posed Shape"].value = 1
-    np.testing.assert_allclose(seen(target), stood, atol=1e-4)
+    np.testing.assert_allclose(visible_positions(target), stood, atol=1e-4)
     assert target.matrix_world.is_negative == (stood is None)
 
 
 def test_it_has_the_modifier_and_the_place_of_the_source():
-    source, armature = source_and_rig(sheared(), PLACES["anywhere"][1])
+    source, armature = source_and_rig(shear(), PLACES["anywhere"][1])
     modifier = source.modifiers["Skeleton"]
     set_weights(source, "Mask", np.zeros(len(source.data.vertices)))
     modifier.vertex_group, modifier.invert_vertex_group, modifier.use_multi_modifier = "Mask", True, True
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     target.modifiers.new("Smooth", "SMOOTH").show_viewport = False
     bind(source, target)
     assert [each.type for each in target.modifiers] == ["ARMATURE", "SMOOTH"]
@@ -89,7 +101,7 @@ def test_the_armature_stands_where_the_source_has_it_among_modifiers():
     source, armature = source_and_rig()
     source.modifiers.new("Smooth", "SMOOTH").factor = 0
     source.modifiers.move(1, 0)
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     for kind in ("SMOOTH", "WAVE"):
         target.modifiers.new(kind, kind).show_viewport = False
     bind(source, target)
@@ -103,24 +115,24 @@ def test_volume_is_preserved_where_the_source_preserves_it():
     pose = {"Middle": (0, 0, 1.3)}
     set_pose(armature, pose)
     target = mesh_object(
-        "Target", zo.Surface(seen(source).astype(float), [list(p.vertices) for p in source.data.polygons])
+        "Target", zo.Surface(visible_positions(source).astype(float), [list(p.vertices) for p in source.data.polygons])
     )
     set_pose(armature, {})
-    at_rest = seen(source)
+    at_rest = visible_positions(source)
     api.match_objects(bpy.context, source, target, initial="same_order")
     bind(source, target)
-    assert np.median(np.linalg.norm(seen(target) - at_rest, axis=1)) < 5e-3
+    assert np.median(np.linalg.norm(visible_positions(target) - at_rest, axis=1)) < 5e-3
     set_pose(armature, OTHER)
-    assert np.median(np.linalg.norm(seen(target) - seen(source), axis=1)) < 5e-3
+    assert np.median(np.linalg.norm(visible_positions(target) - visible_positions(source), axis=1)) < 5e-3
     assert target.modifiers["Skeleton"].use_deform_preserve_volume
 
 
 def test_the_rig_may_stand_in_a_pose_meanwhile():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     set_pose(armature, OTHER)
     bind(source, target)
-    assert np.median(np.linalg.norm(seen(target) - truth(armature, OTHER, at_rest), axis=1)) < 0.01
+    assert np.median(np.linalg.norm(visible_positions(target) - truth(armature, OTHER, at_rest), axis=1)) < 0.01
     for bone in armature.pose.bones:
         assert tuple(bone.rotation_euler) == pytest.approx(OTHER[bone.name])
 
@@ -129,7 +141,7 @@ def test_a_target_at_rest_keeps_its_shape():
     source, armature = source_and_rig()
     for shift, scale in ((0, 1), (7, 1), (-3, 2)):
         moved = Matrix.LocRotScale((shift, 0, 0), Euler((0, 0, 0)), (scale, scale, scale))
-        target, at_rest = posed_target(source, armature, {}, f"Target {shift}")
+        target, at_rest = pose_target(source, armature, {}, f"Target {shift}")
         target.data.transform(moved)
         match_anew(target, at_rest)
         report = bind(source, target)
@@ -141,22 +153,25 @@ def test_a_target_at_rest_keeps_its_shape():
 
 def test_what_is_said_of_the_shape_counts():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature, {"Middle": (0.4, 0, 0)})
-    stood = seen(target)
+    target, at_rest = pose_target(source, armature, {"Middle": (0.4, 0, 0)})
+    stood = visible_positions(target)
     assert bind(source, target, shape="keep_shape")["bound"]["shape"] == "keep_shape"
     assert (
-        np.abs(np.linalg.norm(stood[0] - stood, axis=1) - np.linalg.norm(seen(target)[0] - seen(target), axis=1)).max()
+        np.abs(
+            np.linalg.norm(stood[0] - stood, axis=1)
+            - np.linalg.norm(visible_positions(target)[0] - visible_positions(target), axis=1)
+        ).max()
         < 1e-4
     )
     assert off(target, armature, at_rest, {}).max() > 0.05
-    bent, at_rest = posed_target(source, armature, {"Middle": (0.06, 0, 0)}, "Bent")
+    bent, at_rest = pose_target(source, armature, {"Middle": (0.06, 0, 0)}, "Bent")
     assert bind(source, bent, shape="rest_pose")["bound"]["shape"] == "rest_pose"
     assert np.median(off(bent, armature, at_rest, {})) < 1e-3
 
 
 def test_shape_keys_of_the_target_turn_with_it():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     target.shape_key_add(name="Basis")
     key = target.shape_key_add(name="Shift")
     key.value = 0
@@ -182,7 +197,7 @@ def test_several_rigs_are_all_taken():
     face = rig("Face", ("Tip",))
     source.modifiers.new("Face", "ARMATURE").object = face
     set_weights(source, "Tip", np.zeros(len(source.data.vertices)))
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     bind(source, target)
     assert [(each.name, each.object.name) for each in target.modifiers] == [("Skeleton", "Rig"), ("Face", "Face")]
     assert target.parent == armature
@@ -193,7 +208,7 @@ def test_a_source_that_its_parent_deforms_is_as_good():
     source, armature = source_and_rig()
     source.modifiers.clear()
     source.parent_type = "ARMATURE"
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     bind(source, target)
     assert np.median(off(target, armature, at_rest)) < 2e-3
     assert [each.object for each in target.modifiers] == [armature]
@@ -202,7 +217,7 @@ def test_a_source_that_its_parent_deforms_is_as_good():
 def test_a_source_with_a_subdivision_is_read_at_rest():
     source, armature = source_and_rig()
     source.modifiers.new("Subdivision", "SUBSURF").levels = 1
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     set_pose(armature, OTHER)
     bind(source, target)
     set_pose(armature, {})
@@ -211,13 +226,13 @@ def test_a_source_with_a_subdivision_is_read_at_rest():
 
 def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     triangles = np.array([list(p.vertices) for p in source.data.polygons if len(p.vertices) == 4])
-    middle = seen(source)[triangles].mean(axis=1)[:, 2]
+    middle = visible_positions(source)[triangles].mean(axis=1)[:, 2]
     parts = []
     for name, chosen in (("Below", middle < 3), ("Above", middle >= 3)):
         used, faces = np.unique(triangles[chosen], return_inverse=True)
-        part = from_pydata(name, seen(source)[used].tolist(), faces.reshape(-1, 4).tolist())
+        part = from_pydata(name, visible_positions(source)[used].tolist(), faces.reshape(-1, 4).tolist())
         for bone in BONES:
             set_weights(part, bone, weight_array(source, bone)[used])
         part.parent = armature
@@ -239,7 +254,7 @@ def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
 
 def test_children_stay_where_they_are_and_what_hangs_from_bones_is_left_alone():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     child, hat = (bpy.data.objects.new(name, None) for name in ("Child", "Hat"))
     for obj in (child, hat):
         bpy.context.scene.collection.objects.link(obj)
@@ -255,7 +270,7 @@ def test_children_stay_where_they_are_and_what_hangs_from_bones_is_left_alone():
 
 def test_the_match_still_holds_afterwards():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     bind(source, target)
     report = api.transfer_objects(bpy.context, source, target, ["vertex_groups"])
     assert report["bound"] is None
@@ -264,7 +279,7 @@ def test_the_match_still_holds_afterwards():
 
 def test_weights_are_limited_and_sum_to_one():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     api.bind_to_rig(bpy.context, source, target, settings=api.Settings(limit=1))
     weights = np.stack([weight_array(target, bone) for bone in BONES])
     np.testing.assert_allclose(weights.sum(axis=0), 1, atol=1e-5)
@@ -273,7 +288,7 @@ def test_weights_are_limited_and_sum_to_one():
 
 def test_a_locked_group_of_a_bone_counts_as_it_is():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     set_weights(target, "Upper", np.clip(at_rest[:, 2] - 3.5, 0, 1)).lock_weight = True
     bind(source, target)
     assert np.median(off(target, armature, at_rest)) < 5e-3
@@ -281,11 +296,11 @@ def test_a_locked_group_of_a_bone_counts_as_it_is():
 
 def test_a_transfer_binds_where_it_is_asked_to():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
-    stood = seen(target)
+    target, at_rest = pose_target(source, armature)
+    stood = visible_positions(target)
     activate(target, source)
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}
-    np.testing.assert_array_equal(seen(target), stood)
+    np.testing.assert_array_equal(visible_positions(target), stood)
     bpy.context.scene.zoomout.bind = True
     assert bpy.ops.zoomout.transfer(uv_maps=False, shape=True) == {"FINISHED"}
     assert np.median(off(target, armature, at_rest)) < 2e-3
@@ -296,7 +311,7 @@ def test_a_transfer_binds_where_it_is_asked_to():
 
 def test_the_operator_binds_several_targets_in_one_step():
     source, armature = source_and_rig()
-    (one, rest_of_one), (two, rest_of_two) = (posed_target(source, armature, name=name) for name in ("One", "Two"))
+    (one, rest_of_one), (two, rest_of_two) = (pose_target(source, armature, name=name) for name in ("One", "Two"))
     activate(one, two, source)
     bpy.context.scene.zoomout.source = source
     assert bpy.ops.zoomout.bind_to_rig() == {"FINISHED"}
@@ -306,7 +321,7 @@ def test_the_operator_binds_several_targets_in_one_step():
 
 def test_it_is_matched_first_where_it_is_not():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     del target.data[stored_match.PROPERTY]
     with pytest.raises(zo.MeshError, match="vertices"):
         api.bind_to_rig(bpy.context, source, target, initial="same_order")
@@ -316,7 +331,7 @@ def test_it_is_matched_first_where_it_is_not():
 def test_a_bound_target_is_bound_anew_on_demand():
     source, armature = source_and_rig()
     other = rig("Other")
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     target.parent = other
     target.modifiers.new("Old", "ARMATURE").object = other
     with pytest.raises(zo.MeshError, match="'Target' is already bound to 'Other'"):
@@ -330,7 +345,7 @@ def test_a_bound_target_is_bound_anew_on_demand():
 
 def test_a_target_that_another_armature_has_posed_is_taken_as_it_is_seen():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature, {})
+    target, at_rest = pose_target(source, armature, {})
     bind(source, target)
     old = armature.copy()
     bpy.context.scene.collection.objects.link(old)
@@ -352,7 +367,7 @@ def _constrained(source, target, armature):
     target.constraints.new("COPY_LOCATION").target = post
     target.data.transform(Matrix.Translation((0, -3, 0)))
     bpy.context.view_layer.update()
-    keep_true_match(target, seen(target))
+    keep_true_match(target, visible_positions(target))
 
 
 def _shared(source, target, armature):
@@ -386,19 +401,19 @@ def _flat(source, target, armature):
 )
 def test_what_cannot_be_bound_is_refused_in_a_sentence_and_stays_as_it_is(change, sentence):
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     change(source, target, armature)
     bpy.context.view_layer.update()
-    before, stood = snapshot(target), seen(target)
+    before, stood = snapshot(target), visible_positions(target)
     with pytest.raises(zo.MeshError, match=sentence):
         bind(source, target)
     assert snapshot(target) == before
-    np.testing.assert_array_equal(seen(target), stood)
+    np.testing.assert_array_equal(visible_positions(target), stood)
 
 
 def test_weights_must_arrive_under_their_own_names():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     with pytest.raises(zo.MeshError, match="Flip Group Names cannot be used"):
         api.bind_to_rig(bpy.context, source, target, settings=api.Settings(flip_names=True))
     for bone in BONES:
@@ -414,7 +429,7 @@ def test_weights_must_arrive_under_their_own_names():
 @pytest.mark.parametrize("overridden", [False, True])
 def test_a_linked_rig_stays_untouched(tmp_path, overridden):
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     bpy.data.libraries.write(str(tmp_path / "rig.blend"), {source, armature})
     mesh, skeleton = source.data, armature.data
     bpy.data.meshes.remove(mesh)
@@ -433,12 +448,12 @@ def test_a_linked_rig_stays_untouched(tmp_path, overridden):
     assert target.parent == target.modifiers["Skeleton"].object == armature
     assert (armature.library is None) == overridden
     assert armature.data.library is not None
-    assert np.median(np.linalg.norm(seen(target) - at_rest, axis=1)) < 0.01
+    assert np.median(np.linalg.norm(visible_positions(target) - at_rest, axis=1)) < 0.01
 
 
 def test_the_button_is_grey_where_the_source_has_no_rig():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     activate(target, source)
     assert _usable("Bind to Rig")
     source.modifiers.clear()
@@ -455,7 +470,7 @@ def _usable(button):
 
 def test_a_subdivision_of_the_target_comes_behind_the_armature():
     source, armature = source_and_rig()
-    target, at_rest = posed_target(source, armature)
+    target, at_rest = pose_target(source, armature)
     target.modifiers.new("Subdivision", "SUBSURF")
     match_anew(target, at_rest)
     bind(source, target)
@@ -466,14 +481,14 @@ def test_a_subdivision_of_the_target_comes_behind_the_armature():
 
 def test_undo_takes_back_all_of_it():
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     activate(target, source)
     bpy.ops.ed.undo_push(message="before")
-    before, stood = snapshot(target), seen(target)
+    before, stood = snapshot(target), visible_positions(target)
     assert bpy.ops.zoomout.bind_to_rig("EXEC_DEFAULT", True) == {"FINISHED"}
     assert target.parent is not None
     bpy.ops.ed.undo()
     target = bpy.data.objects["Target"]
     assert snapshot(target) == before
     assert target.parent is None
-    np.testing.assert_array_equal(seen(target), stood)
+    np.testing.assert_array_equal(visible_positions(target), stood)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from character import character, posed_copy
+from character import character, pose_copy
 from click.testing import CliRunner
 from scenes import add_attribute, ellipsoid, key_shape, new_material, positions, values
 
@@ -46,7 +46,7 @@ def run(tmp_path_factory):
     folder, output = tmp_path_factory.mktemp("shapes"), tmp_path_factory.mktemp("out")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     body, rig = write_hero(folder / "hero.blend")
-    scan, posed = posed_copy(body, rig, 0.06)
+    scan, posed = pose_copy(body, rig, 0.06)
     hero = zo.Surface(positions(body.data), [list(polygon.vertices) for polygon in body.data.polygons])
     found = closest_points(positions(scan.data), positions(posed.data), hero.triangles)
     true = zo.SurfaceMap(*found, hero.triangles).interpolate(hero.vertices)

@@ -90,13 +90,13 @@ def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_s
     flips = [candidate.reverses_orientation for candidate in result.candidates]
     assert flips.count(False) > 1
     wanted = listing(1.0, None)
-    partner = wanted.candidates[candidates.side_swapped(wanted)].number
+    partner = wanted.candidates[candidates.side_swapped_candidate(wanted)].number
     assert flips[partner]
     assert [one.number for one in listing(0.0, None).candidates if not one.mirrored] == [0]
     # Where both sides are alike whichever way round, the map that swaps them need not be a mirror image.
     unlikely = listing(0.0, False)
     assert [one.number for one in unlikely.candidates] == [0, partner]
-    assert candidates.side_swapped(unlikely) == 1
+    assert candidates.side_swapped_candidate(unlikely) == 1
 
 
 def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch):
@@ -154,7 +154,7 @@ def test_the_list_takes_a_few_kilobytes_whatever_the_size_of_the_mesh(source, ta
 def test_results_of_the_last_matches_only_are_cached(source, target):
     for k_final in (40, 50, 60):
         match_objects(bpy.context, source, target, k_final=k_final)
-    assert len(candidates._cache) <= candidates.MOST_CACHED
+    assert len(candidates._cache) <= candidates.MAX_CACHED
 
 
 def test_pictures_tell_the_sides_apart(source, target):
@@ -162,7 +162,7 @@ def test_pictures_tell_the_sides_apart(source, target):
     listing = stored_candidates.read(target.data)
     pictures = [
         thumbnails.picture(listing.points, listing.candidates[place].colors / 255)
-        for place in (listing.chosen, candidates.side_swapped(listing))
+        for place in (listing.chosen, candidates.side_swapped_candidate(listing))
     ]
     shape = pictures[0][..., 3] > 0
     assert 0.05 < shape.mean() < 0.6

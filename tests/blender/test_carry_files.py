@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 import pytest
 from blend_files import PAINT, write_pair, write_true_map
-from rigged import BONES, OTHER, seen, truth
-from scenes import ellipsoid, key_shape, linked, positions, values, weight_array
+from rigged import BONES, OTHER, truth, visible_positions
+from scenes import ellipsoid, key_shape, link, positions, values, weight_array
 
 import zoomout_core as zo
 from blender_addon import cli
@@ -59,7 +59,7 @@ def test_from_file_to_file_all_arrives_and_nothing_else(files, tmp_path):
     assert [modifier.type for modifier in body.modifiers] == ["ARMATURE", "SUBSURF"]
     body.modifiers["Smooth"].show_viewport = False
     posed = truth(rig, OTHER, at_rest)
-    assert np.median(np.linalg.norm(seen(body) - posed, axis=1)) < 0.02
+    assert np.median(np.linalg.norm(visible_positions(body) - posed, axis=1)) < 0.02
     assert bpy.data.objects["Eyeball"].data.uv_layers.keys() == ["Skin"]
     assert bpy.data.objects["Hidden"].hide_get()
     assert not bpy.data.objects["Hidden"].data.uv_layers
@@ -130,12 +130,12 @@ def test_files_are_matched_where_there_is_no_map(tmp_path):
 def test_a_surface_is_what_is_shown_in_the_world_in_triangles_as_blender_has_them(tmp_path):
     plate = bpy.data.meshes.new("Plate")
     plate.from_pydata([(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 0.2, 0), (0, 2, 0)], [], [(0, 1, 2, 3, 4)])
-    obj = linked("Plate", plate)
+    obj = link("Plate", plate)
     obj.location.z, obj.scale.x = 3, -1
     obj.modifiers.new("Twice", "SUBSURF")
     hidden = ellipsoid("Hidden", 2)
     hidden.hide_set(True)
-    linked("Lines", bpy.data.meshes.new("Lines"))
+    link("Lines", bpy.data.meshes.new("Lines"))
     path = tmp_path / "plate.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     report = tmp_path / "report.json"

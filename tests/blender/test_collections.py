@@ -10,10 +10,10 @@ import pytest
 from mathutils import Matrix
 from scenes import (
     activate,
-    decimated,
+    decimate,
     ellipsoid,
     from_pydata,
-    linked,
+    link,
     positions,
     set_weights,
     snapshot_file,
@@ -63,7 +63,7 @@ def hero():
 @pytest.fixture(params=["named", "nameless"])
 def scan(hero, request):
     """The same, turned and moved, with other meshes; with the same names or without them."""
-    objects = [decimated("Body")] + [ball(name, where, 2) for name, where in EYES.items()]
+    objects = [decimate("Body")] + [ball(name, where, 2) for name, where in EYES.items()]
     for number, obj in enumerate(objects):
         obj.matrix_world = Matrix.Translation((5, 1, 0)) @ Matrix.Rotation(1.2, 4, "Z") @ Matrix.Rotation(0.4, 4, "X")
         if request.param == "nameless":
@@ -91,7 +91,7 @@ def test_each_part_is_matched_with_its_counterpart(hero, scan):
 
 
 def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
-    scan = gather("Scan", [decimated("Whole")])
+    scan = gather("Scan", [decimate("Whole")])
     whole = scan.objects[0]
     editable = bmesh.new()
     editable.from_mesh(whole.data)
@@ -148,7 +148,7 @@ def slab(name, height, width):
     bmesh.ops.subdivide_edges(working, edges=working.edges[:], cuts=4, use_grid_fill=True)
     working.to_mesh(mesh)
     working.free()
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
 def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):

@@ -8,11 +8,11 @@ import bpy
 import numpy as np
 import pytest
 from creatures import creature
-from rigged import posed_target, source_and_rig
+from rigged import pose_target, source_and_rig
 from scenes import (
     activate,
     add_uv_map,
-    decimated,
+    decimate,
     ellipsoid,
     from_pydata,
     set_weights,
@@ -34,7 +34,7 @@ def pair():
     source = ellipsoid("Source", 4)
     add_uv_map(source.data, "UVMap")
     set_weights(source, "Bone", np.ones(len(source.data.vertices)))
-    target = decimated("Target")
+    target = decimate("Target")
     target.location.x = 3
     bpy.context.view_layer.update()
     activate(source)  # selections mean nothing here
@@ -161,7 +161,7 @@ def test_every_option_of_the_sidebar_can_be_given():
 
 def test_a_target_is_bound_on_demand(tmp_path):
     source, armature = source_and_rig()
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     path = tmp_path / "report.json"
     both = "--source", "Source", "--target", "Target", "--data", "vertex_groups"
     assert run("transfer", *both, "--report", path) == 0

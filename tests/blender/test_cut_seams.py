@@ -6,7 +6,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from scenes import add_attribute, decimated, ellipsoid, from_pydata, positions, set_weights, values, weight_array
+from scenes import add_attribute, decimate, ellipsoid, from_pydata, positions, set_weights, values, weight_array
 from true_match import keep_true_match
 
 import zoomout_core as zo
@@ -35,7 +35,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
-    obj = decimated()
+    obj = decimate()
     keep_true_match(obj)
     return obj
 
@@ -143,7 +143,7 @@ def test_where_seams_meet_within_a_face_it_is_divided_from_there():
 
 
 def test_without_a_match_or_a_uv_map_nothing_is_cut(source):
-    target = decimated()
+    target = decimate()
     faces = len(target.data.polygons)
     with pytest.raises(zo.MeshError, match="was not matched with 'Source' yet: match them first"):
         cut_seams(bpy.context, source, target)

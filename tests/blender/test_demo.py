@@ -155,7 +155,7 @@ def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(objects)
     uv = mesh_data.read_layer(objects.character.data, UV_MAP).attribute.values
     assert uv.min() >= 0
     assert uv.max() <= 1
-    assert 7 <= cut_mesh.cut_open(objects.source_surface, uv).island.max() + 1 <= 20
+    assert 7 <= cut_mesh.cut_surface(objects.source_surface, uv).island.max() + 1 <= 20
     corners = uv[objects.source_surface.triangle_corners].astype(float)
     a, b, c = corners.transpose(1, 0, 2)
     assert (wedge(b - a, c - a) > 0).mean() > 0.999

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from bent_tube import tube, weights_of
 from mathutils import Matrix
-from rigged import BONES, OTHER, mesh_object, posed_target, seen, set_pose, source_and_rig
-from scenes import activate, add_uv_map, key_shape, linked, positions, set_weights, snapshot
+from rigged import BONES, OTHER, mesh_object, pose_target, set_pose, source_and_rig, visible_positions
+from scenes import activate, add_uv_map, key_shape, link, positions, set_weights, snapshot
 
 import zoomout_core as zo
 from blender_addon import api
@@ -48,7 +48,7 @@ def side(points, body):
     """(n,) distances of points from where a body is seen, negative inside."""
     body.data.calc_loop_triangles()
     triangles = np.array([list(triangle.vertices) for triangle in body.data.loop_triangles])
-    vertices = seen(body).astype(float)
+    vertices = visible_positions(body).astype(float)
     triangle, weights = closest_points(np.asarray(points, float), vertices, triangles)
     corners = vertices[triangles[triangle]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -64,30 +64,30 @@ def source():
 def test_a_target_that_is_not_bound_is_dressed_as_it_stands(source):
     body, armature = source
     cloth = sleeve(armature)
-    before, apart = snapshot(cloth), np.median(side(seen(cloth), body))
-    target, _ = posed_target(body, armature)
+    before, apart = snapshot(cloth), np.median(side(visible_positions(cloth), body))
+    target, _ = pose_target(body, armature)
     report = api.dress(bpy.context, body, target, [cloth])
     copy = bpy.data.objects[report["objects"]["Sleeve"]]
     assert snapshot(cloth) == before
     assert copy.users_collection[0].name == "Target Dress"
     assert copy.parent == target
     assert not copy.modifiers
-    off = side(seen(copy), target)
+    off = side(visible_positions(copy), target)
     assert off.min() > 0
     assert abs(np.median(off) - apart) < 0.3 * apart
     assert {group.name for group in copy.vertex_groups} == set(BONES)
     assert "is not bound to the armature of 'Source'" in report["notes"][0]
-    place = seen(copy)
+    place = visible_positions(copy)
     target.location.x += 3
     bpy.context.view_layer.update()
-    np.testing.assert_allclose(seen(copy) - place, np.broadcast_to([3, 0, 0], place.shape), atol=1e-5)
+    np.testing.assert_allclose(visible_positions(copy) - place, np.broadcast_to([3, 0, 0], place.shape), atol=1e-5)
 
 
 @pytest.mark.parametrize("dressed_first", [True, False])
 def test_the_rig_poses_the_target_and_its_clothes_alike(source, dressed_first):
     body, armature = source
     cloth, prop = sleeve(armature), ring(armature)
-    target, _ = posed_target(body, armature)
+    target, _ = pose_target(body, armature)
     if dressed_first:
         report = api.dress(bpy.context, body, target, [cloth, prop])
         api.bind_to_rig(bpy.context, body, target)
@@ -101,16 +101,16 @@ def test_the_rig_poses_the_target_and_its_clothes_alike(source, dressed_first):
     assert (hung.parent, hung.parent_type, hung.parent_bone) == (armature, "BONE", "Upper")
     for pose in ({}, OTHER):
         set_pose(armature, pose)
-        off = side(seen(copy), target)
+        off = side(visible_positions(copy), target)
         assert (off < 0).mean() < 0.02
-        truth = np.linalg.norm(seen(copy) - seen(cloth), axis=1)
+        truth = np.linalg.norm(visible_positions(copy) - visible_positions(cloth), axis=1)
         assert np.median(truth) < 0.12
-        assert np.linalg.norm((seen(hung) - seen(prop)).mean(axis=0)) < 0.15
+        assert np.linalg.norm((visible_positions(hung) - visible_positions(prop)).mean(axis=0)) < 0.15
 
 
 def test_shape_keys_come_along_and_dressing_again_replaces(source):
     body, armature = source
-    target, _ = posed_target(body, armature, {})
+    target, _ = pose_target(body, armature, {})
     cloth = mesh_object("Cloth", tube(around=16, along=31))
     cloth.data.transform(Matrix.Diagonal((RADIUS_OF_SLEEVE, RADIUS_OF_SLEEVE, 1, 1)))
     cloth.shape_key_add(name="Basis")
@@ -124,14 +124,14 @@ def test_shape_keys_come_along_and_dressing_again_replaces(source):
     base, moved = (key_shape(copy.data, name) for name in ("Basis", "Wide"))
     width = np.linalg.norm(key_shape(cloth.data, "Wide") - key_shape(cloth.data, "Basis"), axis=1)
     np.testing.assert_allclose(np.linalg.norm(moved - base, axis=1), width, rtol=0.25, atol=0.02)
-    assert side(seen(copy), target).min() > 0.25
+    assert side(visible_positions(copy), target).min() > 0.25
 
 
 def test_hair_is_attached_to_the_target(source):
     body, armature = source
-    target, _ = posed_target(body, armature, {})
+    target, _ = pose_target(body, armature, {})
     add_uv_map(target.data, "UVMap")
-    places = seen(body)[::40].astype(float)
+    places = visible_positions(body)[::40].astype(float)
     hair = bpy.data.hair_curves.new("Hair")
     hair.add_curves([3] * len(places))
     outwards = places * [1, 1, 0]
@@ -139,7 +139,7 @@ def test_hair_is_attached_to_the_target(source):
     strands = np.stack([places + 0.1 * i * outwards for i in range(3)], axis=1).reshape(-1, 3)
     hair.position_data.foreach_set("vector", strands.astype(np.float32).ravel())
     hair.surface = body
-    obj = linked("Hair", hair)
+    obj = link("Hair", hair)
     bpy.context.view_layer.update()
     report = api.dress(bpy.context, body, target, [obj])
     copy = bpy.data.objects[report["objects"]["Hair"]]
@@ -155,8 +155,8 @@ def test_hair_is_attached_to_the_target(source):
 
 def test_what_cannot_be_carried_is_said(source):
     body, armature = source
-    target, _ = posed_target(body, armature, {})
-    empty = linked("Empty", None)
+    target, _ = pose_target(body, armature, {})
+    empty = link("Empty", None)
     with pytest.raises(zo.MeshError, match="'Empty' is neither a mesh nor hair curves"):
         api.dress(bpy.context, body, target, [empty])
     with pytest.raises(zo.MeshError, match="There is nothing to dress 'Target' with"):
@@ -170,7 +170,7 @@ def test_what_cannot_be_carried_is_said(source):
 def test_the_button_takes_the_selection_or_a_collection(source):
     body, armature = source
     cloth = sleeve(armature)
-    target, _ = posed_target(body, armature, {})
+    target, _ = pose_target(body, armature, {})
     activate(target, cloth, body)
     assert bpy.ops.zoomout.dress() == {"FINISHED"}
     assert [obj["zoomout_dressed"] for obj in bpy.data.collections["Target Dress"].objects] == ["Sleeve"]
@@ -183,4 +183,4 @@ def test_the_button_takes_the_selection_or_a_collection(source):
     bpy.context.scene.zoomout.dress_collection = clothes
     assert bpy.ops.zoomout.dress(dress_gap=0.2) == {"FINISHED"}
     (copy,) = bpy.data.collections["Target Dress"].objects
-    assert side(seen(copy), target).min() > 0.15
+    assert side(visible_positions(copy), target).min() > 0.15

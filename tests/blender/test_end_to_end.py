@@ -7,8 +7,8 @@ The truth is known because the copy is remeshed from the posed original: each of
 import bpy
 import numpy as np
 import pytest
-from character import character, posed_copy
-from scenes import activate, linked, values, weights
+from character import character, pose_copy
+from scenes import activate, link, values, weights
 
 from blender_addon import mesh_data
 from zoomout_core.geometry.closest_points import closest_points
@@ -17,7 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 @pytest.fixture
 def scene():
     source, armature = character()
-    target, posed = posed_copy(source, armature)
+    target, posed = pose_copy(source, armature)
     posed_surface = mesh_data.read_source_surface(posed, bpy.context.evaluated_depsgraph_get())
     return source, target, posed_surface
 
@@ -49,7 +49,7 @@ def test_a_posed_and_remeshed_character_receives_its_data_where_data_transfer_fa
     source, target, posed = scene
     assert not target.vertex_groups
     assert "rest" not in target.data.attributes
-    by_blender = linked("By Blender", target.data.copy())
+    by_blender = link("By Blender", target.data.copy())
     activate(target, source)
     assert bpy.ops.zoomout.match() == {"FINISHED"}
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}

@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import ellipsoid, key_shape, linked, positions
+from scenes import ellipsoid, key_shape, link, positions
 from true_match import keep_true_match
 
 from blender_addon import api, jobs
@@ -40,7 +40,7 @@ def test_matches_are_what_they_are_at_the_origin(source, target, place, initial)
 
 def test_what_hangs_from_something_far_is_where_it_is_beside_it(source, target):
     """Single precision rounds a child's place to 0.06 there, which is what lies between these two."""
-    parent = linked("Parent", None)
+    parent = link("Parent", None)
     for obj, x in ((source, 0.0), (target, 0.03)):
         obj.location, obj.rotation_euler, obj.parent = (x, 0.01, 0), (0, 0, 0.3), parent
     put(FAR["a million units away"], parent)
@@ -51,7 +51,7 @@ def test_what_hangs_from_something_far_is_where_it_is_beside_it(source, target):
 
 
 def test_what_something_else_moves_is_where_blender_has_it(source):
-    other = linked("Other", None)
+    other = link("Other", None)
     other.location = 5, 6, 7
     source.constraints.new("COPY_LOCATION").target = other
     bpy.context.view_layer.update()
@@ -65,7 +65,7 @@ def test_what_something_else_moves_is_where_blender_has_it(source):
 
 
 def test_all_that_places_an_object_counts(source):
-    parent = linked("Parent", None)
+    parent = link("Parent", None)
     parent.matrix_world = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.4, 4, "X")
     source.parent, source.matrix_parent_inverse = parent, Matrix.Translation((4, 0, 1)).inverted()
     source.delta_location, source.delta_scale, source.delta_rotation_euler = (7, 8, 9), (2, 1, 1), (0, 0.2, 0)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from character import POSE, character
-from scenes import activate, linked, positions
+from scenes import activate, link, positions
 
 from blender_addon import mesh_data
 from blender_addon.services.half_match import HalfResult
@@ -17,7 +17,7 @@ from blender_addon.storage import stored_candidates, stored_match
 
 def half_of(obj, voxel_size=0.045):
     """The side of a mesh at +X with another topology, mirrored and made finer by modifiers."""
-    half = linked("Half", obj.data.copy())
+    half = link("Half", obj.data.copy())
     activate(half)
     half.data.remesh_voxel_size = voxel_size
     bpy.ops.object.voxel_remesh()

@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, linked, positions, values
+from scenes import activate, link, positions, values
 
 import zoomout_core as zo
 from blender_addon import jobs
@@ -16,7 +16,7 @@ from blender_addon.storage import stored_match
 @pytest.fixture
 def target(source):
     """A sculpted copy of the source, in another place."""
-    obj = linked("Target", source.data.copy())
+    obj = link("Target", source.data.copy())
     points = positions(obj.data) * [1, 2, 1] + [0, 0.2, 0]
     obj.data.vertices.foreach_set("co", points.ravel())
     obj.location.x = 3

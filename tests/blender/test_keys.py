@@ -7,15 +7,15 @@ import pytest
 from mathutils import Matrix
 from scenes import (
     activate,
-    decimated,
+    decimate,
     ellipsoid,
     from_pydata,
     key_shape,
-    linked,
+    link,
     positions,
-    seen_positions,
     set_weights,
     snapshot_file,
+    visible_positions,
 )
 
 import zoomout_core as zo
@@ -35,7 +35,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
-    obj = decimated()
+    obj = decimate()
     keep_match(obj, positions(obj.data))
     return obj
 
@@ -89,9 +89,9 @@ def played(obj, name, value=1.0):
     before = {key.name: key.value for key in keys}
     for key in keys:
         key.value = 0
-    still = seen_positions(obj)
+    still = visible_positions(obj)
     keys[name].value = value
-    moved = seen_positions(obj) - still
+    moved = visible_positions(obj) - still
     for key in keys:
         key.value = before[key.name]
     return moved
@@ -117,7 +117,7 @@ def test_played_keys_move_the_target_as_they_move_the_source(source, target):
     assert error(played(target, "Slide"), sliding(points)) < 0.03
     still = points[:, 0] < 0.1
     assert (key_shape(target.data, "Swell")[still] == points[still]).all()
-    np.testing.assert_array_equal(seen_positions(target), points)
+    np.testing.assert_array_equal(visible_positions(target), points)
 
 
 def test_keys_keep_their_settings(source, target):
@@ -197,7 +197,7 @@ def test_objects_that_are_turned_grown_and_mirrored_take_keys_in_their_own_space
         target.data.flip_normals()
     target.matrix_world = turn
     bpy.context.view_layer.update()
-    places = seen_positions(target)
+    places = visible_positions(target)
     keep_match(target, places)
     transfer(source, target)
     assert error(played(target, "Swell"), swelling(places)) < 0.03
@@ -232,9 +232,7 @@ def test_keys_turn_with_a_target_whose_mesh_stands_in_another_pose(source):
     add_keys(source)
     armature = rigged(source)
     bend(source, armature, 1.4)
-    posed = linked(
-        "Target", bpy.data.meshes.new_from_object(source.evaluated_get(bpy.context.evaluated_depsgraph_get()))
-    )
+    posed = link("Target", bpy.data.meshes.new_from_object(source.evaluated_get(bpy.context.evaluated_depsgraph_get())))
     truth = {name: played(source, name) for name in ("Swell", "Slide")}
     for angle in (1.4, 0.0, -0.8):  # however the source stands while it is read
         bend(source, armature, angle)
@@ -279,12 +277,12 @@ def test_drivers_follow_to_the_target(source, target):
     ends = [curve.driver.variables[0].targets[0].id for curve in target.data.shape_keys.animation_data.drivers]
     assert ends == [source, target.data.shape_keys]
 
-    still = seen_positions(target)
+    still = visible_positions(target)
     source["slider"] = 0.5
     source.update_tag()
     points = positions(target.data)
     expected = 0.5 * (swelling(points) + sliding(points))
-    assert error(seen_positions(target) - still, expected) < 0.03
+    assert error(visible_positions(target) - still, expected) < 0.03
 
 
 def test_an_action_is_copied_and_one_that_is_there_stays(source, target):
@@ -297,10 +295,10 @@ def test_an_action_is_copied_and_one_that_is_there_stays(source, target):
     action = target.data.shape_keys.animation_data.action
     assert action not in (None, source.data.shape_keys.animation_data.action)
     bpy.context.scene.frame_set(11)
-    at_end = seen_positions(target)
+    at_end = visible_positions(target)
     bpy.context.scene.frame_set(1)
     points = positions(target.data)
-    assert error(at_end - seen_positions(target), swelling(points)) < 0.03
+    assert error(at_end - visible_positions(target), swelling(points)) < 0.03
 
     report = transfer(source, target)
     assert target.data.shape_keys.animation_data.action == action
@@ -407,7 +405,7 @@ def test_the_shape_of_the_source_becomes_a_key_in_the_targets_place(source):
     assert key.value == 0
     np.testing.assert_array_equal(positions(other.data), before)
     key.value = 1
-    seen = seen_positions(other) - other.matrix_world.translation
+    seen = visible_positions(other) - other.matrix_world.translation
     np.testing.assert_allclose(seen, 2 * positions(source.data), atol=1e-4)
 
 

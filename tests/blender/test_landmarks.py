@@ -175,7 +175,7 @@ class Screen:
 class Placing:
     """The operator, driven by hand: the `bpy` module has no window that could send it events."""
 
-    for _name in ("invoke", "modal", "cancel", "_end", "_press", "_drag", "_let_go", "_take_back", "_present", "_show"):
+    for _name in ("invoke", "modal", "cancel", "_end", "_press", "_drag", "_drop", "_take_back", "_present", "_show"):
         locals()[_name] = getattr(ZOOMOUT_OT_place_landmarks, _name)
 
     bl_options = ZOOMOUT_OT_place_landmarks.bl_options

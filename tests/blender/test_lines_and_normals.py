@@ -5,14 +5,14 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, values
+from scenes import activate, add_attribute, decimate, ellipsoid, link, positions, values
 from true_match import keep_true_match
 
 from blender_addon import mesh_data
 from blender_addon.adapters import Settings
 from blender_addon.services.transfer import transfer_objects
 from zoomout_core.transfer import frames
-from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.cut_mesh import cut_surface
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, turned and moved in its own mesh, and the true match."""
-    obj = decimated()
+    obj = decimate()
     keep_true_match(obj)
     return obj
 
@@ -62,7 +62,7 @@ def unwrapped_islands(obj):
     bpy.ops.object.mode_set(mode="OBJECT")
     surface = mesh_data.read_surface_at_rest(obj)
     uv = values(obj.data, obj.data.uv_layers.active.name)
-    return cut_open(surface, uv).island.max() + 1
+    return cut_surface(surface, uv).island.max() + 1
 
 
 def test_a_seam_around_arrives_as_one_that_blender_unwraps_along(source, target):
@@ -129,7 +129,7 @@ def cube(name, cuts, triangles=False):
         bmesh.ops.triangulate(working, faces=working.faces)
     working.to_mesh(mesh)
     working.free()
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
 def subdivided_volume(obj):

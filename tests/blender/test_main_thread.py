@@ -15,7 +15,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from rigged import posed_target, source_and_rig
+from rigged import pose_target, source_and_rig
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, new_material, positions, set_weights
 from symmetric import LEFT, RIGHT, add_key, bumps, new_object
 from true_match import keep_true_match
@@ -197,7 +197,7 @@ def dress() -> None:
 def bind() -> None:
     source, armature = source_and_rig()
     source.name = "Rigged"
-    target, _ = posed_target(source, armature)
+    target, _ = pose_target(source, armature)
     bpy.context.scene.zoomout.source = source
     activate(target)
     bpy.ops.zoomout.bind_to_rig(initial="NEAREST")

@@ -12,7 +12,7 @@ from scenes import (
     add_uv_map,
     ellipsoid,
     from_pydata,
-    linked,
+    link,
     new_material,
     positions,
     set_weights,
@@ -299,7 +299,7 @@ def test_materials_are_read_as_they_are_seen():
     mesh.materials.append(new_material("data red"))
     mesh.materials.append(new_material("blue"))
     mesh.materials.append(None)
-    source = linked("Source", mesh)
+    source = link("Source", mesh)
     source.material_slots[0].link = "OBJECT"
     source.material_slots[0].material = new_material("object green")
     mesh.polygons[3].material_index = 1
@@ -327,7 +327,7 @@ def test_materials_are_written_by_identity_and_appended_only_where_missing():
 def test_edges_are_numbered_as_blender_numbers_them():
     mesh = bpy.data.meshes.new("Wire")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (5, 5, 5)], [(4, 2)], [(0, 1, 2, 3)])
-    obj = linked("Wire", mesh)
+    obj = link("Wire", mesh)
     expected = [list(edge.vertices) for edge in mesh.edges]
     assert [2, 4] in [sorted(edge) for edge in expected]
     for surface in (mesh_data.read_source_surface(obj, depsgraph()), mesh_data.read_target_surface(obj, depsgraph())):

@@ -42,9 +42,8 @@ class Window:
 class Work:
     """An operator of a number of pauses; it writes at the end."""
 
-    execute, invoke, modal, cancel, _end, _finished, _failed = (
-        getattr(ModalOperator, name)
-        for name in ("execute", "invoke", "modal", "cancel", "_end", "_finished", "_failed")
+    execute, invoke, modal, cancel, _end, _finish, _fail = (
+        getattr(ModalOperator, name) for name in ("execute", "invoke", "modal", "cancel", "_end", "_finish", "_fail")
     )
     bl_label, bl_options = "Work", {"REGISTER", "UNDO"}
 

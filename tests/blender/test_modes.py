@@ -7,7 +7,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, ellipsoid, linked, positions, set_weights
+from scenes import activate, ellipsoid, link, positions, set_weights
 from test_landmarks import select_vertices
 from test_modal_operator import ESCAPE, TICK, Window, Work
 
@@ -228,7 +228,7 @@ def test_the_mode_of_a_window_that_was_closed_does_not_come_back(target, timers)
 @pytest.mark.parametrize("mode", MODES)
 def test_symmetries_and_landmarks_are_worked_on_in_other_modes(body, mode):
     set_weights(body, "Arm.L", np.linspace(0, 1, len(body.data.vertices)))
-    bpy.context.scene.zoomout.source = linked("Other", body.data.copy())
+    bpy.context.scene.zoomout.source = link("Other", body.data.copy())
     enter(mode)
     before = state()
     assert bpy.ops.zoomout.symmetrise_weights() == {"FINISHED"}

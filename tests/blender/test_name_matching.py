@@ -3,11 +3,11 @@
 
 import pytest
 
-from blender_addon.services.name_matching import Words, paired_by_name
+from blender_addon.services.name_matching import Words, pair_by_name
 
 
 def pairs(sources, targets):
-    return {(sources[i], targets[j]) for i, j in paired_by_name(sources, targets)}
+    return {(sources[i], targets[j]) for i, j in pair_by_name(sources, targets)}
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from blender_addon.viewport import carried, overlay, preview
 def seen():
     """What is drawn of the first overlay's object."""
     bpy.context.view_layer.update()
-    one, *_ = overlay.shown()
+    one, *_ = overlay.overlays()
     obj = overlay.find(one.object_uid)
-    return overlay.seen_surface(one, obj, obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    return overlay.visible_surface(one, obj, obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
 
 
 def evaluated(obj):
@@ -30,7 +30,7 @@ def shown(source, target):
     match_objects(bpy.context, source, target, initial="nearest")
     activate(target, source)
     bpy.ops.zoomout.preview(kind="PLACES")
-    return overlay.shown()[0].values
+    return overlay.overlays()[0].values
 
 
 @pytest.mark.parametrize("kind", ["SUBSURF", "MULTIRES", "MIRROR", "ARRAY", "SOLIDIFY", "NODES", "BEVEL"])

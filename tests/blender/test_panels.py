@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from drawing import Context, Layout
-from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
+from scenes import activate, add_attribute, add_uv_map, ellipsoid, link, new_material, set_weights
 
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
@@ -307,7 +307,7 @@ def grid(name, side):
     mesh.polygons.add(len(faces))
     mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 4, dtype=np.int32))
     mesh.update(calc_edges=True)
-    return linked(name, mesh)
+    return link(name, mesh)
 
 
 def test_drawing_takes_no_longer_for_a_large_mesh():

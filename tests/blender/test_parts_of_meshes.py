@@ -36,7 +36,7 @@ from zoomout_core.colors import LONELY, MET, confidence_colors
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture
@@ -93,12 +93,12 @@ def test_what_has_no_partner_is_kept_with_the_match(source, target):
 
 def test_confidence_shows_what_has_no_partner_in_a_colour_of_its_own_on_both(source, target):
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
-    shown = {overlay.find(one.object_uid).name: one.values for one in overlay.shown()}
+    shown = {overlay.find(one.object_uid).name: one.values for one in overlay.overlays()}
     np.testing.assert_allclose(shown["Target"], np.where(alone(target)[:, None], LONELY, confidence_colors([0.9])))
     np.testing.assert_allclose(shown["Source"], np.where(alone(source)[:, None], LONELY, MET))
     scale = np.vstack([confidence_colors(np.linspace(0, 1, 20)), [MET]])
     assert np.linalg.norm(scale - LONELY, axis=1).min() > 0.4
-    assert "violet has no partner" in preview.legend(preview.shown(target))
+    assert "violet has no partner" in preview.legend(preview.preview_of(target))
 
 
 def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
@@ -112,7 +112,7 @@ def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
         {},
     )
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
-    assert [overlay.find(one.object_uid).name for one in overlay.shown()] == ["Target"]
+    assert [overlay.find(one.object_uid).name for one in overlay.overlays()] == ["Target"]
 
 
 def test_the_operator_says_it_where_it_is_much(source, target):
@@ -130,9 +130,9 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
     target = from_pydata("Target", part.surface.vertices, part.surface.triangles)
     activate(target, source)
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)
     stored = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))

@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, ellipsoid, from_pydata, linked, positions
+from scenes import activate, ellipsoid, from_pydata, link, positions
 from turns import turns
 
 from blender_addon import jobs
@@ -26,7 +26,7 @@ def found():
 
 
 def edit_through_another_object(target, source):
-    other = linked("Other", target.data)
+    other = link("Other", target.data)
     activate(other)
     bpy.ops.object.mode_set(mode="EDIT")
     other.select_set(False)

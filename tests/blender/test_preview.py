@@ -44,7 +44,7 @@ def target(source):
 
 
 def shown():
-    return {overlay.find(one.object_uid).name: one.values for one in overlay.shown()}
+    return {overlay.find(one.object_uid).name: one.values for one in overlay.overlays()}
 
 
 def test_confidence_is_seen_on_the_target(target):
@@ -60,7 +60,7 @@ def test_a_new_match_is_seen_at_once_until_something_else_is_selected(source, ta
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
     bpy.context.view_layer.update()
-    assert preview.shown(target).kind == "PLACES"
+    assert preview.preview_of(target).kind == "PLACES"
     assert set(shown()) == {"Source", "Target"}
     watch._after_update(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
     assert preview.current() is not None
@@ -109,11 +109,11 @@ def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
-        assert preview.shown(target).kind == kind
-        assert preview.shown(source) is None
+        assert preview.preview_of(target).kind == kind
+        assert preview.preview_of(source) is None
         assert snapshot_file() == before
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
-    assert (snapshot_file(), shown(), preview.shown(target)) == (before, {}, None)
+    assert (snapshot_file(), shown(), preview.preview_of(target)) == (before, {}, None)
     with pytest.raises(RuntimeError, match="There is no preview"):
         bpy.ops.zoomout.clear_preview()
 
@@ -162,12 +162,12 @@ def handlers():
 def test_a_preview_ends_with_its_file_and_with_the_extension(target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.wm.read_homefile(use_empty=True)
-    assert (overlay.shown(), preview.current(), overlay._handler) == ((), None, None)
+    assert (overlay.overlays(), preview.current(), overlay._handler) == ((), None, None)
     overlay.show((overlay.Overlay(1, np.zeros((3, 3)), ""),))
     assert set(handlers().values()) == {1}
     assert overlay._handler is not None
     blender_addon.unregister()
-    assert (overlay.shown(), overlay._handler) == ((), None)
+    assert (overlay.overlays(), overlay._handler) == ((), None)
     assert set(handlers().values()) == {0}
     blender_addon.register()  # as the fixture expects it
 
@@ -177,8 +177,8 @@ def test_a_coat_follows_the_name_of_its_object_and_goes_with_it(source, target):
     target.name = "Renamed"
     source.name = "Target"  # a name that was another's
     assert set(shown()) == {"Renamed", "Target"}
-    assert preview.shown(target).kind == "PLACES"
-    (one, _), uid = overlay.shown(), target.session_uid
+    assert preview.preview_of(target).kind == "PLACES"
+    (one, _), uid = overlay.overlays(), target.session_uid
     bpy.data.objects.remove(target)
     assert overlay.find(uid) is None
     assert one.object_uid == uid
@@ -218,12 +218,12 @@ def test_a_mesh_that_is_edited_painted_or_sculpted_has_no_coat(source, target):
 def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     match_objects(bpy.context, source, target, k_final=40)
-    before = preview.shown(target)
+    before = preview.preview_of(target)
     job = jobs.Job(use_candidate_async(bpy.context, "Target", 1))
     next(turns(job))
     rough = shown()["Target"]
     job.cancel()
-    assert preview.shown(target) is before
+    assert preview.preview_of(target) is before
     jobs.run(use_candidate_async(bpy.context, "Target", 1))
     final = shown()["Target"]
     assert np.abs(rough - final).mean() < 0.05
@@ -231,7 +231,7 @@ def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
     job = jobs.Job(use_candidate_async(bpy.context, "Target", 0))
     next(turns(job))
-    assert preview.shown(target).kind == "CONFIDENCE"
+    assert preview.preview_of(target).kind == "CONFIDENCE"
     job.cancel()
 
 
@@ -254,7 +254,7 @@ def test_what_is_deleted_comes_back_with_its_colours(source, target):
     bpy.ops.ed.undo_push(message="Before")
     bpy.data.objects.remove(target)
     bpy.ops.ed.undo_push(message="Deleted")
-    assert overlay.find(overlay.shown()[0].object_uid) is None
+    assert overlay.find(overlay.overlays()[0].object_uid) is None
     bpy.ops.ed.undo()
     assert set(shown()) == {"Target", "Source"}
 

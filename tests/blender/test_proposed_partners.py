@@ -7,7 +7,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, decimated, ellipsoid, positions
+from scenes import activate, decimate, ellipsoid, positions
 from test_landmarks import Placing, Screen, add, numbers, world
 from true_match import keep_true_match
 
@@ -35,7 +35,7 @@ def where(obj, number):
 @pytest.fixture
 def matched(source):
     """A target of other topology, which was matched and then moved and made smaller."""
-    obj = decimated("Target", 4)
+    obj = decimate("Target", 4)
     keep_true_match(obj)
     obj.location.x, obj.scale = 3, (0.5,) * 3
     bpy.context.view_layer.update()

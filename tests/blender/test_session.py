@@ -17,7 +17,7 @@ def scene(monkeypatch):
 
 
 def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_animation(scene):
-    presses = session.bound(scene)
+    presses = session.bind(scene)
     assert len(presses) == 6
     for _, effect in filter(lambda press: press.effect, presses[:-1]):
         effect()
@@ -34,9 +34,9 @@ def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_anim
 
 
 def test_by_hand_it_takes_more_and_weights_alone_tear_the_target(scene):
-    assert [len(way(scene)) for way in (session.parented, session.parented_in_its_shape)] == [10, 14]
+    assert [len(way(scene)) for way in (session.parent, session.parent_in_its_shape)] == [10, 14]
     groups = {group.name for group in scene.source.vertex_groups}
-    for _, effect in filter(lambda press: press.effect, session.parented(scene)):
+    for _, effect in filter(lambda press: press.effect, session.parent(scene)):
         effect()
     assert {group.name for group in scene.target.vertex_groups} == groups
     assert np.median(session.distances(scene)) > 2

@@ -10,7 +10,7 @@ from scenes import (
     activate,
     add_attribute,
     add_uv_map,
-    decimated,
+    decimate,
     ellipsoid,
     key_shape,
     new_material,
@@ -66,7 +66,7 @@ def back():
 @pytest.fixture
 def whole(front, back):
     """The target, which lies on both."""
-    obj = decimated("Whole")
+    obj = decimate("Whole")
     keep_nearest(obj)
     return obj
 

@@ -31,7 +31,7 @@ ANY = np.random.default_rng(0).permutation(len(X))
 
 def colors():
     """What is shown on the one object that is coloured."""
-    (one,) = overlay.shown()
+    (one,) = overlay.overlays()
     return one.values
 
 
@@ -48,13 +48,13 @@ def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     for number, color in zip((1, -1, 0), (SIDE_COLORS[2], SIDE_COLORS[0], SIDE_COLORS[1]), strict=True):
         np.testing.assert_allclose(colors()[side == number], np.broadcast_to(color, (np.sum(side == number), 3)))
     check_symmetry(bpy.context, body, "shape")
-    legend = preview.shown(body).legend
+    legend = preview.preview_of(body).legend
     assert legend.startswith("Shape: the sides differ by ")
     lengths = re.findall(r"\d[\d.]*", legend)
     assert len(lengths) == 3
     assert all(len(length.replace(".", "").strip("0")) <= 2 for length in lengths)  # digits that tell something
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
-    assert (snapshot(body), overlay.shown()) == (before, ())
+    assert (snapshot(body), overlay.overlays()) == (before, ())
 
 
 def test_red_stands_for_the_same_from_one_check_to_the_next(body):
@@ -93,7 +93,7 @@ def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body,
     np.testing.assert_array_equal(colors(), first)
     body = bpy.data.objects["Creature"]
     choose_symmetry(bpy.context, body, 1)
-    assert preview.shown(body).kind == "PAIRS"  # there are no sides
+    assert preview.preview_of(body).kind == "PAIRS"  # there are no sides
     images = stored_symmetry.read(body).surface_map.interpolate(BENT.surface.vertices)
     farthest = np.fmax(images, BENT.surface.vertices)
     np.testing.assert_allclose(colors(), place_colors(farthest, BENT.surface.vertices), atol=1e-5)
@@ -121,7 +121,7 @@ def test_a_symmetry_of_higher_order_colours_all_places_alike_that_it_leads_to_ea
 
 def test_pictures_show_the_candidates(body, found):
     stored_symmetry.write(body, (found[0], found[0]), "X")
-    pictures = stored_symmetry.pictured(stored_symmetry.description(body.data))
+    pictures = stored_symmetry.thumbnails(stored_symmetry.description(body.data))
     assert len({name for name, _, _ in pictures}) == 2
     for _, points, shown in pictures:
         picture = thumbnails.picture(points, shown / 255)
@@ -152,10 +152,10 @@ def test_asymmetry_is_shown_and_told(body):
     red, blue = colors()[:, 0], colors()[:, 2]
     assert (red > blue)[np.abs(X) > 0.8].mean() > 0.9
     assert (red < blue)[np.abs(X) < 0.1].mean() > 0.9
-    assert preview.shown(body).legend.startswith("Weights: the sides differ by ")
+    assert preview.preview_of(body).legend.startswith("Weights: the sides differ by ")
     symmetrise_weights(bpy.context, body)
     bpy.context.view_layer.update()
-    assert (overlay.shown(), preview.shown(body).legend) == ((), preview.OUTDATED)
+    assert (overlay.overlays(), preview.preview_of(body).legend) == ((), preview.OUTDATED)
     check_symmetry(bpy.context, body, "weights")
     bpy.context.view_layer.update()
     red, blue = colors()[:, 0], colors()[:, 2]

@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, positions, seen_positions, set_weights, snapshot_file, weight_array
+from scenes import activate, positions, set_weights, snapshot_file, visible_positions, weight_array
 
 import zoomout_core as zo
 from blender_addon import mesh_data
@@ -65,7 +65,7 @@ def bend(obj):
     """A deforming modifier, and where it moves the vertices."""
     cast = obj.modifiers.new("Cast", "CAST")
     cast.factor = 0.4
-    return seen_positions(obj)
+    return visible_positions(obj)
 
 
 @pytest.mark.parametrize("kind", GENERATING)
@@ -80,7 +80,7 @@ def test_the_mesh_itself_is_read_where_modifiers_before_leave_it_and_nothing_els
     before = snapshot_file()
     surface = mesh_data.read_target_surface(target, depsgraph())
     if kind == "TRIANGULATE":  # which leaves triangles as they are, so that the last one acts, too
-        expected = seen_positions(target)
+        expected = visible_positions(target)
     np.testing.assert_allclose(surface.vertices, expected, atol=1e-5)
     assert len(surface.face_start) - 1 == len(target.data.polygons)
     assert snapshot_file() == before

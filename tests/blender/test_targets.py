@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
+from scenes import activate, add_attribute, decimate, ellipsoid, link, positions, snapshot_file, values
 from turns import turns
 
 import zoomout_core as zo
@@ -27,7 +27,7 @@ def source():
 
 @pytest.fixture
 def targets(source):
-    found = [decimated("A"), decimated("B"), decimated("C")]
+    found = [decimate("A"), decimate("B"), decimate("C")]
     for i, obj in enumerate(found, start=1):
         obj.location.x = 3 * i
     bpy.context.view_layer.update()
@@ -103,7 +103,7 @@ def test_a_cancelled_run_leaves_all_of_them_as_they_were(source, targets):
 
 
 def test_linked_duplicates_are_done_once(source, targets):
-    twin, double = linked("Twin", targets[0].data), linked("Double", source.data)
+    twin, double = link("Twin", targets[0].data), link("Double", source.data)
     bpy.context.view_layer.update()
     activate(twin, *targets, source)
     assert [obj.name for obj in chosen_targets(bpy.context, source)] == ["Twin", "B", "C"]

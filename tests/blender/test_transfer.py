@@ -14,9 +14,9 @@ from scenes import (
     activate,
     add_attribute,
     add_uv_map,
-    decimated,
+    decimate,
     ellipsoid,
-    linked,
+    link,
     new_material,
     positions,
     set_weights,
@@ -53,7 +53,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
-    obj = decimated()
+    obj = decimate()
     keep_true_match(obj, doubtful=10, notes=["A note."])
     return obj
 
@@ -375,7 +375,7 @@ def test_nothing_to_transfer_is_an_error(source, target):
 
 def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypatch):
     dress(source)
-    target_without = linked("Without", target.data.copy())
+    target_without = link("Without", target.data.copy())
     for name in ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"):
         target_without.data.attributes.remove(target_without.data.attributes[name])
     report = transfer_objects(bpy.context, source, target_without, ["attributes"], initial="proximity")
@@ -528,7 +528,7 @@ def test_the_report_says_what_was_written_and_what_was_not(source, target):
 
 def test_a_mesh_that_several_objects_share_is_written_once_and_the_report_says_so(source, target):
     dress(source)
-    other = linked("Twin", target.data)
+    other = link("Twin", target.data)
     report = transfer_objects(bpy.context, source, target)
     assert any("shared by 2 objects" in note for note in report["notes"])
     assert [group.name for group in other.vertex_groups] == ["Left", "Right"]
@@ -557,7 +557,7 @@ def test_all_kinds_of_data_at_once_arrive_as_each_alone(source, target):
     key.data[7].co.z += 0.1
     finer = source.modifiers.new("Finer", "SUBSURF")  # so that keys are read from copies that are evaluated
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
-    alone = linked("Alone", target.data.copy())
+    alone = link("Alone", target.data.copy())
     for obj in (target, alone):
         keep_true_match(obj, doubtful=10, notes=["A note."])
     report = transfer_objects(bpy.context, source, target, DATA)

@@ -15,10 +15,10 @@ from scenes import (
     ellipsoid,
     key_shape,
     positions,
-    seen_positions,
     set_weights,
     snapshot,
     snapshot_file,
+    visible_positions,
 )
 from scipy.spatial import cKDTree
 from turns import turns
@@ -74,7 +74,7 @@ def keep_match_by_direction(target, has_partner=None):
 def off(points, obj):
     """(n,) distances of points from where an object is seen, over its extent."""
     triangles = np.array([list(face.vertices) for face in obj.data.polygons])
-    vertices = seen_positions(obj).astype(float)
+    vertices = visible_positions(obj).astype(float)
     triangle, weights = closest_points(points.astype(float), vertices, triangles)
     feet = np.einsum("nc,ncx->nx", weights, vertices[triangles[triangle]])
     return np.linalg.norm(points - feet, axis=1) / np.ptp(vertices, axis=0).max()
@@ -82,7 +82,7 @@ def off(points, obj):
 
 def moved_to(obj, other):
     """(n, 3) where an object is seen, were its origin that of another one."""
-    return seen_positions(obj) + np.array(other.matrix_world.translation - obj.matrix_world.translation)
+    return visible_positions(obj) + np.array(other.matrix_world.translation - obj.matrix_world.translation)
 
 
 def test_a_key_has_the_source_s_shape_and_is_shown(source, target):
@@ -140,7 +140,7 @@ def test_a_new_object_lies_on_the_source(source, target):
     report = api.wrap(bpy.context, source, target, api.Wrapping("object"))
     made = bpy.data.objects[report["object"]]
     assert made.name == "Target on Source"
-    assert off(seen_positions(made), source).max() < 1e-5
+    assert off(visible_positions(made), source).max() < 1e-5
     assert [group.name for group in made.vertex_groups] == ["Bone"]
     assert not made.modifiers
     assert made.data.shape_keys is None
@@ -185,8 +185,8 @@ def test_landmarks_are_met_unless_they_are_not_wanted(source, target):
     target.data.shape_keys.key_blocks["Source"].value = 0
     bpy.context.view_layer.update()
     api.wrap(bpy.context, source, target, api.Wrapping("object", reverse=True))
-    there = seen_positions(target)[30]
-    assert np.abs(seen_positions(bpy.data.objects["Source on Target"])[20] - there).max() < 1e-4
+    there = visible_positions(target)[30]
+    assert np.abs(visible_positions(bpy.data.objects["Source on Target"])[20] - there).max() < 1e-4
 
 
 @pytest.mark.parametrize("result", ["shape_key", "object"])
@@ -214,7 +214,7 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
 def test_the_limit_is_that_of_the_modifier(target):
     surface = jobs.run(read_pair(bpy.context, "Source", "Target")).target
     target.modifiers.new("Subdivision", "SUBSURF").levels = 1
-    wanted = cKDTree(seen_positions(target))
+    wanted = cKDTree(visible_positions(target))
     assert wanted.query(limit_points(surface).limit @ surface.vertices)[0].max() < 1e-5
 
 
@@ -231,7 +231,7 @@ def test_the_operator_takes_the_settings_of_the_scene(source, target):
     settings.wrap_result, settings.wrap_detail = "OBJECT", 0.0
     assert bpy.ops.zoomout.wrap() == {"FINISHED"}
     made = bpy.data.objects["Target on Source"]
-    assert 1e-4 < off(seen_positions(made), source).mean() < 0.05
+    assert 1e-4 < off(visible_positions(made), source).mean() < 0.05
     settings.wrap_result, settings.wrap_detail = "SHAPE_KEY", 1.0
     assert bpy.ops.zoomout.wrap(wrap_smoothness=0.9) == {"FINISHED"}
     assert target.data.shape_keys is not None

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.samples.grids import ring_faces
-from zoomout_core.transfer.skinning import moved, skinning_matrices
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
 
 LENGTH = 6.0
 PARENTS = np.array([-1, 0, 1])
@@ -29,7 +29,7 @@ def weights_of(points, softness=1.0):
     return csr_array(np.column_stack([1 - beyond[0], beyond[0] * (1 - beyond[1]), beyond[0] * beyond[1]]))
 
 
-def bent(first=(60, 0, 30), second=(40, 20, 0), scale=1.0):
+def bend(first=(60, 0, 30), second=(40, 20, 0), scale=1.0):
     """Transforms of the three bones, in degrees about the joints."""
     turns = [np.eye(3)]
     turns += [turns[-1] @ Rotation.from_euler("xyz", first, degrees=True).as_matrix()]
@@ -41,8 +41,8 @@ def bent(first=(60, 0, 30), second=(40, 20, 0), scale=1.0):
     return Similarities(np.full(3, scale), np.stack(turns), scale * np.stack(shifts))
 
 
-def posed(surface, transforms, weights=None, *, preserve_volume=False):
+def pose_surface(surface, transforms, weights=None, *, preserve_volume=False):
     """The surface in a pose."""
     weights = weights_of(surface.vertices) if weights is None else weights
     matrices = skinning_matrices(transforms, weights, preserve_volume=preserve_volume)
-    return surface.with_vertices(moved(matrices, surface.vertices))
+    return surface.with_vertices(transform_points(matrices, surface.vertices))

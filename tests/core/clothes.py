@@ -107,7 +107,7 @@ def ball(name: str, above: np.ndarray, radius: float, height: float, count: int,
     return Piece(name, centre + radius * where * [1, 0.8, 1.25], outward_hull(where), where)
 
 
-def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
+def dress(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
     """A creature of `count` vertices with some pieces, all of it bent."""
     where = directions(count, seed)
     body = Piece("skin", at_rest(where), outward_hull(where), where)
@@ -123,8 +123,8 @@ def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float =
 
 def true_vertices(source: Clothed, target: Clothed, name: str, source_name: str | None = None) -> np.ndarray:
     """The source vertex at, or nearest to, the place of each vertex of a target's part."""
-    partner = source.parts[source_name or name]
-    return partner[cKDTree(source.keys[partner]).query(target.keys[target.parts[name]])[1]]
+    counterpart = source.parts[source_name or name]
+    return counterpart[cKDTree(source.keys[counterpart]).query(target.keys[target.parts[name]])[1]]
 
 
 def skin_normals(where: np.ndarray) -> np.ndarray:

@@ -69,7 +69,7 @@ def pair_around_body(
     return Pair(sides[0], sides[1], shapes[0], shapes[1], 20, 10, regions=named)  # type: ignore[arg-type]
 
 
-def mapped(pair: Pair, trust: float = 1.0) -> ComponentMap:
+def map_parts(pair: Pair, trust: float = 1.0) -> ComponentMap:
     """What becomes of the parts where the body stays."""
     shape = pair.target_shape
     return map_components(pair, identity(shape), np.full(len(shape.mesh.vertices), trust))

@@ -26,7 +26,7 @@ def piece_of(made: Creature, kept: Booleans) -> Creature:
     return Creature(Surface(made.surface.vertices[used], number[triangles]), made.directions[used])
 
 
-def analysed(made: Creature) -> ShapeAnalysis:
+def analyse_piece(made: Creature) -> ShapeAnalysis:
     return analyse(made.surface.working.part(0)[0], FUNCTIONS, SAMPLES, 0)
 
 

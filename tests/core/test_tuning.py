@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import zoomout_core
-from zoomout_core.tuning import Tuning, retuned, stages, tuned
+from zoomout_core.tuning import Tuning, retune, stages, tuned
 
 ROOT = Path(zoomout_core.__file__).parents[1]
 
@@ -41,10 +41,10 @@ def test_numbers_out_of_their_range_are_refused() -> None:
 
 def test_numbers_are_others_within_a_context_alone() -> None:
     toy = Toy()
-    with retuned(toy, width=0.5):
+    with retune(toy, width=0.5):
         assert toy.width == 0.5
     assert toy.width == 0.05
-    with pytest.raises(ValueError, match="width"), retuned(toy, width=5.0):
+    with pytest.raises(ValueError, match="width"), retune(toy, width=5.0):
         pass
     assert toy == Toy()
     with pytest.raises(FrozenInstanceError):

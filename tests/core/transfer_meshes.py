@@ -108,7 +108,7 @@ def sheet(
     return Sheet(Surface(shape(place), faces), wrapped, corners.reshape(-1, 2))
 
 
-def permuted(mesh: Sheet, seed: int = 0) -> tuple[Sheet, np.ndarray]:
+def permute(mesh: Sheet, seed: int = 0) -> tuple[Sheet, np.ndarray]:
     """The same mesh with its vertices in another order, and (n,) the old number of each."""
     order = np.random.default_rng(seed).permutation(len(mesh.parameters))
     number = np.empty_like(order)

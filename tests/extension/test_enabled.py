@@ -16,7 +16,7 @@ from scenes import (
     activate,
     add_attribute,
     add_uv_map,
-    decimated,
+    decimate,
     ellipsoid,
     positions,
     set_weights,
@@ -50,7 +50,7 @@ def source(scene):
 @pytest.fixture
 def target(source):
     """The same shape with fewer triangles, in the same place."""
-    obj = decimated("Target", 4)
+    obj = decimate("Target", 4)
     bpy.context.view_layer.update()
     activate(obj, source)
     return obj
@@ -162,7 +162,7 @@ def test_another_candidate_takes_the_place_of_the_match_and_gives_it_back(source
 
 
 def test_several_targets_receive_in_one_undo_step(source, target):
-    other = decimated("Other", 4)
+    other = decimate("Other", 4)
     bpy.context.view_layer.update()
     activate(target, other, source)
     bpy.context.scene.zoomout.source = source

@@ -31,11 +31,11 @@ SOURCE_POSE, TARGET_POSE = CHARACTER_POSE, OTHER_POSE
 
 def creature(edge: float, pose: np.ndarray) -> Sample:
     """The creature with triangles of an edge length, in a pose."""
-    return _made(edge, tuple(pose))
+    return _make(edge, tuple(pose))
 
 
 @cache
-def _made(edge: float, pose: tuple[float, ...]) -> Sample:
+def _make(edge: float, pose: tuple[float, ...]) -> Sample:
     return sample(CHARACTER, edge, np.array(pose))
 
 

@@ -18,7 +18,7 @@ import zoomout_core
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 SIZE = 14.2**0.5
 

@@ -14,7 +14,7 @@ from meshlab_filter import apply_filter, filter_list, print_filter_list, print_f
 from meshlab_filter.catalogue import CATALOGUE, meaning
 from meshlab_filter.mesh_data import custom_names
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 SIZE = 14.2**0.5
 

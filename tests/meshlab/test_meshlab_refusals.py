@@ -15,7 +15,7 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, LENGTH, MESH, NAMES, 
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
 OF_CURRENT = [name for name in CATALOGUE if name not in BY_PAIR]

@@ -19,7 +19,7 @@ from mesh_set_state import everything
 from meshlab_filter import compute_correspondence_by_zoomout, transfer_attributes_by_zoomout
 from zoomout_core import Cancelled
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 # Errors in units of the square root of the area, as papers quote them.
 SIZE = 14.2**0.5

@@ -21,7 +21,7 @@ from meshlab_filter.script import read_script
 from meshlab_filter.trial import fault_of_file
 from meshlab_filter.watch import Watch, watch
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 # As MeshLab 2022.02 saves it: two meshes, of which the second stands aside.
 DESKTOP = Path(__file__).with_name("desktop.mlp")

@@ -15,7 +15,7 @@ PROJECT = tomllib.loads((extension.ROOT / "pyproject.toml").read_text())["projec
 @pytest.mark.parametrize("python", extension.PYTHONS)
 def test_wheels_of_all_that_the_core_requires_but_numpy_are_pinned_in_versions_that_fit(python):
     required = {one.name: one.specifier for one in map(Requirement, PROJECT["dependencies"])}
-    pinned = dict(pin.split("==") for pin in extension.pinned(extension.LOCKS / f"{python}.txt"))
+    pinned = dict(pin.split("==") for pin in extension.requirements(extension.LOCKS / f"{python}.txt"))
     assert set(pinned) == set(required) - {"numpy"}
     assert all(required[name].contains(version) for name, version in pinned.items())
 
@@ -31,7 +31,9 @@ def test_every_pin_has_a_hash():
 def test_a_wheel_for_every_python_is_pinned_once():
     """Blender installs all wheels that fit: of two versions of one it would take either."""
     any_python = [
-        next(pin for pin in extension.pinned(extension.LOCKS / f"{python}.txt") if pin.startswith("threadpoolctl"))
+        next(
+            pin for pin in extension.requirements(extension.LOCKS / f"{python}.txt") if pin.startswith("threadpoolctl")
+        )
         for python in extension.PYTHONS
     ]
     assert len(set(any_python)) == 1

@@ -3,7 +3,7 @@
 
 import bpy
 import pytest
-from extension_page import FPS, STEP, WIPE, Shot, between, edit, mirrored
+from extension_page import FPS, STEP, WIPE, Shot, between, edit, mirror
 
 
 @pytest.fixture
@@ -39,8 +39,8 @@ def test_each_shot_is_seen_for_its_time_and_wiped_over_by_the_next(files):
 
 
 def test_a_mirrored_pose_turns_the_other_side_the_other_way():
-    assert mirrored({"thigh.L": (-38, 1, 2), "spine": (4, 0, 8)}) == {"thigh.R": (-38, -1, -2), "spine": (4, 0, -8)}
-    assert mirrored(mirrored(STEP)) == STEP
+    assert mirror({"thigh.L": (-38, 1, 2), "spine": (4, 0, 8)}) == {"thigh.R": (-38, -1, -2), "spine": (4, 0, -8)}
+    assert mirror(mirror(STEP)) == STEP
 
 
 def test_the_way_between_poses_begins_and_ends_at_them():

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blended_matrices
+from zoomout_core.transfer.skinning import blend_matrices
 from zoomout_core.transfer.unpose import inverse_skinning
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def to_rest(seen: Floats, weights: csr_array, transforms: Floats) -> tuple[Float
         (n, 3) positions, and (n, 3, 3) what takes small differences of positions there.
     """
     scale = float(np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])).mean()))
-    rest, linear, _ = inverse_skinning(seen, blended_matrices(transforms[:, :3], weights), scale)
+    rest, linear, _ = inverse_skinning(seen, blend_matrices(transforms[:, :3], weights), scale)
     return rest, linear
 
 

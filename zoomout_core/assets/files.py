@@ -16,7 +16,7 @@ from zoomout_core.mesh.files import existing, read_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import written_together
+from zoomout_core.runtime.outputs import atomic_write_together
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
@@ -69,5 +69,5 @@ def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
         ()
     """
     check_format(path)
-    with written_together(path) as place:
+    with atomic_write_together(path) as place:
         return WRITERS[place.suffix.lower()](asset, place)

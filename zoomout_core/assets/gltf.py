@@ -64,7 +64,7 @@ class Document:
                 raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")
 
     @classmethod
-    def made(cls, gltf: GLTF2) -> Document:
+    def from_gltf(cls, gltf: GLTF2) -> Document:
         """The document of what was made, with one buffer, and not read from a file."""
         document = cls.__new__(cls)
         document.gltf, document.folder = gltf, Path()
@@ -73,9 +73,9 @@ class Document:
 
     def _buffer(self, number: int) -> bytes:
         uri = self.gltf.buffers[number].uri
-        return bytes(self.gltf.binary_blob()) if uri is None else self.linked(uri)
+        return bytes(self.gltf.binary_blob()) if uri is None else self.read_uri(uri)
 
-    def linked(self, uri: str) -> bytes:
+    def read_uri(self, uri: str) -> bytes:
         """What a URI refers to: data in it, or a file beside the document."""
         if uri.startswith("data:"):
             return bytes(self.gltf.decode_data_uri(uri))
@@ -88,7 +88,7 @@ class Document:
         image = None if number is None else self.gltf.images[number]
         if image is None or (image.bufferView is None and image.uri is None):
             return None
-        return self.linked(image.uri) if image.bufferView is None else self.view(image.bufferView)
+        return self.read_uri(image.uri) if image.bufferView is None else self.view(image.bufferView)
 
     def view(self, number: int) -> bytes:
         """The bytes of a buffer view."""

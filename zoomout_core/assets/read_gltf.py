@@ -22,7 +22,7 @@ from zoomout_core.assets.gltf import Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blended_matrices, moved, normalised
+from zoomout_core.transfer.skinning import blend_matrices, normalise, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import Primitive
@@ -78,9 +78,11 @@ def read_gltf(path: Path) -> Asset:
     if not meshes:
         raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
     skeleton = _Skeleton(document, worlds, parent, meshes)
-    meshes = [_wound_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
+    meshes = [_wind_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
-    vertices = np.concatenate([moved(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)])
+    vertices = np.concatenate(
+        [transform_points(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)]
+    )
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
     surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
@@ -89,11 +91,11 @@ def read_gltf(path: Path) -> Asset:
         *_shape_keys(meshes, matrices),
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
-    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _left_out(document, nodes))
+    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes))
     return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
 
 
-def _left_out(document: Document, nodes: Sequence[int]) -> list[str]:
+def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
     """What of a scene is no part of an asset."""
     meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
     found = []
@@ -110,7 +112,7 @@ def _left_out(document: Document, nodes: Sequence[int]) -> list[str]:
     return found
 
 
-def _wound_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
+def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
     """A mesh whose faces keep their outer side where its node mirrors it; a skin has its node's frame left out."""
     if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
         return mesh
@@ -229,7 +231,7 @@ def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> l
         ]
         if name == "NORMAL":
             if all(name in mesh.corners for mesh in meshes):
-                turned = [_turned(*each) for each in zip(values, meshes, matrices, strict=True)]
+                turned = [_turn(*each) for each in zip(values, meshes, matrices, strict=True)]
                 found.append(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.concatenate(turned)))
             continue
         filled = [np.hstack([each, np.ones((len(each), width - each.shape[1]))]) for each in values]
@@ -241,7 +243,7 @@ def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> l
     return found
 
 
-def _turned(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
+def _turn(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
     """Normals (3 m, 3) of a mesh as it is seen."""
     inverse = np.linalg.pinv(matrices[:, :, :3])[mesh.triangles.ravel()]
     return unit_vectors(np.einsum("cyx,cy->cx", inverse, normals))
@@ -309,8 +311,8 @@ class _Skeleton:
         if mesh.skin is None:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
         nodes, inverse_bind = self.skins[mesh.skin]
-        shares = normalised(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
-        matrices = blended_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
+        shares = normalise(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
+        matrices = blend_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
         unweighted = np.diff(shares.indptr) == 0
         matrices[unweighted] = self.worlds[mesh.node][:3]
         return matrices
@@ -342,7 +344,7 @@ class _Skeleton:
         joint = np.searchsorted(self.nodes, self.skins[mesh.skin][0])[mesh.joint]
         none = mesh.weight.sum(axis=1, keepdims=True) <= 0
         joint, weight = np.hstack([joint, np.full((count, 1), hanging)]), np.hstack([mesh.weight, none])
-        return normalised(_sparse(rows, joint, weight, size))
+        return normalise(_sparse(rows, joint, weight, size))
 
     def _ancestor(self, node: int) -> int:
         """The nearest joint at a node or above it, -1 without one."""

@@ -20,10 +20,10 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
+from zoomout_core.transfer.rest_pose import REST, align, find_pose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
-from zoomout_core.transfer.skinning import normalised, skinning_matrices
-from zoomout_core.transfer.unpose import Rest, unposed
+from zoomout_core.transfer.skinning import normalise, skinning_matrices
+from zoomout_core.transfer.unpose import Rest, unpose
 
 # What can be carried, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
@@ -107,27 +107,27 @@ def transfer_asset(
         asset = replace(asset, materials=source.materials, document=document)
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
-            own, found = _bound(source, skin, mapped, shape)
+            own, found = _bind(source, skin, mapped, shape)
         asset = replace(asset, skin=own, document=source.document)
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 
-def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
+def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
     """The target's skin, with the target at rest, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):
         weights = _weights(skin, mapped)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
-        posed = posed_target(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
+        posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
         weights, pose = _weights(skin, posed.mapped), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
-            rest = aligned(target, pose)
+            rest = align(target, pose)
         else:
             matrices = skinning_matrices(pose.transforms, weights)
-            rest = unposed(target, matrices, pose.scale, posed.mapped.confidence)
+            rest = unpose(target, matrices, pose.scale, posed.mapped.confidence)
             notes.append(
                 f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
                 "was moved to the rest pose."
@@ -144,7 +144,7 @@ def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
         places = mapped.target.vertices
         nearest = cKDTree(places[~without]).query(places)[1]
         weights = csr_array(weights[np.where(without, np.flatnonzero(~without)[nearest], np.arange(len(places)))])
-    return normalised(weights)
+    return normalise(weights)
 
 
 def _stands_as(source: Surface, target: Surface) -> bool:

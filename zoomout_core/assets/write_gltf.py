@@ -14,7 +14,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.assets.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, Document, library
 from zoomout_core.assets.read_gltf import materials_of
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.transfer.skinning import normalised, row_of
+from zoomout_core.transfer.skinning import normalise, row_of
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Primitive
@@ -206,7 +206,7 @@ def _rgba(colors: Floats) -> Floats:
 
 def _add_influences(attributes: Any, skin: Skin, vertex: Integers, buffer: Buffer) -> None:
     """Joints and weights of vertices, the strongest first, in sets of four."""
-    weights = normalised(skin.weights)
+    weights = normalise(skin.weights)
     row, count = row_of(weights), np.diff(weights.indptr)
     order = np.lexsort((weights.indices, -weights.data, row))
     rank = np.arange(len(row)) - np.repeat(weights.indptr[:-1], count)

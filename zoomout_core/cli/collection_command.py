@@ -18,7 +18,7 @@ from zoomout_core.assets.files import MESHES, WRITERS
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY, meshes_of
 from zoomout_core.cli.report import json_option
-from zoomout_core.cli.transfer_command import checked_kinds
+from zoomout_core.cli.transfer_command import check_kinds
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, InThisProcess, local_engine, remote_engine
@@ -150,11 +150,11 @@ def collection(
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
-        chosen = checked_kinds(kinds)
+        chosen = check_kinds(kinds)
         files = _files(shapes)
         names = [item.name for item in items_of(files)]
         ending = ending or _usual_ending(template)
-        carries = transfers and _carried_by_blender(files, template, ending, blender)
+        carries = transfers and _uses_blender(files, template, ending, blender)
         choice: dict[str, Any] = {"template": template}
         if all_pairs or pairs is not None:
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
@@ -208,7 +208,7 @@ def _usual_ending(template: Path | None) -> str:
     return template.suffix[1:].lower() if template is not None and is_of_blender(template) else "glb"
 
 
-def _carried_by_blender(files: Sequence[Path], template: Path | None, ending: str, program: str | None) -> bool:
+def _uses_blender(files: Sequence[Path], template: Path | None, ending: str, program: str | None) -> bool:
     """Whether Blender is to carry the data of a template.
 
     Raises:

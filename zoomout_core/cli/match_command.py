@@ -18,7 +18,7 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.evaluation import flipped_share
 from zoomout_core.matching import option_table
-from zoomout_core.matching.option_table import OPTIONS, Door, offered
+from zoomout_core.matching.option_table import OPTIONS, Door, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
@@ -54,7 +54,9 @@ def match(
     and nothing else.
     """
     try:
-        of_nearest = {each.name: options.pop(each.name) for each in offered(option_table.NEAREST, Door.COMMAND_LINE)}
+        of_nearest = {
+            each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Door.COMMAND_LINE)
+        }
         landmarks, earlier, start = (options[name] for name in ("landmarks", "earlier_map", "initial"))
         check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
         shapes = read_shape(source), read_shape(target)

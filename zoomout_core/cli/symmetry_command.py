@@ -59,7 +59,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         )
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    lines = [f"{number}. {described(entry)}" for number, entry in enumerate(found, start=1)]
+    lines = [f"{number}. {describe(entry)}" for number, entry in enumerate(found, start=1)]
     figures = {
         "output": output,
         "written": candidate,
@@ -69,7 +69,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
     say([*lines, *chosen.notes, f"Number {candidate} written to {output}"], figures, as_json)
 
 
-def described(symmetry: Symmetry) -> str:
+def describe(symmetry: Symmetry) -> str:
     """A symmetry in a line: what it is, how likely, and how exact."""
     kind = "reflection" if symmetry.reverses_orientation else "turn"
     order = f" of order {symmetry.order}" if symmetry.order > 2 else ""

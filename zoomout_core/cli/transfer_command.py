@@ -18,7 +18,7 @@ from zoomout_core.batch import (
     end_with_code,
     figures_of,
     is_folder,
-    planned,
+    plan,
     run_jobs,
     say_outcomes,
     write_report,
@@ -76,13 +76,13 @@ def transfer(
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        wanted = checked_kinds(kinds)
+        wanted = check_kinds(kinds)
         if Path(source).suffix.lower() in OF_BLENDER:
             raise MeshError(
                 f"This command reads only the shape of {source}: use `zoomout collection` with --template and "
                 "--transfer, or `blender --command zoomout carry`."
             )
-        jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
+        jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
         with progress_bar():
             outcomes = run_jobs(jobs, partial(_run_job, asset, candidate, wanted, shape.replace("-", " "), arguments))
@@ -97,7 +97,7 @@ def transfer(
         say_outcomes(outcomes, output)
 
 
-def checked_kinds(kinds: str) -> list[str]:
+def check_kinds(kinds: str) -> list[str]:
     """The kinds that an option names.
 
     Raises:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zoomout_core.collection.collection import CollectionResult
-from zoomout_core.collection.engine import Engine, Failure, Task, completed
+from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import CARRIED, carry_pair
@@ -47,7 +47,7 @@ def carry(
             record = result.folder / CARRIED / f"{pair.target}.json"
             tasks.append(Task(key, carry_pair, (*paths, record, blender)))
     notes = {}
-    for done in completed(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
+    for done in run_tasks(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
         name = names[done.key].target
         if isinstance(done.result, Failure):
             result.failures[f"transfer to {name}"] = done.result.message

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from uuid import uuid4
 
 from zoomout_core.collection.cycles import Agreement, agreeing, pairs_in_cycles
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, completed
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
 from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
 from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
@@ -184,7 +184,7 @@ def match_collection(
                 spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
                 run.match(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
             elif template is not None and agree:
-                run.match(dict.fromkeys(run.between()))
+                run.match(dict.fromkeys(run.unsure_pairs()))
         agreement = run.agreement() if agree else None
         if agreement is not None:
             with portion(COMPARED, 1.0):
@@ -286,18 +286,18 @@ class _Run:
         names = {task.key: task.arguments[0] for task in tasks}
         failed_pairs: dict[PairName, str] = {}
 
-        def counted(ended: int) -> str:
+        def title_of(ended: int) -> str:
             failed = f", {kinds['failed']} failed" if kinds["failed"] else ""
             counts = (kinds["matched"], pairs) if pairs else (ended, len(tasks))
             return f"{title} {counts[0]} of {counts[1]}{failed}"
 
-        for done in completed(self._engine, tasks, counted):
-            kinds[self._taken(names[done.key], done.result, failed_pairs)] += 1
+        for done in run_tasks(self._engine, tasks, title_of):
+            kinds[self._take_in(names[done.key], done.result, failed_pairs)] += 1
         for pair, message in failed_pairs.items():
             if not any(name in self.failures for name in pair):  # else its shape is named
                 self.failures[str(pair)] = message
 
-    def _taken(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
+    def _take_in(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
         """Take in what a task made, or why a pair failed; of which kind it is."""
         if isinstance(result, Failure):
             if isinstance(of, Item):
@@ -318,7 +318,7 @@ class _Run:
         self.matched += result.new
         return "matched"
 
-    def between(self) -> list[PairName]:
+    def unsure_pairs(self) -> list[PairName]:
         """Pairs that tell more where a map from the template is unsure: with shapes that are alike and sure."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
         unsure = [name for name in self.items if certainty.get(name, 1.0) < MIN_TEMPLATE_CERTAINTY]
@@ -349,7 +349,7 @@ class _Run:
                 source, target = map(self._summary, pair)
                 images = source.samples[agreement.maps[pair].forward[candidate]]
                 beginning = Beginning(0, third, target.samples, images)
-            if not beginning.led_to(record):
+            if not beginning.is_start_of(record):
                 found[pair] = beginning
         return found
 

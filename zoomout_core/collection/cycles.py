@@ -27,7 +27,7 @@ class CycleTuning(Tuning, set_by="collection"):
         open: mean error of a cycle from which on it is as open as can be.
         closed: mean error that right maps have, as samples are as far apart.
         weight: what an open cycle counts beside the logarithm of a candidate's probability.
-        least_certainty: of any candidate, so that the others can outvote the surest.
+        min_certainty: of any candidate, so that the others can outvote the surest.
         turned_inside_out: what of its probability a candidate keeps that treats the orientation unlike the first.
         composed: probability of a map through a third shape.
         gain: what a change must save, so that candidates that are as good as each other stay.
@@ -38,7 +38,7 @@ class CycleTuning(Tuning, set_by="collection"):
     open: float = tuned(0.15, "at unit area", 1e-3, 10)
     closed: float = tuned(0.06, "at unit area", 0, 1)
     weight: float = tuned(6.0, "1", 0, 1000)
-    least_certainty: float = tuned(0.01, "probability", 1e-9, 0.5)
+    min_certainty: float = tuned(0.01, "probability", 1e-9, 0.5)
     turned_inside_out: float = tuned(0.001, "1", 0, 1)
     composed: float = tuned(0.02, "probability", 1e-9, 1)
     gain: float = tuned(0.5, "1", 0, 100)
@@ -88,9 +88,9 @@ def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], Shap
     votes = _Votes(dict(maps), shape)
     first = dict.fromkeys(maps, 0)
     before = {pair: votes.error(pair, first) for pair in maps if votes.cycles_of[pair]}
-    labels = votes.improved(first)
-    through = votes.composed(labels)
-    labels = votes.settled(labels)
+    labels = votes.improve(first)
+    through = votes.compose(labels)
+    labels = votes.settle(labels)
     return Agreement(
         labels,
         {pair: third for pair, third in through.items() if labels[pair] == len(maps[pair].certainty)},
@@ -121,10 +121,10 @@ class _Votes:
         """Mean distance, at unit area, by which a cycle misses where it began, from each of its corners."""
         chosen = labels[cycle[0]], labels[cycle[1]], labels[cycle[2]]
         if (cycle, chosen) not in self._known:
-            self._known[cycle, chosen] = self._measured(cycle, labels)
+            self._known[cycle, chosen] = self._measure(cycle, labels)
         return self._known[cycle, chosen]
 
-    def _measured(self, cycle: Triangle, labels: Mapping[PairName, int]) -> float:
+    def _measure(self, cycle: Triangle, labels: Mapping[PairName, int]) -> float:
         a, b, c = _corners(cycle)
         errors = []
         for first, second, third in ((a, b, c), (b, c, a), (c, a, b)):
@@ -153,7 +153,7 @@ class _Votes:
         """(m,) probability of the candidates of a pair by themselves."""
         maps = self.maps[pair]
         unlike = maps.reverses_orientation != maps.reverses_orientation[0]
-        certainty = np.maximum(maps.certainty, CYCLES.least_certainty)
+        certainty = np.maximum(maps.certainty, CYCLES.min_certainty)
         return np.where(unlike, CYCLES.turned_inside_out * certainty, certainty)
 
     def certainty(self, pair: PairName, labels: Mapping[PairName, int]) -> float:
@@ -164,7 +164,7 @@ class _Votes:
         odds = np.exp(costs.min() - costs)
         return float(odds[labels[pair]] / odds.sum())
 
-    def improved(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
+    def improve(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
         """Labels of which none can be changed for less by itself."""
         found = dict(labels)
         for _ in range(CYCLES.rounds):
@@ -172,7 +172,7 @@ class _Votes:
                 break
         return found
 
-    def settled(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
+    def settle(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
         """Labels of which none, and none of those around a shape together, can be changed for less."""
         found = dict(labels)
         of_shape: dict[str, list[PairName]] = {}
@@ -180,7 +180,7 @@ class _Votes:
             for name in pair:
                 of_shape.setdefault(name, []).append(pair)
         for _ in range(CYCLES.rounds):
-            found = self.improved(found)
+            found = self.improve(found)
             if not sum([self._turn(pairs, found) for pairs in of_shape.values()]):
                 break
         return found
@@ -243,7 +243,7 @@ class _Votes:
         own = sum(-np.log(self.prior(pair)[labels[pair]]) for pair in pairs)
         return float(own + sum(self._openness(cycle, labels) for cycle in cycles))
 
-    def composed(self, labels: Mapping[PairName, int]) -> dict[PairName, str]:
+    def compose(self, labels: Mapping[PairName, int]) -> dict[PairName, str]:
         """Give pairs whose cycles stay open a map through a third shape as one more candidate; that shape of each."""
         through = {}
         for pair, cycles in self.cycles_of.items():

@@ -23,7 +23,7 @@ CONNECTING = 20
 # Seconds within which a result must arrive that is there: of megabytes at most, and never where its worker was lost.
 ARRIVING = 60
 # Tasks that a cluster knows of at a time: more than its workers, and few enough that its scheduler keeps up.
-MOST_UNDER_WAY = 2000
+MAX_UNDER_WAY = 2000
 LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
 
 
@@ -62,7 +62,7 @@ class Done:
 class Engine(Protocol):
     """What runs tasks, each after those that it needs."""
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Run tasks, and yield each when it has ended; progress is reported while they run.
 
         A task that fails, or needs one that has, costs itself alone.
@@ -74,7 +74,7 @@ class Engine(Protocol):
         ...
 
 
-def completed(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]) -> Iterator[Done]:
+def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]) -> Iterator[Done]:
     """Run tasks, and yield each when it has ended, with the progress of the whole.
 
     Args:
@@ -84,7 +84,7 @@ def completed(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]
     """
     if not tasks:
         return
-    running = engine.completed(tasks)
+    running = engine.as_completed(tasks)
     for ended in range(len(tasks) + 1):
         with stage(title(ended), ended / len(tasks), min(1.0, (ended + 1) / len(tasks))):
             done = next(running, None)
@@ -122,7 +122,7 @@ class InThisProcess:
     def sees(self, paths: Sequence[Path]) -> bool:
         return True
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         results: dict[str, Any] = {}
         for task in tasks:
             arguments = (*task.arguments, *(results[key] for key in task.after))
@@ -157,10 +157,10 @@ class OnDask:
         there = self._client.run(_all_exist, [str(path.resolve()) for path in paths])
         return bool(there) and all(there.values())
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         lost: set[str] = set()
         task_of = {task.key: task for task in tasks}
-        for done in self._ended(tasks):
+        for done in self._as_completed(tasks):
             if isinstance(done.result, _Lost):
                 lost.add(done.key)
             else:
@@ -171,23 +171,23 @@ class OnDask:
             if task.key in lost:
                 yield from self._alone(task, task_of, failed)
 
-    def _ended(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """`completed`, with a `_Lost` for what was given up with its worker."""
+    def _as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """`run_tasks`, with a `_Lost` for what was given up with its worker."""
         from distributed import as_completed
 
         run = uuid4().hex[:8]
-        ahead = deque(_needed_first(tasks))
+        ahead = deque(_sort_by_need(tasks))
         uses = Counter(key for task in tasks for key in task.after)
         futures: dict[str, Any] = {}
         under_way: dict[str, str] = {}  # names that the cluster has for tasks, and their keys
         waiting = as_completed(loop=self._client.loop)
 
-        def let_go(key: str) -> None:
+        def release(key: str) -> None:
             if not uses[key] and futures[key].key not in under_way:
                 del futures[key]
 
         while ahead or under_way:
-            while ahead and len(under_way) < MOST_UNDER_WAY:
+            while ahead and len(under_way) < MAX_UNDER_WAY:
                 task = ahead.popleft()
                 needed = [futures[key] for key in task.after]
                 future = self._client.submit(
@@ -197,11 +197,11 @@ class OnDask:
                 waiting.add(future)
                 for key in task.after:
                     uses[key] -= 1
-                    let_go(key)
+                    release(key)
             ended = waiting.next_batch(block=False)
             for future in ended:
                 key = under_way.pop(future.key)
-                let_go(key)
+                release(key)
                 yield Done(key, self._result_of(future))
             if not ended:
                 if self._client.status != "running":
@@ -211,12 +211,12 @@ class OnDask:
 
     def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done]:
         """Run a task once more when nothing else runs; what fails is added to `failed`, by its key."""
-        chain = [*_needed(task, task_of), task]
+        chain = [*_requirements(task, task_of), task]
         fault = next((failed[each.key] for each in chain if each.key in failed), None)
         if fault is not None:
             yield Done(task.key, fault)
             return
-        for done in self._ended(chain):
+        for done in self._as_completed(chain):
             result = Failure(done.result.message) if isinstance(done.result, _Lost) else done.result
             if isinstance(result, Failure):
                 failed[done.key] = result
@@ -245,21 +245,21 @@ class _Lost:
     message: str
 
 
-def _needed(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
+def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
     """What a task needs to run before it, and what that needs."""
     found: dict[str, Task] = {}
     for key in task.after:
-        for each in (*_needed(task_of[key], task_of), task_of[key]):
+        for each in (*_requirements(task_of[key], task_of), task_of[key]):
             found[each.key] = each
     return list(found.values())
 
 
-def _needed_first(tasks: Sequence[Task]) -> list[Task]:
+def _sort_by_need(tasks: Sequence[Task]) -> list[Task]:
     """Tasks in an order in which what each needs comes right before it, so that it is soon let go."""
     task_of = {task.key: task for task in tasks}
     ordered: dict[str, Task] = {}
     for task in sorted(tasks, key=lambda task: not task.after):
-        for each in (*_needed(task, task_of), task):
+        for each in (*_requirements(task, task_of), task):
             ordered.setdefault(each.key, each)
     return list(ordered.values())
 
@@ -292,7 +292,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     if workers == 1:
         yield InThisProcess(retries)
         return
-    distributed = _distributed(retries)
+    distributed = _import_distributed(retries)
     import dask
 
     # Each process computes on a core of its own. Dask's own settings would have every array that is let go given back
@@ -323,7 +323,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
         ImportError: Dask is not installed.
         ConnectionError: there is no scheduler.
     """
-    distributed = _distributed(retries)
+    distributed = _import_distributed(retries)
     try:
         client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -336,7 +336,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
         yield OnDask(client, retries)
 
 
-def _distributed(retries: int) -> Any:
+def _import_distributed(retries: int) -> Any:
     """The package, set so that a worker which dies costs a task one of its tries."""
     try:
         import dask

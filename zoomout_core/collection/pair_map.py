@@ -20,7 +20,7 @@ from zoomout_core.matching.result import MatchResult
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
 # Candidates of a pair that are kept to choose among.
-MOST_CANDIDATES = 8
+MAX_CANDIDATES = 8
 # Confidence below which a vertex counts as doubtful, as the commands say it.
 LOW = 0.5
 RECORD = "record"
@@ -152,7 +152,7 @@ def load_candidate_maps(path: Path) -> CandidateMaps:
 
 def candidate_maps_of(result: MatchResult, summaries: tuple[ShapeSummary, ShapeSummary]) -> CandidateMaps:
     """The candidates of a match, between the samples that the shapes of a collection are known by."""
-    candidates = result.candidates[:MOST_CANDIDATES]
+    candidates = result.candidates[:MAX_CANDIDATES]
     there = [_between_samples(result.pair, each, summaries) for each in candidates]
     return CandidateMaps(
         np.array([forward for forward, _ in there]),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.collection.engine import Engine, Task, completed
+from zoomout_core.collection.engine import Engine, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName, PairRecord
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.colors import place_colors
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult
 
 # Pixels of a picture on each side, and vertices of a surface that is drawn in it.
-PIXELS, MOST_VERTICES = 180, 6_000
+PIXELS, MAX_VERTICES = 180, 6_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Tas
         root: the shape whose places have colours of their own, such as a template; the one with most maps if not given.
     """
     tasks = []
-    for name, parent in colored_through(list(result.records), result.records, root):
+    for name, parent in color_tree(list(result.records), result.records, root):
         path = result.items[name].path.resolve()
         after: tuple[str, ...] = ()
         map_file, forward, parent_path = None, True, None
@@ -69,13 +69,13 @@ def draw(result: CollectionResult, root: str | None, engine: Engine) -> dict[str
     """PNG files of all shapes that a map joins to others, by their names, see `picture_tasks`; what fails has none."""
     tasks = picture_tasks(result, root)
     found: dict[str, bytes] = {}
-    for done in completed(engine, tasks, lambda _: f"Drawing {len(found)} of {len(tasks)}"):
+    for done in run_tasks(engine, tasks, lambda _: f"Drawing {len(found)} of {len(tasks)}"):
         if isinstance(done.result, Picture):
             found[done.key.removeprefix("picture ")] = done.result.png
     return found
 
 
-def colored_through(
+def color_tree(
     pairs: Sequence[PairName], records: Mapping[PairName, PairRecord], root: str | None
 ) -> list[tuple[str, str | None]]:
     """Each shape, and the one through whose map it is coloured: along the tree of the surest maps, from the root on."""
@@ -125,17 +125,17 @@ def draw_picture(
         else:
             surface_map = SurfaceMap.load(map_file, surface).invert(surface, other)
         colors = surface_map.interpolate(parent.colors / 255)
-    return Picture(_drawn(surface, colors), np.rint(255 * colors.clip(0, 1)).astype(np.uint8))
+    return Picture(_draw(surface, colors), np.rint(255 * colors.clip(0, 1)).astype(np.uint8))
 
 
-def _drawn(surface: Surface, colors: Floats) -> bytes:
+def _draw(surface: Surface, colors: Floats) -> bytes:
     """A PNG of a surface with colours (n, 3)."""
     from matplotlib.figure import Figure
 
     from zoomout_core.plotting import draw_surface
 
-    if len(surface.vertices) > MOST_VERTICES:
-        vertices, triangles, _ = decimate(surface.vertices, surface.triangles, MOST_VERTICES)
+    if len(surface.vertices) > MAX_VERTICES:
+        vertices, triangles, _ = decimate(surface.vertices, surface.triangles, MAX_VERTICES)
         colors = colors[cKDTree(surface.vertices).query(vertices)[1]]
         surface = Surface(vertices, triangles)
     figure = Figure(figsize=(1, 1), dpi=PIXELS)

@@ -17,11 +17,11 @@ import numpy as np
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import CYCLES
 from zoomout_core.collection.pair_map import PairName, PairRecord
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 REPORT, PAGE = "report.json", "report.html"
 # Pairs in the table of what to look at first.
-MOST_ROWS = 100
+MAX_ROWS = 100
 # Certainty from which on a map is as sure as the commands announce.
 SURE = 0.9
 
@@ -103,9 +103,9 @@ def write_reports(
         OutputError: they cannot be written.
     """
     figures = figures_of_collection(result, received)
-    with written_whole(result.folder / REPORT) as part:
+    with atomic_write(result.folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
-    with written_whole(result.folder / PAGE) as part:
+    with atomic_write(result.folder / PAGE) as part:
         part.write_text(page_of(result, pictures), encoding="utf-8")
 
 
@@ -120,7 +120,7 @@ def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
     # Those that no map is shown of, such as a template, come before the others.
     cards = [_card(name, None, None, None, pictures[name]) for name in pictures if name not in least]
     cards += [_card(name, *least[name], result.records[least[name][1]], pictures.get(name)) for name in order]
-    rows = sorted(result.records, key=lambda pair: (trust(result, pair), pair))[:MOST_ROWS]
+    rows = sorted(result.records, key=lambda pair: (trust(result, pair), pair))[:MAX_ROWS]
     return PAGE_TEMPLATE.substitute(
         title=escape(result.folder.name),
         summary="".join(f"<p>{escape(line)}</p>" for line in lines_of_collection(result)),

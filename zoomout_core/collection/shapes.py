@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.bodies import find_bodies
-from zoomout_core.matching.memory_cache import kept_working_mesh
+from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import surface_vertices
 from zoomout_core.matching.preparation import prepare_shape
@@ -139,7 +139,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
         MeshError: the file cannot be read, or its shape not be matched.
     """
     surface = as_surface(read_shape(path))
-    kept_working_mesh(surface)
+    cached_working_mesh(surface)
     with stage("Finding the body", 0.0, 0.1):
         bodies = find_bodies(surface, surface, options.seed)
     with stage("Analysing the shape", 0.1, 1.0):

@@ -32,19 +32,19 @@ from zoomout_core.collection.pair_map import (
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import package_version
-from zoomout_core.matching.memory_cache import shapes_stored_in
+from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import existing, read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
 # Folders of workers that do not see the results: what is prepared to be sent on, and what was sent.
 PREPARED, CACHE = "prepared", "cache"
 # Bytes that the prepared shapes of a collection take at most: a thousand of the usual size.
-MOST_BYTES = 16 << 30
+MAX_BYTES = 16 << 30
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Workplace:
             of: the shape that is prepared to be sent on, which is kept apart.
         """
         cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
-        return nullcontext() if cache is None else shapes_stored_in(cache, MOST_BYTES)
+        return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 
     def key(self, *parts: object) -> str:
         """A name for what comes of some inputs by the options and the version of this package."""
@@ -135,7 +135,7 @@ class Beginning:
     samples: Integers | None = None
     images: Integers | None = None
 
-    def led_to(self, record: PairRecord) -> bool:
+    def is_start_of(self, record: PairRecord) -> bool:
         """Whether this is what a map was begun from."""
         return (record.candidate, record.through) == (self.candidate, self.through)
 
@@ -211,7 +211,7 @@ def match_pair(
     output = place.folder / place_of_map(pair)
     key = place.key(source.key, target.key)
     record = _known_record(output, key)
-    if record is not None and (beginning is None or beginning.led_to(record)):
+    if record is not None and (beginning is None or beginning.is_start_of(record)):
         return Matched(pair, record, False)
     earlier = load_candidate_maps(output) if record is not None else None
     began = perf_counter()
@@ -302,5 +302,5 @@ def write_whole(path: Path, content: bytes) -> None:
         OutputError: it cannot be written; what was there before is there still.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(content)

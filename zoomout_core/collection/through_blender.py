@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, completed
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
 from zoomout_core.matching.disk_cache import package_version
@@ -79,7 +79,7 @@ def read_items(
     failures = {}
     sees = engine.sees([folder, *(item.path for item in chosen)]) if tasks else True
     readers = engine if sees else InThisProcess()
-    for done in completed(readers, tasks, lambda ended: f"Reading through Blender {ended} of {len(tasks)}"):
+    for done in run_tasks(readers, tasks, lambda ended: f"Reading through Blender {ended} of {len(tasks)}"):
         if isinstance(done.result, Failure):
             name = done.key.removeprefix("read ")
             failures[name] = done.result.message

@@ -20,7 +20,7 @@ from zoomout_core.runtime.threads import threads
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
 BLOCK = 1 << 17
 # Bounds the time: a query that still has rivals after this many triangles is as far off the surface as these are wide.
-MOST_CANDIDATES = 256
+MAX_CANDIDATES = 256
 # Triangles at a vertex of a regular mesh, which the size of a block follows.
 RING = 6
 # Queries from which on several threads take less time than one.
@@ -149,7 +149,7 @@ class _Closest:
         weights = barycentric_of_closest(inner_products(ap, ab, ac, axis=0))
         off = ap - weights[:, 1] * ab - weights[:, 2] * ac
         distance = np.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
-        pick = _first_least(distance, queries)
+        pick = _first_min(distance, queries)
         pick = pick[distance[pick] < self.distance[queries[pick]]]
         chosen = queries[pick]
         self.triangle[chosen], self.barycentric[chosen] = candidates[pick], weights[pick]
@@ -170,12 +170,12 @@ def _search(found: _Closest, queries: Integers, group: _Group) -> None:
             found.improve(block[row], members[near[row, column]])
             unresolved.append(block[distance[:, -1] - reach < found.distance[block]])
         queries = np.concatenate(unresolved)
-        if count == min(len(members), MOST_CANDIDATES):
+        if count == min(len(members), MAX_CANDIDATES):
             break
-        count = min(4 * count, len(members), MOST_CANDIDATES)
+        count = min(4 * count, len(members), MAX_CANDIDATES)
 
 
-def _first_least(values: Floats, group: Integers) -> Integers:
+def _first_min(values: Floats, group: Integers) -> Integers:
     """The position of the least value (p,) of each group, given by ascending numbers (p,)."""
     begin = np.flatnonzero(np.diff(group, prepend=-1))
     least = np.repeat(np.minimum.reduceat(values, begin), np.diff(begin, append=len(group)))
@@ -284,7 +284,7 @@ class EmbeddedSurface:
             # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
             offset = a_a[candidate] - 2 * product[:, 0]
             distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
-            hit = _first_least(distance, query)
+            hit = _first_min(distance, query)
             triangle[block] = candidate[hit]
             barycentric[block] = weights[hit]
         return triangle, barycentric
@@ -347,11 +347,11 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     bc_bc = ab_ab - 2 * ab_ac + ac_ac
     bp_bc = ap_ac - ab_ac - ap_ab + ab_ab
 
-    def clipped(along: Floats, length: Floats) -> Floats:
+    def clip_to(along: Floats, length: Floats) -> Floats:
         return np.minimum(np.maximum(along / np.maximum(length, SMALLEST), 0), 1)
 
     # The closest point of each side, and the square of its distance less |p - a|^2.
-    on_ab, on_ac, on_bc = clipped(ap_ab, ab_ab), clipped(ap_ac, ac_ac), clipped(bp_bc, bc_bc)
+    on_ab, on_ac, on_bc = clip_to(ap_ab, ab_ab), clip_to(ap_ac, ac_ac), clip_to(bp_bc, bc_bc)
     to_ab = on_ab * (on_ab * ab_ab - 2 * ap_ab)
     to_ac = on_ac * (on_ac * ac_ac - 2 * ap_ac)
     to_bc = on_bc * (on_bc * bc_bc - 2 * bp_bc) + ab_ab - 2 * ap_ab

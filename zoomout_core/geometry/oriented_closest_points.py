@@ -29,12 +29,12 @@ class OrientedSearchTuning(Tuning, set_by="characters"):
 
     Attributes:
         points: samples of a surface.
-        least_points: samples of each group of its triangles, besides.
+        min_points: samples of each group of its triangles, besides.
         candidates: samples nearest to a query whose triangles are looked at.
     """
 
     points: int = tuned(120_000, "points", 0, 10_000_000)
-    least_points: int = tuned(48, "points", 1, 100_000)
+    min_points: int = tuned(48, "points", 1, 100_000)
     candidates: int = tuned(6, "points", 2, 1000)
 
 
@@ -91,7 +91,7 @@ class OrientedSurface:
         points, on = [], []
         for chosen, share in zip(members, area / max(area.sum(), 1e-300), strict=True):
             if len(chosen):
-                count = ORIENTED_SEARCH.least_points + int(ORIENTED_SEARCH.points * share)
+                count = ORIENTED_SEARCH.min_points + int(ORIENTED_SEARCH.points * share)
                 place, at = surface_samples(vertices, triangles[chosen], count)
                 points.append(place)
                 on.append(chosen[at])

@@ -23,7 +23,7 @@ from zoomout_core.arrays import Floats, Integers
 # Guard against division by zero.
 SMALLEST = 1e-300
 # Variances that are differences of means, of places at unit area, are exact up to this rounding.
-LEAST_SPREAD = 1e-12
+MIN_SPREAD = 1e-12
 # Newton's method takes this number of steps to single precision for a blend of rotations whose determinant is larger
 # than this part of its cubed norm.
 NEWTON_STEPS, CLEAR_BLEND = 5, 0.05
@@ -116,7 +116,7 @@ class Similarities:
         return Similarities(self.scale[chosen], self.rotation[chosen], self.translation[chosen])
 
     @classmethod
-    def joined(cls, several: Sequence[Similarities]) -> Similarities:
+    def concatenate(cls, several: Sequence[Similarities]) -> Similarities:
         """One after the other."""
         names = "scale", "rotation", "translation"
         return cls(*(np.concatenate([getattr(each, name) for each in several]) for name in names))
@@ -154,7 +154,7 @@ class Moments:
         """Those of patches, from the patches' means (m, 16) of what `products` gives."""
         place, image = means[:, :3], means[:, 3:6]
         cross = means[:, 6:15].reshape(-1, 3, 3) - image[:, :, None] * place[:, None]
-        return cls(place, image, cross, np.maximum(means[:, 15] - (place**2).sum(axis=1), LEAST_SPREAD))
+        return cls(place, image, cross, np.maximum(means[:, 15] - (place**2).sum(axis=1), MIN_SPREAD))
 
     @cached_property
     def _decomposition(self) -> tuple[Floats, Floats, Floats]:

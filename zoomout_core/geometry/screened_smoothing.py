@@ -14,7 +14,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ScreenedSmoothing:
     @classmethod
     def of(cls, weights: Floats, stiffness: csc_array, length: float) -> ScreenedSmoothing:
         """Factor the system of weights (n,), a stiffness (n, n) and a length."""
-        return cls(weights, length, factorised(screened_stiffness(weights, stiffness, length)))
+        return cls(weights, length, factorise(screened_stiffness(weights, stiffness, length)))
 
     def smooth(self, values: Floats) -> Floats:
         """(n, d) solutions for values (n, d) and no gradients: weighted means over about the length."""

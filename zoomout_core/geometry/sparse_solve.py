@@ -7,7 +7,7 @@ from scipy.sparse import csc_array, dia_array
 from scipy.sparse.linalg import SuperLU, splu
 
 
-def factorised(matrix: csc_array | dia_array) -> SuperLU:
+def factorise(matrix: csc_array | dia_array) -> SuperLU:
     """The factors of a sparse symmetric matrix, in scipy's SuperLU (Li 2005), for which scipy has no Cholesky.
 
     Pivots are taken from the diagonal, which is stable for positive definite matrices, in an order of minimum degree

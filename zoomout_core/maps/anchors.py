@@ -35,11 +35,11 @@ class Anchors:
             return self
         return Anchors(np.hstack([self.source, others.source]), np.hstack([self.target, others.target]))
 
-    def scaled(self, factor: float) -> Anchors:
+    def scale(self, factor: float) -> Anchors:
         """The anchors with another weight beside others."""
         return Anchors(factor * self.source, factor * self.target)
 
-    def swapped(self) -> Anchors:
+    def swap(self) -> Anchors:
         """The anchors of the map in the other direction."""
         return Anchors(self.target, self.source)
 

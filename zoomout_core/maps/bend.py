@@ -23,7 +23,7 @@ SMOOTH, WIDTHS, MET = 0.1, 7, 1e-3
 BLOCK = 1 << 23
 
 
-def bent(
+def bend(
     surface_map: SurfaceMap,
     source_vertices: Floats,
     target_vertices: Floats,

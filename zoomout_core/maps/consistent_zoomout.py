@@ -28,7 +28,7 @@ PairOfShapes: TypeAlias = tuple[int, int]
 # How many farthest points of each shape the iterations run on, and at least.
 SAMPLES = 500
 # Rows of the latent problem up to which it is solved as a dense one; from about there on the sparse one is faster.
-MOST_DENSE = 2000
+MAX_DENSE = 2000
 # What the sparse problem is shifted by, so that it can be factorised: its smallest eigenvalues are near zero.
 SHIFT = -1e-3
 
@@ -97,7 +97,7 @@ def consistent_zoomout(
     fewest = min(len(basis.eigenvalues) for basis in bases)
     if k_final > fewest:
         raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")
-    check_joined(len(bases), list(maps))
+    check_connected(len(bases), list(maps))
     sampled = [SampledBasis.of(basis, farthest_points(basis.points, max(samples, k_final))) for basis in bases]
     k_initial = min(k_initial, k_final, *(min(each.shape) for each in maps.values() if each.ndim == 2))
     functional_maps: dict[PairOfShapes, Floats] = {
@@ -167,7 +167,7 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     order = np.lexsort((columns, rows))
     starts = np.searchsorted(rows[order], np.arange(count + 1))
     matrix = bsr_array((blocks[order], columns[order], starts), shape=(count * k, count * k))
-    if count * k <= MOST_DENSE:
+    if count * k <= MAX_DENSE:
         _, vectors = eigh(matrix.toarray(), subset_by_index=(0, k - 1))
     else:
         start = np.ones(count * k)
@@ -179,7 +179,7 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]
 
 
-def check_joined(count: int, pairs: Sequence[PairOfShapes]) -> None:
+def check_connected(count: int, pairs: Sequence[PairOfShapes]) -> None:
     """Raise a ValueError unless pairs join all of so many shapes."""
     group = list(range(count))
 

@@ -18,7 +18,7 @@ from scipy.linalg import eigh, solve
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.functional_map import eigenvalue_mask, resolvent_mask
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
-from zoomout_core.spectral.operators import checked_descriptors, multiplication_operators
+from zoomout_core.spectral.operators import check_descriptors, multiplication_operators
 
 MASKS = {"eigenvalues": eigenvalue_mask, "resolvent": resolvent_mask}
 # Unknowns up to which the matrix of all of them is formed: 20 MB.
@@ -30,7 +30,7 @@ RIDGE = 1e-10
 # Part of a constant function's squared norm that may lie beyond a basis's null space.
 NOT_CONSTANT = 1e-3
 # Conjugate gradients end when the gradient, scaled by the curvature, has fallen to this part, or after so many steps.
-GRADIENT_TOLERANCE, MOST_STEPS = 1e-7, 2000
+GRADIENT_TOLERANCE, MAX_STEPS = 1e-7, 2000
 
 
 def fit_functional_map(
@@ -91,8 +91,8 @@ def fit_functional_map(
         (10, 10)
     """
     k_source, k_target = _sizes(k)
-    F = checked_descriptors(basis_source, descriptors_source, "The source's descriptors")
-    G = checked_descriptors(basis_target, descriptors_target, "The target's descriptors")
+    F = check_descriptors(basis_source, descriptors_source, "The source's descriptors")
+    G = check_descriptors(basis_target, descriptors_target, "The target's descriptors")
     if F.shape[1] != G.shape[1]:
         raise ValueError(
             f"The source has {F.shape[1]} descriptors, but the target has {G.shape[1]}: give the same descriptors in "
@@ -108,9 +108,9 @@ def fit_functional_map(
     if normalize:
         F, G = _of_unit_size(basis_source, F), _of_unit_size(basis_target, G)
 
-    left, right = _normalised(
-        _turned(multiplication_operators(basis_target, G, k_target), first_target),
-        _turned(multiplication_operators(basis_source, F, k_source), first_source),
+    left, right = _normalise(
+        _change_basis(multiplication_operators(basis_target, G, k_target), first_target),
+        _change_basis(multiplication_operators(basis_source, F, k_source), first_source),
     )
     root_a, root_b = np.sqrt(descriptor_weight / F.shape[1]), np.sqrt(multiplication_weight / F.shape[1])
     energy = _Energy(
@@ -121,10 +121,10 @@ def fit_functional_map(
         laplacian_weight * MASKS[mask](basis_source.eigenvalues[:k_source], basis_target.eigenvalues[:k_target]),
     )
     if orientation_operators is not None:
-        on_source, on_target = _checked_operators(orientation_operators, k_source, k_target)
-        oriented = _normalised(_turned(on_target, first_target), _turned(on_source, first_source))
+        on_source, on_target = _check_operators(orientation_operators, k_source, k_target)
+        oriented = _normalise(_change_basis(on_target, first_target), _change_basis(on_source, first_source))
         energy = energy.with_orientation(*oriented, orientation_weight, 1 if orientation == "keep" else -1)
-    C = _minimiser(energy.compressed(), constant_target / constant_source)
+    C = _minimiser(energy.compress(), constant_target / constant_source)
     return np.asarray(first_target @ C @ first_source.T)
 
 
@@ -201,7 +201,7 @@ class _Energy:
             right=np.concatenate([self.right, sign * root * right]),
         )
 
-    def compressed(self) -> _Energy:
+    def compress(self) -> _Energy:
         """The same energy with as few operators as span them: signatures at many energies hardly differ.
 
         An orthogonal mixture of the pairs of operators leaves the sum of squares as it is.
@@ -239,7 +239,7 @@ def _conjugate_gradients(energy: _Energy, downhill: Floats, ridge: float) -> Flo
     scaled = residual / diagonal
     direction, size = scaled, float((residual * scaled).sum())
     enough = GRADIENT_TOLERANCE**2 * size
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if size <= enough:
             break
         bent = energy.curvature(np.column_stack([np.zeros(len(direction)), direction]))[:, 1:] + ridge * direction
@@ -273,12 +273,12 @@ def _constant_first(basis: SpectralBasis, k: int) -> tuple[Floats, float]:
     return turn, norm
 
 
-def _turned(operators: Floats, turn: Floats) -> Floats:
+def _change_basis(operators: Floats, turn: Floats) -> Floats:
     """Operators (e, k, k) in another basis (k, k)."""
     return np.asarray(turn.T @ operators @ turn)
 
 
-def _normalised(left: Floats, right: Floats) -> tuple[Floats, Floats]:
+def _normalise(left: Floats, right: Floats) -> tuple[Floats, Floats]:
     """Pairs of operators divided by the root mean square of their two norms; those that are zero stay."""
     size = np.sqrt(((left**2).sum(axis=(1, 2)) + (right**2).sum(axis=(1, 2))) / 2)[:, None, None]
     size[size == 0] = 1
@@ -306,7 +306,7 @@ def _check_weights(descriptor: float, multiplication: float, laplacian: float, o
         raise ValueError("Neither the descriptors nor their multiplication have a weight: give one to either.")
 
 
-def _checked_operators(operators: tuple[ArrayLike, ArrayLike], k_source: int, k_target: int) -> tuple[Floats, Floats]:
+def _check_operators(operators: tuple[ArrayLike, ArrayLike], k_source: int, k_target: int) -> tuple[Floats, Floats]:
     """The leading blocks of orientation operators of source and target, as a user gave them."""
     if len(operators) != 2:
         raise ValueError("Orientation operators must be those of the source and those of the target.")

@@ -57,7 +57,7 @@ def functional_map_of(
             )
         images = pointwise.interpolate(basis_source.eigenvectors[:, :k_source])
     else:
-        images = basis_source.eigenvectors[checked_vertices(pointwise, n_source, n_target), :k_source]
+        images = basis_source.eigenvectors[check_vertices(pointwise, n_source, n_target), :k_source]
     return basis_target.eigenvectors[:, :k_target].T @ (basis_target.areas[:, None] * images)
 
 
@@ -120,13 +120,13 @@ def _embeddings(
     functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis
 ) -> tuple[Floats, Floats]:
     """(n_t, k_t) of the target's vertices and (n_s, k_t) of the source's, near where they correspond."""
-    C = checked_functional_map(functional_map)
+    C = check_functional_map(functional_map)
     check_fits_bases(C.shape, basis_source, basis_target)
     k_target, k_source = C.shape
     return basis_target.eigenvectors[:, :k_target], basis_source.eigenvectors[:, :k_source] @ C.T
 
 
-def checked_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
+def check_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
     """A vertex map (n_t,) as the user gave it, checked.
 
     Raises:
@@ -140,7 +140,7 @@ def checked_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integer
     return vertex_numbers(vertex, n_source, "Images on the source")
 
 
-def checked_functional_map(functional_map: ArrayLike) -> Floats:
+def check_functional_map(functional_map: ArrayLike) -> Floats:
     """A functional map (k_t, k_s) as the user gave it, checked.
 
     Raises:

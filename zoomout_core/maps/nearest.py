@@ -32,7 +32,7 @@ def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
         return _nearest_by_clusters(queries.astype(np.float32), points.astype(np.float32))
     dtype: type = np.float32 if k >= SINGLE_PRECISION_DIMENSION else np.float64
     table = _table(points.astype(dtype))
-    extended = _extended(queries.astype(dtype))
+    extended = _extend(queries.astype(dtype))
     found = np.empty((*points.shape[:-2], len(queries)), dtype=np.int64)
     rows = max(1, BLOCK * k // points.size)
     for start in range(0, len(queries), rows):
@@ -60,7 +60,7 @@ def _table(points: AnyFloats) -> AnyFloats:
     return np.concatenate([np.swapaxes(points, -1, -2), -half_norm[..., None, :]], axis=-2)
 
 
-def _extended(queries: AnyFloats) -> AnyFloats:
+def _extend(queries: AnyFloats) -> AnyFloats:
     """(q, k + 1) of queries, to be multiplied with a table."""
     return np.column_stack([queries, np.ones(len(queries), dtype=queries.dtype)])
 
@@ -89,7 +89,7 @@ def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integer
     groups = np.split(order, np.flatnonzero(np.diff(own[order])) + 1)
     most = max(1, BLOCK // len(points))  # queries at a time, should no cluster be ruled out
     for group in (alike[start : start + most] for alike in groups for start in range(0, len(alike), most)):
-        block = _extended(queries[group])
+        block = _extend(queries[group])
         half_norm = np.einsum("qk,qk->q", queries[group], queries[group]) / 2
         home = slice(begin[own[group[0]]], begin[own[group[0]] + 1])
         bound = _distance((block @ rows[home].T).max(axis=1, initial=-np.inf), half_norm)
@@ -107,7 +107,7 @@ def _nearest_centre(points: SingleFloats, centres: SingleFloats) -> tuple[Intege
     found, distance = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.float32)
     rows = max(1, BLOCK // len(centres))
     for start in range(0, len(points), rows):
-        score = _extended(points[start : start + rows]) @ table
+        score = _extend(points[start : start + rows]) @ table
         found[start : start + rows] = np.argmax(score, axis=1)
         distance[start : start + rows] = _distance(score.max(axis=1), half_norm[start : start + rows])
     return found, distance

@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
 BARYCENTRIC_TOLERANCE = 1e-4
@@ -119,7 +119,7 @@ class SurfaceMap:
             OutputError: it could not be written; what was there before is there still.
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
-        with written_whole(_npz(path)) as part:
+        with atomic_write(_npz(path)) as part:
             np.savez_compressed(part, **arrays, **extra)
 
     @classmethod
@@ -212,7 +212,7 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     return ""
 
 
-def turned_over(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
+def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
     """(m,) which triangles a map turns over: their images face against the surface that these lie on.
 
     Args:

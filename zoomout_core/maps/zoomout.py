@@ -18,8 +18,8 @@ from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
 from zoomout_core.maps.anchors import Anchors, beside
 from zoomout_core.maps.functional_map import (
     check_fits_bases,
-    checked_functional_map,
-    checked_vertices,
+    check_functional_map,
+    check_vertices,
     functional_map_of,
     vertex_map_of,
 )
@@ -134,10 +134,10 @@ def zoomout(
     """
     if not (isinstance(basis_source, SpectralBasis) and isinstance(basis_target, SpectralBasis)):
         raise TypeError("Two bases are needed: compute them with `eigenbasis` for the source and the target.")
-    functional_map, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
+    functional_map, ahead = _start(basis_source, basis_target, initial, k_final, step, sizes)
     if samples is not None:
-        source, target = _sampled(basis_source, basis_target, samples, (functional_map.shape, *ahead))
-        functional_map, _ = _upsampled(source, target, functional_map, ahead)
+        source, target = _sample(basis_source, basis_target, samples, (functional_map.shape, *ahead))
+        functional_map, _ = _upsample_through(source, target, functional_map, ahead)
         functional_map, ahead = _finishing(functional_map)
     for k_target, k_source in ahead:
         vertex = vertex_map_of(functional_map, basis_source, basis_target)
@@ -178,16 +178,16 @@ def zoomout_both_ways(
         >>> C = zo.functional_map_of(truth, *bases, 10, 10)
         >>> there, back = zo.zoomout_both_ways(*bases, C, k_final=40)
     """
-    there, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
+    there, ahead = _start(basis_source, basis_target, initial, k_final, step, sizes)
     back = there.T
     if samples is not None:
-        sampled = _sampled(basis_source, basis_target, samples, (there.shape, *ahead))
+        sampled = _sample(basis_source, basis_target, samples, (there.shape, *ahead))
         source, target = (_Places(each.rows, np.full(len(each.rows), 1 / len(each.rows))) for each in sampled)
-        there, back = _upsampled_both_ways(source, target, there, back, ahead)
+        there, back = _upsample_both_ways(source, target, there, back, ahead)
         back, _ = _finishing(back)
         there, ahead = _finishing(there)
     source, target = (_Places(basis.eigenvectors, basis.areas) for basis in (basis_source, basis_target))
-    there, back = _upsampled_both_ways(source, target, there, back, ahead)
+    there, back = _upsample_both_ways(source, target, there, back, ahead)
     return (
         Refined(there, vertex_map_of(there, basis_source, basis_target)),
         Refined(back, vertex_map_of(back, basis_target, basis_source)),
@@ -262,10 +262,10 @@ def upsample(
     Returns:
         The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
     """
-    return _upsampled(source, target, functional_map, _growth(functional_map.shape[-2:], k_final, step), anchors)
+    return _upsample_through(source, target, functional_map, _growth(functional_map.shape[-2:], k_final, step), anchors)
 
 
-def _upsampled(
+def _upsample_through(
     source: SampledBasis,
     target: SampledBasis,
     functional_map: Floats,
@@ -302,7 +302,7 @@ class _Places(NamedTuple):
     weights: Floats
 
 
-def _upsampled_both_ways(
+def _upsample_both_ways(
     source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
 ) -> tuple[Floats, Floats]:
     """The loop of both directions.
@@ -342,7 +342,7 @@ def _fit_to_both(
     )
 
 
-def _begun(
+def _start(
     basis_source: SpectralBasis,
     basis_target: SpectralBasis,
     initial: ArrayLike,
@@ -351,9 +351,9 @@ def _begun(
     sizes: Sizes | None,
 ) -> tuple[Floats, list[tuple[int, int]]]:
     """The functional map to begin with, and the sizes to go through; see `zoomout`."""
-    start = checked_start(initial, len(basis_source.areas), len(basis_target.areas))
+    start = check_start(initial, len(basis_source.areas), len(basis_target.areas))
     if sizes is not None:
-        ahead = _checked_sizes(sizes, basis_source, basis_target)
+        ahead = _check_sizes(sizes, basis_source, basis_target)
     else:
         check_counts(k_final=k_final, step=step)
         check_fits_bases((k_final, k_final), basis_source, basis_target)
@@ -385,7 +385,7 @@ def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, 
     return [(shape[0] + more, shape[1] + more) for more in growth]
 
 
-def _sampled(
+def _sample(
     basis_source: SpectralBasis, basis_target: SpectralBasis, samples: Samples, sizes: Sequence[tuple[int, ...]]
 ) -> tuple[SampledBasis, SampledBasis]:
     """Both bases at the user's samples, or at farthest points, which tell the functions of all sizes apart."""
@@ -401,8 +401,8 @@ def _sampled(
             f"samples is {samples!r}: give a number, None, or vertex numbers on the source and on the target."
         ) from None
     return (
-        _checked_samples(on_source, basis_source, k_source, "source"),
-        _checked_samples(on_target, basis_target, k_target, "target"),
+        _check_samples(on_source, basis_source, k_source, "source"),
+        _check_samples(on_target, basis_target, k_target, "target"),
     )
 
 
@@ -411,7 +411,7 @@ def _farthest_vertices(basis: SpectralBasis, count: int) -> Integers:
     return used[farthest_points(basis.points[used], count)]
 
 
-def _checked_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str) -> SampledBasis:
+def _check_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str) -> SampledBasis:
     sampled = SampledBasis.of(basis, vertex_numbers(samples, len(basis.areas), f"Samples of the {side}"))
     if sampled.rows.shape[1] < k:
         raise ValueError(
@@ -421,7 +421,7 @@ def _checked_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str
     return sampled
 
 
-def _checked_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: SpectralBasis) -> list[tuple[int, int]]:
+def _check_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: SpectralBasis) -> list[tuple[int, int]]:
     pairs: list[Any]
     try:
         pairs = [(size, size) if np.ndim(size) == 0 else tuple(size) for size in sizes]  # type: ignore[arg-type]
@@ -434,7 +434,7 @@ def _checked_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: Spec
     return pairs
 
 
-def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:
+def check_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:
     """A map to begin with, as the user gave it: (k_t, k_s) functional map, or (n_t,) source vertices.
 
     Raises:
@@ -442,7 +442,7 @@ def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIn
     """
     start = np.asarray(initial)
     if start.ndim == 1:
-        return checked_vertices(start, n_source, n_target)
+        return check_vertices(start, n_source, n_target)
     if start.ndim != 2:
         raise ValueError(f"The initial map must be a vector or a matrix, not of shape {start.shape}.")
-    return checked_functional_map(start)
+    return check_functional_map(start)

@@ -37,7 +37,7 @@ class AnalysisTuning(Tuning, set_by="correspondence"):
     """What shapes are compared by.
 
     Attributes:
-        fewest_functions: eigenfunctions that the ranking of candidates needs, however small the final map.
+        min_functions: eigenfunctions that the ranking of candidates needs, however small the final map.
         search_samples: farthest-point samples that the search for the right map runs on.
         distance_samples: the first of them, from which geodesic distances are known.
         neighbourhood: width w of the Gaussian exp(-(d / w)^2) that weighs a sample's surroundings by their distance d:
@@ -52,7 +52,7 @@ class AnalysisTuning(Tuning, set_by="correspondence"):
         pseudo_scalar_time: diffusion time that pseudo-scalars are smoothed by.
     """
 
-    fewest_functions: int = tuned(120, "eigenfunctions", 2, 1000)
+    min_functions: int = tuned(120, "eigenfunctions", 2, 1000)
     search_samples: int = tuned(400, "samples", 1, 10_000)
     distance_samples: int = tuned(200, "samples", 1, 10_000)
     neighbourhood: float = tuned(0.2, "at unit area", 1e-3, 2)

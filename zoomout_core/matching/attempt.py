@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Candidates by several bodies, such as a main part and the skin around all parts: which of them to go on with."""
+"""Candidates by several bodies, such as a main part and the hull around all parts: which of them to go on with."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class AttemptTuning(Tuning, set_by="characters"):
         sure: certainty of the map of a body from which on no other body is tried.
         same_place: distance below which two images are the same place,
         same_share: where more of the places than this part have the same images, the maps of two bodies are one.
-        clearly_better: factor by which the worth of a later attempt, such as that by a tight skin, which loses what is
-            thin, has to exceed an earlier one's (of the table: a character in a roll as one skin, by 2.1; a mannequin
+        clearly_better: factor by which the worth of a later attempt, such as that by a tight hull, which loses what is
+            thin, has to exceed an earlier one's (of the table: a character in a roll as one hull, by 2.1; a mannequin
             whose knees touch gets worse by it at 1.2).
     """
 
@@ -78,10 +78,10 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
     widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])
     if not all(agree(widest, attempt) for attempt in attempts if attempt is not widest):
         return _first_of_the_best(attempts)
-    return confirmed(widest, max(attempt.candidates[0].certainty for attempt in attempts))
+    return confirm(widest, max(attempt.candidates[0].certainty for attempt in attempts))
 
 
-def confirmed(attempt: Attempt, certainty: float) -> Attempt:
+def confirm(attempt: Attempt, certainty: float) -> Attempt:
     """An attempt whose first candidate is as sure as another one that found the same map."""
     first, *others = attempt.candidates
     return replace(attempt, candidates=[replace(first, certainty=certainty), *others])

@@ -42,7 +42,7 @@ def _difference(here: Floats, there: Floats, mirrored: bool) -> str:
         return MIRROR
     low, extent = here.min(axis=0), np.ptp(here, axis=0)
     center, diagonal = low + extent / 2, float(np.linalg.norm(extent))
-    signs = _turned(here - center, there - center, MIN_DIFFERENCE * diagonal)
+    signs = _reversed_axes(here - center, there - center, MIN_DIFFERENCE * diagonal)
     if signs is not None:
         return _of_whole(signs, here, center)
     apart = np.linalg.norm(there - here, axis=1)
@@ -53,7 +53,7 @@ def _difference(here: Floats, there: Floats, mirrored: bool) -> str:
     return TOP if np.average(above, weights=apart + 1e-9) > 0.5 else BOTTOM
 
 
-def _turned(here: Floats, there: Floats, moved: float) -> Floats | None:
+def _reversed_axes(here: Floats, there: Floats, moved: float) -> Floats | None:
     """Which axes have to be reversed (3,), -1 or 1, to make one map of another, or None where that does not do it.
 
     Of what a turn moves by more than a length, nearly all has to be nearer to where it takes it than to where it was.

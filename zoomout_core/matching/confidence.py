@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap, turned_over
+from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
@@ -27,7 +27,7 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
         half_confidence: expected error at which confidence halves: there half of the vertices are off by more than
             0.025 and a fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
         pooling: diffusion length over which errors are averaged: an error is rarely a single vertex's.
-        without_partner: where going there and back misses by more than this, there is no partner.
+        without_partner: where going there and back misses by more than this, there is no counterpart.
         beyond_border: the same where the map there ends on a border of the other shape: what fills a hole of it.
     """
 
@@ -40,8 +40,8 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
 CONFIDENCE = ConfidenceTuning()
 
 
-class Partners(NamedTuple):
-    """Which vertices of two surfaces, or of two shapes' meshes, have a partner on the other one.
+class Counterparts(NamedTuple):
+    """Which vertices of two surfaces, or of two shapes' meshes, have a counterpart on the other one.
 
     Attributes:
         target: (n_t,) of the target.
@@ -86,7 +86,7 @@ def confidence_of(
     expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
     triangles = target.mesh.oriented_triangles
     normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
-    over = turned_over(there.interpolate(source.mesh.vertices), normals, triangles)
+    over = folded_triangles(there.interpolate(source.mesh.vertices), normals, triangles)
     area = triangle_areas(target.mesh.vertices, triangles)
     known = np.ones(len(expected), dtype=bool) if has_partner is None else has_partner
     over &= known[triangles].all(axis=1)
@@ -95,7 +95,9 @@ def confidence_of(
     return known * upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
 
 
-def partners_by_cycle(there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Partners:
+def counterparts_by_cycle(
+    there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
+) -> Counterparts:
     """Which vertices of two shapes' meshes come back, near enough, from where they go.
 
     A tail that the other shape lacks goes to its surroundings there, from where no way leads back.
@@ -106,7 +108,7 @@ def partners_by_cycle(there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis
         source: the shape that the map there lands on.
         target: the shape that it starts from.
     """
-    return Partners(_returns(there, back, target, source), _returns(back, there, source, target))
+    return Counterparts(_returns(there, back, target, source), _returns(back, there, source, target))
 
 
 def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: ShapeAnalysis) -> Booleans:

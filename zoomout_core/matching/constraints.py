@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.anchors import Anchors, coordinates
-from zoomout_core.maps.bend import bent
+from zoomout_core.maps.bend import bend
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -69,10 +69,10 @@ class Constraints:
         return Anchors(*sides) if sides else None
 
     def disagreement(self, pair: Pair) -> Disagreement:
-        """What tells how far a map disagrees with each kind of evidence."""
+        """A function that measures how far a map disagrees with each kind of evidence."""
         source, target = pair.source_shape, pair.target_shape
         here = target.search.samples
-        missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
+        landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
         heights = [
             _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
@@ -80,11 +80,11 @@ class Constraints:
             if len(self.common_axes)
         ]
 
-        def known(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
+        def evaluate(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
             disagreements = {}
-            if missed is not None:
-                disagreements["landmarks"] = missed(functional_map, anchors)
+            if landmark_distance is not None:
+                disagreements["landmarks"] = landmark_distance(functional_map, anchors)
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
@@ -103,7 +103,7 @@ class Constraints:
                 disagreements["regions"] = float(1 - np.mean(overlaps))
             return disagreements
 
-        return known
+        return evaluate
 
     def _members(self, pair: Pair) -> tuple[list[Floats], list[Floats]]:
         """For the source's and the target's shape, (n,) indicators of the regions that both have vertices of."""
@@ -119,8 +119,8 @@ class Constraints:
         return sides
 
 
-def checked_axes(common_axes: ArrayLike | None) -> Floats:
-    """(a, 3) unit vectors.
+def check_axes(common_axes: ArrayLike | None) -> Floats:
+    """Check the axes that a user gave, and normalise them to (a, 3) unit vectors.
 
     Raises:
         ValueError: these are no directions.
@@ -135,8 +135,8 @@ def checked_axes(common_axes: ArrayLike | None) -> Floats:
     return np.asarray(axes / length)
 
 
-def checked_regions(regions: Regions | None, source: Surface, target: Surface) -> list[tuple[Integers, Integers]]:
-    """Vertex numbers of the source and of the target for each region.
+def check_regions(regions: Regions | None, source: Surface, target: Surface) -> list[tuple[Integers, Integers]]:
+    """Check the regions that a user gave: vertex numbers of the source and of the target for each.
 
     Raises:
         ValueError: a region is no pair of lists of vertices.
@@ -154,8 +154,8 @@ def checked_regions(regions: Regions | None, source: Surface, target: Surface) -
     return checked
 
 
-def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
-    """The map between the shapes' meshes, bent so that each landmark lands on its partner.
+def pin(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
+    """Bend the map between the shapes' meshes so that each landmark lands on its counterpart.
 
     The displacements that this takes fade with a Gaussian of the geodesic distance on the target.
     """
@@ -163,21 +163,21 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
     meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
-    return bent(between, *meshes, target_ids, missed, PINNING_WIDTH)
+    return bend(between, *meshes, target_ids, missed, PINNING_WIDTH)
 
 
-def missed_points(
+def landmark_errors(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> Floats:
-    """(l,) how far from points (l, 3) of the source those (l, 3) of the target are led, at the source's unit area."""
+    """(l,) distances between points (l, 3) of the source and the images of those (l, 3) of the target, at unit area."""
     missed = _displacements(surface_map, source, target, on_source, on_target)[1]
     return np.asarray(np.linalg.norm(missed, axis=1) / np.sqrt(source.area))
 
 
-def bent_to_points(
+def bend_to_points(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> SurfaceMap:
-    """A map between surfaces, bent so that points (l, 3) of the target land on those (l, 3) of the source.
+    """Bend a map between surfaces so that points (l, 3) of the target land on those (l, 3) of the source.
 
     Of several points that are nearest to one vertex of the target the first one counts.
     """
@@ -187,7 +187,7 @@ def bent_to_points(
     # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
     meshes = source.vertices, target.vertices, target.triangles
-    return bent(surface_map, *meshes, places[first], missed[first], width)
+    return bend(surface_map, *meshes, places[first], missed[first], width)
 
 
 def _displacements(
@@ -201,19 +201,19 @@ def _displacements(
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
-    """What gives the sum of the distances, at unit area, between the landmarks and where a map sends their partners."""
+    """A function that sums the distances, at unit area, between landmarks and the images of their counterparts."""
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
     distances = dijkstra(graph, indices=source_ids)
 
-    def missed(functional_map: Floats, anchors: Anchors | None) -> float:
+    def total_distance(functional_map: Floats, anchors: Anchors | None) -> float:
         at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])
         rows = target.basis.eigenvectors[target_ids]
         image = nearest(*coordinates(rows, source.basis.eigenvectors, functional_map, at_landmarks))
         return float(distances[np.arange(len(image)), image].sum())
 
-    return missed
+    return total_distance
 
 
 def _positions(surface: Surface, shape: ShapeAnalysis) -> Floats:

@@ -10,8 +10,8 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import Partners, confidence_of, partners_by_cycle
-from zoomout_core.matching.constraints import pinned
+from zoomout_core.matching.confidence import Counterparts, confidence_of, counterparts_by_cycle
+from zoomout_core.matching.constraints import pin
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
@@ -27,14 +27,14 @@ class DenseMap(NamedTuple):
 
     Attributes:
         fit: of the target to the source.
-        partners: which vertices have one.
+        counterparts: which vertices have one.
         functional_map: (k_target, k_source).
         confidence: (n_t,) of the target's vertices.
         folded: the part of the target's area, in [0, 1], that the map turns over.
     """
 
     fit: Fit
-    partners: Partners
+    counterparts: Counterparts
     functional_map: Floats
     confidence: Floats
     folded: float
@@ -54,23 +54,23 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         with portion(0.0, 0.6):
             refined, functional_map = refine(source, target, candidate.functional_map, candidate.final_anchors, *how)
         with portion(0.6, 1.0):
-            return bend_refined(refined, functional_map, source, target, candidate.mirrored)
+            return bend_onto_source(refined, functional_map, source, target, candidate.mirrored)
 
     def backwards() -> SurfaceMap:
-        how = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
-        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
+        how = candidate.mirrored, min(pair.k_final, REFINEMENT.max_functions_back), pair.step
+        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swap()
         back, _ = refine(target, source, candidate.reverse_functional_map, swapped, *how)
         _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
         return back
 
     (fit, functional_map), back = side_by_side(forwards, backwards)
-    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
-        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    if pair.exact_landmarks is not None and not target.proxy.full.is_hull:
+        fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, candidate.reverses_orientation)
-    return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
+    return DenseMap(fit, counterparts_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
-def bend_refined(
+def bend_onto_source(
     refined: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
 ) -> tuple[Fit, Floats]:
     """Bend the target onto the source by a refined map; returns the fit and its functional map, of the same size."""
@@ -86,18 +86,18 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     found = fit_part(pair, candidate)
     fit = found.fit
     if pair.exact_landmarks is not None:
-        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+        fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
     there = fit.surface_map
     k_target, k_source = candidate.functional_map.shape
     images = there.interpolate(source.basis.eigenvectors[:, :k_source])
     functional_map = target.basis.coefficients(images)[:k_target]
-    known = found.partners.target
+    known = found.counterparts.target
     confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, known)
     if is_small(source, target):
         confidence, folded = _confidence_by_part(pair, found, (k_target, k_source))
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return DenseMap(fit, found.partners, functional_map, confidence, folded)
+    return DenseMap(fit, found.counterparts, functional_map, confidence, folded)
 
 
 def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tuple[Floats, float]:
@@ -108,8 +108,8 @@ def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tu
     (k_target, k_source), source, target = size, pair.source_shape, pair.target_shape
     images = found.back.interpolate(target.basis.eigenvectors[:, :k_target])
     functional_map = source.basis.coefficients(images)[:k_source]
-    has_partner = found.partners.source
+    has_partner = found.counterparts.source
     of_part, folded = confidence_of(
         found.back, found.fit.surface_map, functional_map, target, source, False, has_partner
     )
-    return found.partners.target * found.fit.surface_map.interpolate(of_part), folded
+    return found.counterparts.target * found.fit.surface_map.interpolate(of_part), folded

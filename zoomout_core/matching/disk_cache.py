@@ -21,13 +21,13 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.array_files import read_arrays
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
 FORMAT = 3
 # Bytes that the files take at most, unless the user says otherwise.
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 
 MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component", "origin"
 SPARSE_ARRAYS = "data", "indices", "indptr"
@@ -40,12 +40,12 @@ class ShapeFolder:
 
     Args:
         folder: made if it is missing.
-        most_bytes: what the shapes may take; those used longest ago go first.
+        max_bytes: what the shapes may take; those used longest ago go first.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, folder: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> None:
         self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"
-        self._most_bytes = most_bytes
+        self._max_bytes = max_bytes
 
     def load(self, key: bytes, part: WorkingMesh) -> ShapeAnalysis | None:
         """The shape of a part that was stored under a key, or None."""
@@ -69,7 +69,7 @@ class ShapeFolder:
         """Store a shape. Where that fails, as on a full disk, a warning is logged and nothing else happens."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with written_whole(self._path(key)) as part:
+            with atomic_write(self._path(key)) as part:
                 np.savez(part, key=np.frombuffer(key, np.uint8), **_arrays(shape))
             self._make_room()
         except OSError as error:
@@ -87,7 +87,7 @@ class ShapeFolder:
                 seen.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in seen)
         for _, size, path in sorted(seen):
-            if total <= self._most_bytes:
+            if total <= self._max_bytes:
                 break
             with suppress(OSError):  # another process removed it, or has it open
                 path.unlink()

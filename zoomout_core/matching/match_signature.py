@@ -49,10 +49,10 @@ def with_arguments(
 ) -> Callable[[Callable[..., MatchResult]], MatchFunction[Arguments]]:
     """Give `match` the signature of its arguments, for type checkers and for `help`."""
 
-    def typed(function: Callable[..., MatchResult]) -> MatchFunction[Arguments]:
+    def add_signature(function: Callable[..., MatchResult]) -> MatchFunction[Arguments]:
         known = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         options = signature(MatchOptions).parameters.values()
         function.__signature__ = signature(function).replace(parameters=[*known, *options])  # type: ignore[attr-defined]
         return cast("MatchFunction[Arguments]", function)
 
-    return typed
+    return add_signature

@@ -19,13 +19,13 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.disk_cache import MOST_BYTES as MOST_BYTES_ON_DISK
+from zoomout_core.matching.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 
 # Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
-MOST_BYTES = 512 << 20
+MAX_BYTES = 512 << 20
 # Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
 PER_VERTEX = 300
 
@@ -49,7 +49,7 @@ class _Kept(Generic[Value]):
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
-            while sum(map(_bytes, self._values.values())) > MOST_BYTES:
+            while sum(map(_bytes, self._values.values())) > MAX_BYTES:
                 self._values.popitem(last=False)
 
     def forget(self) -> None:
@@ -62,7 +62,7 @@ _meshes: _Kept[WorkingMesh] = _Kept()
 _folder: ShapeFolder | None = None
 
 
-def kept_working_mesh(surface: Surface) -> WorkingMesh:
+def cached_working_mesh(surface: Surface) -> WorkingMesh:
     """The surface's working mesh; that of another surface of the same arrays if there was one."""
     key = _hash("", surface.vertices, surface.corner_vertex, surface.triangle_corners)
     mesh = _meshes.take(key)
@@ -88,7 +88,7 @@ def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_ve
     return shape
 
 
-def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTES_ON_DISK) -> None:
+def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES_ON_DISK) -> None:
     """Have shapes that are prepared from now on written to a folder, and read from it, also by other processes.
 
     Args:
@@ -104,7 +104,7 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTE
 
 
 @contextmanager
-def shapes_stored_in(folder: str | PathLike[str], most_bytes: int = MOST_BYTES_ON_DISK) -> Iterator[None]:
+def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
     """A context in which `store_shapes` is set so; what was before is back after it."""
     global _folder
     before = _folder

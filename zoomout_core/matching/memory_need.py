@@ -25,7 +25,7 @@ GIB = 1 << 30
 def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> int:
     """Bytes that analysing and matching meshes of some numbers of vertices takes, about."""
     of_proxies = sum(min(n, proxy_size(n, proxy_vertices) or n) for n in vertices)
-    functions = max(k_final, ANALYSIS.fewest_functions) + MORE_FUNCTIONS
+    functions = max(k_final, ANALYSIS.min_functions) + MORE_FUNCTIONS
     return ALWAYS + PER_VERTEX * sum(vertices) + PER_VALUE * functions * of_proxies
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
@@ -36,7 +36,7 @@ TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivid
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
 SURE_CERTAINTY = 0.9
 RECOGNISED_CERTAINTY = 0.1
-# Shares of a surface's area that are reported if larger: folded over by the map, or without a partner.
+# Shares of a surface's area that are reported if larger: folded over by the map, or without a counterpart.
 MAX_FOLDED_SHARE = 0.05
 MAX_UNMATCHED_SHARE = 0.03
 # Rounding of coordinates, in edge lengths, from which on it is reported. Maps at this value were off by a thousandth of
@@ -103,17 +103,17 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
     return (message(doubt, certainty=certainty), *notes)
 
 
-def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
+def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
     """Parts that only one of the two surfaces has."""
     notes = (
         (
             pair.target,
-            partners.target,
+            counterparts.target,
             "About {share:.0%} of the target has no counterpart on the source: confidence is low there.",
         ),
         (
             pair.source,
-            partners.source,
+            counterparts.source,
             "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it.",
         ),
     )

@@ -13,7 +13,7 @@ from enum import Enum
 from typing import Any
 
 from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE
+from zoomout_core.matching.proximity import MAX_ANGLE, MAX_DISTANCE
 
 
 class Door(Enum):
@@ -285,7 +285,7 @@ NEAREST = (
     Option(
         "most_distance",
         Kind.NUMBER,
-        MOST_DISTANCE,
+        MAX_DISTANCE,
         "Largest distance to the nearest point, divided by the square root of the source's area, "
         "which is about 1.4 m for a human",
         COMMAND_LINE + BLENDER,
@@ -297,7 +297,7 @@ NEAREST = (
     Option(
         "most_angle",
         Kind.ANGLE,
-        MOST_ANGLE,
+        MAX_ANGLE,
         "Largest angle between the normals of a vertex and of its nearest point",
         COMMAND_LINE + BLENDER,
         "Angle",
@@ -331,6 +331,6 @@ RESULT = (
 OPTIONS = {option.name: option for option in (*MATCHING, *ACCURACY, *NEAREST, *RESULT)}
 
 
-def offered(options: Sequence[Option], door: Door) -> tuple[Option, ...]:
+def select_options(options: Sequence[Option], door: Door) -> tuple[Option, ...]:
     """The options that a door offers."""
     return tuple(option for option in options if door in option.doors)

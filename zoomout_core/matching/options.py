@@ -47,7 +47,7 @@ class MatchOptions:
             same name: evidence, which also holds the map in place, and decides which loose parts belong together.
         partial: "auto": where the map of two whole shapes is unsure and something may be missing at a border of either,
             one is tried as a part of the other, too, with initial="auto"; "off": shapes are whole.
-        exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
+        exact_landmarks: bend the final map so that each landmark lands on its counterpart; else landmarks draw it.
 
     Raises:
         ValueError: options that do not fit together.

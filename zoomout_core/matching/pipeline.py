@@ -10,11 +10,11 @@ from typing import Any
 
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
-from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions
+from zoomout_core.matching.constraints import Constraints, check_axes, check_regions
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
 from zoomout_core.matching.match_signature import MatchArguments, with_arguments
-from zoomout_core.matching.memory_cache import kept_working_mesh
+from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.notes import notes_on_input
 from zoomout_core.matching.options import MatchOptions
@@ -85,14 +85,14 @@ def match(
 
 def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]) -> MatchResult:
     """`match` of surfaces; notes on these are passed on to the result."""
-    axes, regions = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
+    axes, regions = check_axes(options.common_axes), check_regions(options.regions, source, target)
     known = Constraints(options.landmarks, axes, regions)
     sizes = [len(surface.working.vertices) for surface in (source, target)]
     check_memory(sizes, options.k_final, options.proxy_vertices)
     with stage("Finding the bodies", 0.01, BODIES[0]):
         bodies = find_bodies(source, target, options.seed)
     attempts: list[Attempt] = []
-    most = len(bodies) + (options.initial == "auto" and any(body.source.is_skin for body in bodies))
+    most = len(bodies) + (options.initial == "auto" and any(body.source.is_hull for body in bodies))
     for number, (start, end) in enumerate(pairwise(BODIES[: most + 1])):
         if number == len(bodies):
             with stage("Finding the bodies", start, start):
@@ -145,7 +145,7 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
 
 def _prepare_lift(pair: Pair) -> None:
     """Compute ahead what carrying the map over to all vertices needs."""
-    if not pair.target_shape.proxy.full.is_skin:
+    if not pair.target_shape.proxy.full.is_hull:
         _ = pair.target_shape.proxy.place, pair.source_shape.proxy.place
     _ = pair.source_shape.neighbourhoods
 
@@ -153,5 +153,5 @@ def _prepare_lift(pair: Pair) -> None:
 def _read(shape: Surface | PointCloud) -> Surface:
     """The surface of a shape, with its working mesh."""
     surface = as_surface(shape)
-    kept_working_mesh(surface)
+    cached_working_mesh(surface)
     return surface

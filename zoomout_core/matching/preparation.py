@@ -45,7 +45,7 @@ def prepare_shape(
         ahead: what is computed of the shape besides.
     """
     with portion(0.0, 0.97):
-        functions = max(k_final, ANALYSIS.fewest_functions)
+        functions = max(k_final, ANALYSIS.min_functions)
         size = proxy_size(len(part.vertices), proxy_vertices)
         shape = cached_analysis(part, functions, samples, seed, size)
     for prepare in ahead:

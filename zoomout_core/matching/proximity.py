@@ -2,7 +2,7 @@
 """A map by proximity alone, for clothes on a body: the nearest points, as far as they are near and face the same way.
 
 Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: what is too far off, or lies
-on a surface that faces another way, as the other leg does, has no partner; it is filled in by the transfer.
+on a surface that faces another way, as the other leg does, has no counterpart; it is filled in by the transfer.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from zoomout_core.runtime.progress import stage
 # Defaults of the public signature: over the square root of the source's area, and in degrees. The paper has a
 # twentieth of the bounding box's diagonal, which is about this for a human figure, and the same angle. On clothes 0.005
 # to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
-MOST_DISTANCE = 0.08
-MOST_ANGLE = 30.0
+MAX_DISTANCE = 0.08
+MAX_ANGLE = 30.0
 
 # Notes on vertices without a partner.
 TOO_FAR = "{count} of {total} vertices have no partner on the source: the nearest point is too far away."
@@ -61,8 +61,8 @@ class ProximityMatch:
 def match_by_proximity(
     source: ShapeLike,
     target: ShapeLike,
-    most_distance: float = MOST_DISTANCE,
-    most_angle: float = MOST_ANGLE,
+    most_distance: float = MAX_DISTANCE,
+    most_angle: float = MAX_ANGLE,
     either_side: bool = False,
 ) -> ProximityMatch:
     """Find for every vertex of the target the nearest point on the source, where the two lie over each other.
@@ -90,13 +90,13 @@ def match_by_proximity(
         raise ValueError(f"most_distance is {most_distance!r}: give a part of the square root of the source's area.")
     if not isinstance(most_angle, Real) or not 0 <= most_angle <= 180:
         raise ValueError(f"most_angle is {most_angle!r}: give degrees from 0 to 180.")
-    least_cosine = np.cos(np.radians(most_angle))
+    min_cosine = np.cos(np.radians(most_angle))
     with stage("Finding the nearest points"):
-        return _matched(as_surface(source), as_surface(target), most_distance, least_cosine, either_side)
+        return _match(as_surface(source), as_surface(target), most_distance, min_cosine, either_side)
 
 
-def _matched(
-    source: Surface, target: Surface, most_distance: float, least_cosine: float, either_side: bool
+def _match(
+    source: Surface, target: Surface, most_distance: float, min_cosine: float, either_side: bool
 ) -> ProximityMatch:
     placed = measurable(target.vertices)
     places = np.where(placed[:, None], target.vertices, source.vertices[source.triangles[0, 0]])
@@ -108,7 +108,7 @@ def _matched(
             "No part of the target is near the source: align the two in the same pose, or allow a larger distance."
         )
     cosine = _cosines(surface_map, source, target, near)
-    facing = (np.abs(cosine) if either_side else cosine) >= least_cosine
+    facing = (np.abs(cosine) if either_side else cosine) >= min_cosine
     notes = tuple(
         message(text, count=count, total=len(near))
         for count, text in ((int((~near).sum()), TOO_FAR), (int((near & ~facing).sum()), TURNED_AWAY))

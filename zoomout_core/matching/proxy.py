@@ -141,6 +141,6 @@ def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
     return Proxy(part, mesh, vertices, merged)
 
 
-def carried(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
+def carry(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
     """(n_full, 3) where a map between stand-ins takes the vertices of the target's part: places on the source's."""
     return target.place.interpolate(between.interpolate(source.vertices))

@@ -21,7 +21,7 @@ from zoomout_core.matching.scores import (
     IN_SPACE,
     Disagreement,
     fit_in_space,
-    nothing_known,
+    no_disagreement,
     orientation_agreement,
     scores_of,
     total_score,
@@ -153,7 +153,7 @@ def rank(
     hypotheses: list[Hypothesis],
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = nothing_known,
+    disagreement: Disagreement = no_disagreement,
     quotas: tuple[Quota, Quota] | None = None,
     clear_orientation: float | None = None,
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
@@ -188,7 +188,7 @@ def rank(
     refined = [entry for entry in refined if wanted(entry.sample_map, entry.reverses_orientation)]
     leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, quotas)
     with portion(0.8, 1.0):
-        candidates = for_each(lambda candidate: _aligned(candidate, *shapes), leading)
+        candidates = for_each(lambda candidate: _align(candidate, *shapes), leading)
     return in_order(candidates, source, target)
 
 
@@ -240,7 +240,7 @@ def _of_shape(candidate: Candidate) -> float:
     return candidate.scores["total"] - EVIDENCE_WEIGHTS[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
 
 
-def _aligned(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
+def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
     """The candidate with the scores of its fit in space; as itself or mirrored, where only this can tell."""
     either = [candidate]
     if not sides_are_known(source, target):
@@ -294,7 +294,7 @@ def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, d
     """Refine further, find the reverse map on its own, and average the scores of both."""
     size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
-    swapped = None if anchors is None else anchors.swapped()
+    swapped = None if anchors is None else anchors.swap()
     step = RANKING.step
     functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, step, anchors)
     # The reverse map starts from the transpose, which is the inverse of an isometry's functional map.

@@ -76,11 +76,11 @@ class RefinementTuning(Tuning, set_by="correspondence"):
         finishing_size: of the functional map from which on that weight falls with the inverse square of its size, for
             positions are known no better by more eigenfunctions.
         usual_ratio: of the squares of the mean misses along the surface and in space.
-        least_factor: of the weights.
-        most_factor: of the weights.
+        min_factor: of the weights.
+        max_factor: of the weights.
         around_sample: vertices of the source, around the nearest sample, that an image is sought among.
         vertices_per_function: coarser meshes do not resolve the eigenfunctions alike, and larger maps are worse.
-        most_functions_back: eigenfunctions of the map back, from which confidence is computed; it need not be as fine.
+        max_functions_back: eigenfunctions of the map back, from which confidence is computed; it need not be as fine.
     """
 
     between_shapes: Schedule = tuned(
@@ -97,11 +97,11 @@ class RefinementTuning(Tuning, set_by="correspondence"):
     finishing_weight: float = tuned(0.05, "1", 0, 100)
     finishing_size: int = tuned(120, "eigenfunctions", 1, 1000)
     usual_ratio: float = tuned(2.5, "1", 0.01, 100)
-    least_factor: float = tuned(0.2, "1", 0, 1)
-    most_factor: float = tuned(4.0, "1", 1, 100)
+    min_factor: float = tuned(0.2, "1", 0, 1)
+    max_factor: float = tuned(4.0, "1", 1, 100)
     around_sample: int = tuned(48, "vertices", 1, 10_000)
     vertices_per_function: int = tuned(16, "vertices", 1, 1000)
-    most_functions_back: int = tuned(120, "eigenfunctions", 4, 1000)
+    max_functions_back: int = tuned(120, "eigenfunctions", 4, 1000)
 
 
 REFINEMENT = RefinementTuning()
@@ -185,7 +185,7 @@ def _weight_factor(
     along = spectral_distance(target.sampled.rows[:, :size], mapped, target.basis.eigenvalues[:size])
     across = np.linalg.norm(aligned.positions - source.mesh.vertices[vertex], axis=1)
     ratio = (along.mean() / max(across.mean(), 1e-9)) ** 2
-    return float(np.clip((ratio / REFINEMENT.usual_ratio) ** 2, REFINEMENT.least_factor, REFINEMENT.most_factor))
+    return float(np.clip((ratio / REFINEMENT.usual_ratio) ** 2, REFINEMENT.min_factor, REFINEMENT.max_factor))
 
 
 def _nearest_near_samples(queries: Floats, embedded: Floats, source: ShapeAnalysis) -> Integers:

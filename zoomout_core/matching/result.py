@@ -188,17 +188,17 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     with stage("Refining", 0.0, 0.8):
         dense = dense_map(pair, candidates[chosen])
     with stage("Extending to all vertices", 0.8, 1.0):
-        whole = lift(pair, dense.fit, dense.confidence, dense.partners)
+        whole = lift(pair, dense.fit, dense.confidence, dense.counterparts)
     doubts = notes_on_map(candidates, chosen, whole.placed, dense.folded)
     return MatchResult(
         surface_map=whole.surface_map,
         confidence=whole.confidence,
-        has_partner=whole.partners.target,
-        source_has_partner=whole.partners.source,
+        has_partner=whole.counterparts.target,
+        source_has_partner=whole.counterparts.source,
         functional_map=dense.functional_map,
         candidates=candidates,
         chosen=chosen,
-        notes=(*doubts, *notes_on_rest(pair, whole.partners), *whole.notes, *pair.notes),
+        notes=(*doubts, *notes_on_rest(pair, whole.counterparts), *whole.notes, *pair.notes),
         pair=pair,
         placed=whole.placed,
     )

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.matching.attempt import Attempt, agree, confirmed
+from zoomout_core.matching.attempt import Attempt, agree, confirm
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess_more
@@ -100,7 +100,7 @@ def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
     if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
-        return confirmed(whole, candidates[0].certainty)
+        return confirm(whole, candidates[0].certainty)
     return part
 
 

@@ -89,7 +89,7 @@ def with_turned(
         )
         for functional_map, reverse_map, sample_map in zip(maps, reverse_maps, sample_maps, strict=True)
     ]
-    same = [replace(_as_known(one, best, disagreement), turns=1 + len(turned)) for one in (best, *turned)]
+    same = [replace(_with_evidence(one, best, disagreement), turns=1 + len(turned)) for one in (best, *turned)]
     places = [source.coordinates[one.sample_map] for one in (*same, *candidates)]
     found = alike(places, HYPOTHESES.same_map)[len(same) :, : len(same)].any(axis=1)
     others = [one for one, is_turned in zip(candidates, found, strict=True) if not is_turned]
@@ -108,7 +108,7 @@ def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
     return first.certainty if first.turns == 1 else sum(one.certainty for one in candidates if one.turns > 1)
 
 
-def _as_known(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
+def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
     """A turned map with the scores of the best, but for what is known of the map.
 
     What a guess went by, such as extremities, holds its own map in place: all are judged without it.

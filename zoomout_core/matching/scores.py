@@ -76,7 +76,7 @@ SCORES = ScoreTuning()
 Disagreement: TypeAlias = Callable[[Floats, Integers, Anchors | None], dict[str, float]]
 
 
-def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
+def no_disagreement(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
     """The disagreement of a map with no evidence."""
     return {}
 

@@ -32,7 +32,7 @@ SOURCE, TARGET = "source", "target"
 # The environment variable that names the program.
 PROGRAM = "ZOOMOUT_BLENDER"
 # Seconds that Blender may take for one command, and between two looks at whether it has ended.
-MOST_SECONDS, PATIENCE = 3600.0, 0.05
+MAX_SECONDS, PATIENCE = 3600.0, 0.05
 # The extension's entry points: `main`, the module that `python -m` runs, and `demo`, a module with `run` and `summary`.
 ENTRY_POINTS = "zoomout.extension"
 SAID = "zoomout: "
@@ -93,9 +93,9 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
             )
             try:
                 while process.poll() is None:
-                    if monotonic() - began > MOST_SECONDS:
+                    if monotonic() - began > MAX_SECONDS:
                         raise MeshError(
-                            f"Blender took more than {MOST_SECONDS / 60:.0f} minutes: give it a smaller file."
+                            f"Blender took more than {MAX_SECONDS / 60:.0f} minutes: give it a smaller file."
                         )
                     advance(0.0)
                     sleep(PATIENCE)

@@ -47,32 +47,32 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
     most = len(vertices)
     random = np.random.default_rng(0)
     while len(vertices) > MAX_STAGE_VERTICES:
-        into = _thin(vertices, triangles, close, random, _done(most, len(vertices), count))
+        into = _thin(vertices, triangles, close, random, _progress(most, len(vertices), count))
         kept, number = np.unique(into, return_inverse=True)
         if len(kept) < count or len(kept) > MAX_REMAINING_SHARE * len(vertices):
             break
         triangles = number[triangles]
         triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         vertices, merged = vertices[kept], number[merged]
-        advance(_done(most, len(vertices), count))
+        advance(_progress(most, len(vertices), count))
     while 2 * count < len(triangles):
         stage = max(count, min(len(vertices) - MAX_STAGE_VERTICES, len(vertices) // 2))
-        points, triangles, into = _simplified(vertices, triangles, stage)
+        points, triangles, into = _simplify(vertices, triangles, stage)
         merged = into[merged]
         finished = stage == count or len(points) > MAX_REMAINING_SHARE * len(vertices)
         vertices = points
-        advance(_done(most, len(vertices), count))
+        advance(_progress(most, len(vertices), count))
         if finished:
             break
     return vertices, triangles, merged
 
 
-def _done(most: int, left: int, count: int) -> float:
+def _progress(most: int, left: int, count: int) -> float:
     """The fraction done of a decimation from `most` to `count` vertices."""
     return float(np.clip(np.log(most / left) / max(np.log(most / count), 1e-9), 0, 1))
 
 
-def _simplified(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
+def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
     """By quadric error, in one go."""
     with DECIMATING:
         points, fewer, collapses = fast_simplification.simplify(
@@ -100,7 +100,7 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
     inhabited = np.flatnonzero(np.diff(graph.indptr))
     first = graph.indptr[inhabited]
 
-    def most_around(values: Integers) -> Integers:
+    def max_around(values: Integers) -> Integers:
         most = np.full(n, -1)
         if len(first):
             most[inhabited] = np.maximum.reduceat(values[graph.indices], first)
@@ -109,14 +109,14 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
     priority = random.permutation(n)
     undecided, stays = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     for _ in range(INDEPENDENT_SET_ROUNDS):
-        chosen: Booleans = undecided & (priority > most_around(np.where(undecided, priority, -1)))
+        chosen: Booleans = undecided & (priority > max_around(np.where(undecided, priority, -1)))
         stays |= chosen
-        undecided &= ~chosen & (most_around(np.where(chosen, priority, -1)) < 0)
+        undecided &= ~chosen & (max_around(np.where(chosen, priority, -1)) < 0)
         advance(done)
         if not undecided.any():
             break
     stays |= undecided
     holder = np.empty(n, dtype=np.int64)
     holder[priority] = np.arange(n)
-    best = most_around(np.where(stays, priority, -1))
+    best = max_around(np.where(stays, priority, -1))
     return np.where(stays, np.arange(n), holder[best])

@@ -26,7 +26,7 @@ from zoomout_core.mesh.obj_files import parse_obj
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.text_tables import decode, flatten, number_table
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 # What trimesh reads with packages of the extra `formats`.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
@@ -215,7 +215,7 @@ def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
         header += [f"element face {len(faces)}", "property list int int vertex_indices"]
     rows = [" ".join(map(repr, row)) for row in columns.tolist()]
     rows += [" ".join(map(str, (len(face), *face.tolist()))) for face in faces]
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text("\n".join([*header, "end_header", *rows, ""]), encoding="ascii")
 
 

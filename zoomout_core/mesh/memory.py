@@ -23,10 +23,10 @@ def memory_in_words(function: Function) -> Function:
     """Have a function raise `NotEnoughMemoryError`, which says what to do, where no memory is left."""
 
     @wraps(function)
-    def limited(*args: Any, **kwargs: Any) -> Any:
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
         try:
             return function(*args, **kwargs)
         except MemoryError:
             raise NotEnoughMemoryError(NO_MEMORY) from None
 
-    return cast(Function, limited)
+    return cast(Function, wrapper)

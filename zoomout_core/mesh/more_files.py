@@ -48,9 +48,9 @@ def read_usd(path: Path) -> Faces:
             # Rows are points here, so that the transform stands on their right.
             positions = points.reshape(-1, 3).astype(np.float64) @ transform[:3, :3] + transform[3, :3]
             turned = (np.linalg.det(transform[:3, :3]) < 0) != (mesh.GetOrientationAttr().Get(time) == "leftHanded")
-            yield positions, _turned(corners, sizes) if turned else corners, sizes
+            yield positions, _reverse_winding(corners, sizes) if turned else corners, sizes
 
-    return _joined(parts())
+    return _join(parts())
 
 
 def read_with_meshio(path: Path) -> Faces:
@@ -84,14 +84,14 @@ READERS: dict[str, Callable[[Path], Faces]] = {
 }
 
 
-def _turned(corners: Integers, sizes: Integers) -> Integers:
+def _reverse_winding(corners: Integers, sizes: Integers) -> Integers:
     """The corners of faces the other way round."""
     start = np.cumsum(sizes) - sizes
     place = np.arange(len(corners)) - np.repeat(start, sizes)
     return np.asarray(corners[np.repeat(start + sizes - 1, sizes) - place])
 
 
-def _joined(parts: Iterator[Faces]) -> Faces:
+def _join(parts: Iterator[Faces]) -> Faces:
     """Meshes as one."""
     found = list(parts)
     count = np.cumsum([0, *(len(points) for points, _, _ in found)])

@@ -36,7 +36,7 @@ MAX_EDGE = 8.0
 MIN_PART_TRIANGLES = 20
 
 
-def triangulated_points(points: Floats, normals: Floats | None = None) -> Integers:
+def triangulate_points(points: Floats, normals: Floats | None = None) -> Integers:
     """(m, 3) the triangles of an oriented manifold through points (n, 3).
 
     A few points of a noisy cloud are in no triangle, nor are the second and later ones at a place.

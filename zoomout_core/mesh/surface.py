@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.reconstruction import triangulated_points
+from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
@@ -141,16 +141,16 @@ class Surface(Summary):
     ) -> None:
         self._working: WorkingMesh | None = None
         self._rounding: float | None = None
-        self.vertices: Floats = _checked_points(vertices)
+        self.vertices: Floats = _check_points(vertices)
         _check_faces(self.vertices, corner_vertex, face_start)
         self.corner_vertex = corner_vertex
         self.face_start = face_start
         self.triangle_corners: Integers = (
             triangulate(self.vertices, corner_vertex, face_start)
             if triangle_corners is None
-            else _checked_triangles(triangle_corners, len(corner_vertex))
+            else _check_triangles(triangle_corners, len(corner_vertex))
         )
-        self._edges = None if edges is None else _checked_edges(edges, len(self.vertices))
+        self._edges = None if edges is None else _check_edges(edges, len(self.vertices))
         if not self.area > 0:
             raise MeshError("The mesh has no area because all of its faces are degenerate: repair them.")
 
@@ -247,8 +247,8 @@ class PointCloud:
     """
 
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None) -> None:
-        self.points = _checked_points(points)
-        self.normals = None if normals is None else _checked_points(normals)
+        self.points = _check_points(points)
+        self.normals = None if normals is None else _check_points(normals)
         if not np.isfinite(self.points).all():
             raise MeshError("Some points have coordinates that are not finite: remove them.")
         if self.normals is not None and not (len(self.normals) == len(self.points) and np.isfinite(self.normals).all()):
@@ -265,7 +265,7 @@ class PointCloud:
         Raises:
             MeshError: no surface passes through the points.
         """
-        triangles = triangulated_points(self.points, None if self.normals is None else unit_vectors(self.normals))
+        triangles = triangulate_points(self.points, None if self.normals is None else unit_vectors(self.normals))
         if not len(triangles):
             raise MeshError(
                 "No surface passes through the points: check that they are not all on a line or at one point."
@@ -311,7 +311,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
     return array.astype(np.int64)
 
 
-def _checked_points(points: ArrayLike) -> Floats:
+def _check_points(points: ArrayLike) -> Floats:
     try:
         array = np.array(points, dtype=np.float64)
     except (TypeError, ValueError):
@@ -345,14 +345,14 @@ def _whole_numbers(numbers: ArrayLike) -> Integers:
     return array.astype(np.int64)
 
 
-def _checked_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
+def _check_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
     triangles = _whole_numbers(triangle_corners).reshape(-1, 3)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
         raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
     return triangles
 
 
-def _checked_edges(edges: ArrayLike, vertex_count: int) -> Integers:
+def _check_edges(edges: ArrayLike, vertex_count: int) -> Integers:
     array = _whole_numbers(edges)
     if array.ndim != 2 or array.shape[1] != 2:
         raise MeshError(f"Edges must be an array of shape (e, 2), not {array.shape}.")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One closed skin around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
+"""One closed hull around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
 
 Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
 in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
-2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The skin is extracted by
+2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The hull is extracted by
 surface nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
 """
 
@@ -31,18 +31,18 @@ EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - COR
 
 @dataclass(frozen=True)
 class VoxelTuning(Tuning, set_by="characters"):
-    """How a solid is made of the voxels that triangles pass through, and its skin smoothed.
+    """How a solid is made of the voxels that triangles pass through, and its hull smoothed.
 
     Attributes:
         sampling: spacing of the points that triangles are rasterised by.
-        least_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
+        min_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
             holes let some of them out.
         widest_gap: wider gaps are not bridged.
         smoothing: standard deviation of the Gaussian that smooths distances.
     """
 
     sampling: float = tuned(0.5, "voxels", 0.01, 1)
-    least_directions: int = tuned(22, "directions", 18, 26)
+    min_directions: int = tuned(22, "directions", 18, 26)
     widest_gap: float = tuned(0.06, "longest extents", 0, 1)
     smoothing: float = tuned(0.7, "voxels", 0, 1)
 
@@ -51,13 +51,13 @@ VOXELS = VoxelTuning()
 
 
 def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
-    """The outer skin of a mesh, as one closed surface if its pieces lie close together.
+    """The outer hull of a mesh, as one closed surface if its pieces lie close together.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers, in any orientation.
         resolution: voxels along the longest extent.
-        inset: how far below the outer sides of the voxels that triangles pass through the skin is extracted, in voxels.
+        inset: how far below the outer sides of the voxels that triangles pass through the hull is extracted, in voxels.
 
     Returns:
         (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.
@@ -66,14 +66,14 @@ def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: 
     extent = vertices[triangles].max(axis=(0, 1)) - low
     voxel = float(extent.max()) / resolution
     shape = np.ceil(extent / voxel).astype(int) + 1 + 2 * PADDING
-    wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
-    solid = _bridged(_filled(wall), VOXELS.widest_gap * resolution)
+    wall = _rasterise((vertices - low) / voxel + PADDING, triangles, shape)
+    solid = _bridge(_fill(wall), VOXELS.widest_gap * resolution)
     distance = scipy.ndimage.distance_transform_edt(solid) - scipy.ndimage.distance_transform_edt(~solid)
     points, faces = surface_nets(scipy.ndimage.gaussian_filter(distance, VOXELS.smoothing) - inset)
     return low + (points - PADDING) * voxel, faces
 
 
-def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Booleans:
+def _rasterise(points: Floats, triangles: Integers, shape: Integers) -> Booleans:
     """The voxels of a grid that triangles pass through; voxel (i, j, k) is centred at these coordinates."""
     wall = np.zeros(shape, dtype=bool)
     corners = points[triangles]
@@ -90,10 +90,10 @@ def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Boolean
     return wall
 
 
-def _filled(wall: Booleans) -> Booleans:
+def _fill(wall: Booleans) -> Booleans:
     """The voxels of walls and of what they enclose."""
     empty, _ = scipy.ndimage.label(~wall)
-    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.least_directions))
+    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.min_directions))
 
 
 def _walls_around(wall: Booleans) -> Indices:
@@ -125,7 +125,7 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
     return np.moveaxis(met, 0, axis)
 
 
-def _bridged(solid: Booleans, widest: float) -> Booleans:
+def _bridge(solid: Booleans, widest: float) -> Booleans:
     """Pieces joined by tubes where they are nearest; the largest of what is joined then.
 
     Args:

@@ -18,7 +18,7 @@ TOLERANCE = 2.0**-20
 CROWDED = 16
 
 
-def welded(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
+def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
     """(n,) the vertex that stands for each, the first of those that are one.
 
     These are vertices of borders that coincide, and of parts that lie wholly on others, triangle on triangle, as the
@@ -45,7 +45,7 @@ def welded(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
         return stands_for
     place = np.arange(len(vertices))
     place[number] = number[_clusters(points, cell, tolerance)]
-    return _copies_welded(stands_for, place, triangles)
+    return _weld_copies(stands_for, place, triangles)
 
 
 def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
@@ -69,11 +69,11 @@ def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
     if len(among):
         group_of = np.full(len(triangles), -1)
         group_of[among] = group
-        again[among] = (among != begin[group]) & ~_folded(triangles, sides, group_of, len(size))[group]
+        again[among] = (among != begin[group]) & ~_folded_groups(triangles, sides, group_of, len(size))[group]
     return again
 
 
-def _folded(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
+def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
     """(g,) which groups of triangles that lie on one another belong to a fold.
 
     Args:
@@ -131,7 +131,7 @@ def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
     return _first_of(label[group])
 
 
-def _copies_welded(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
+def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
     """What stands for each vertex, once parts that lie wholly on others share these others' vertices.
 
     Args:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
 from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
-from zoomout_core.mesh.welding import lies_twice, welded
+from zoomout_core.mesh.welding import lies_twice, weld
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
@@ -36,7 +36,7 @@ class WorkingMesh:
         component: (n,) number of the connected component of each vertex, the largest area first.
         scale: square root of the surface's area, in the surface's units.
         origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
-        is_skin: whether it is a voxel skin around the surface: then its triangles stem from none of the surface's, and
+        is_hull: whether it is a voxel hull around the surface: then its triangles stem from none of the surface's, and
             `vertex_of` is the nearest vertex.
     """
 
@@ -48,7 +48,7 @@ class WorkingMesh:
     component: Integers
     scale: float
     origin: Floats
-    is_skin: bool = False
+    is_hull: bool = False
 
     @cached_property
     def oriented_triangles(self) -> Integers:
@@ -108,7 +108,7 @@ class WorkingMesh:
         kept = inside[self.triangles].all(axis=1)
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
-    def subdivided(self, fewest: int) -> tuple[WorkingMesh, Integers]:
+    def subdivide(self, fewest: int) -> tuple[WorkingMesh, Integers]:
         """The same surface with a vertex in the middle of each edge, as often as it takes to have so many vertices.
 
         Returns:
@@ -153,7 +153,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     """
     given = triangles
     sides = sides_by_edge(triangles)
-    stands_for = welded(vertices, triangles, sides)
+    stands_for = weld(vertices, triangles, sides)
     triangles = stands_for[triangles]
     kept = np.flatnonzero(np.all(triangles != np.roll(triangles, 1, axis=1), axis=1))
     if not (len(kept) == len(triangles) and (triangles == given).all()):
@@ -177,7 +177,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     return WorkingMesh(
         vertices=points,
         triangles=triangles,
-        flipped=_flipped(points, triangles, sides),
+        flipped=_flipped_triangles(points, triangles, sides),
         vertex_of=np.where(of_a_face, number[stands_for], -1),
         triangle_of=kept,
         component=_component(points, triangles),
@@ -201,7 +201,7 @@ def _component(vertices: Floats, triangles: Integers) -> Integers:
     return rank[label]
 
 
-def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
+def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
     """(m,) which triangles to turn so that neighbours agree and normals point outwards."""
     side, first = sides
     m, count = len(triangles), np.diff(first)

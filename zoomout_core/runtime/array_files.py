@@ -15,7 +15,7 @@ import numpy as np
 # From the start of a file: the shape of its array, whether columns come first, and the type.
 Header: TypeAlias = Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]]
 # Bytes that the arrays of a file may take unless it says otherwise: a map of 67 million vertices.
-MOST_BYTES = 1 << 31
+MAX_BYTES = 1 << 31
 HEADERS: dict[tuple[int, int], Header] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -27,7 +27,7 @@ class ArrayFileError(ValueError):
 
 
 def read_arrays(
-    path: str | os.PathLike[str], names: Sequence[str] = (), most_bytes: int = MOST_BYTES
+    path: str | os.PathLike[str], names: Sequence[str] = (), max_bytes: int = MAX_BYTES
 ) -> dict[str, np.ndarray[Any, Any]]:
     """Those of some arrays that an .npz file holds, or all of them.
 
@@ -35,7 +35,7 @@ def read_arrays(
 
     Raises:
         FileNotFoundError: there is no such file.
-        ArrayFileError: it is no .npz file, a broken one, or its arrays take more than `most_bytes`.
+        ArrayFileError: it is no .npz file, a broken one, or its arrays take more than `max_bytes`.
     """
     if not Path(path).exists():
         raise FileNotFoundError(f"There is no file {path}: check the path.")
@@ -46,8 +46,8 @@ def read_arrays(
             held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             wanted = {name: held[name] for name in names or held if name in held}
             size = sum(info.file_size for info in wanted.values())
-            if size > most_bytes:
-                raise ArrayFileError(f"its arrays take {size} bytes, and {most_bytes} are allowed")
+            if size > max_bytes:
+                raise ArrayFileError(f"its arrays take {size} bytes, and {max_bytes} are allowed")
             found = {}
             for name, info in wanted.items():
                 with archive.open(info) as file:

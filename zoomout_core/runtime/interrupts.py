@@ -20,7 +20,7 @@ ENDINGS = (None, 0, INTERRUPTED)
 
 
 @contextmanager
-def interrupts_heard() -> Iterator[None]:
+def handle_interrupts() -> Iterator[None]:
     """A context of the main thread that an interrupt ends as a KeyboardInterrupt, whatever becomes of it within.
 
     Within a callback of a weak reference or a finalizer Python prints an exception, and goes on as if nothing was:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.outputs import atomic_write
 
 TREE = "tree"
 SPARSE = "data", "indices", "indptr"
@@ -44,7 +44,7 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
     writer = _Writer(classes)
     tree = {"root": writer.encode(value), "objects": writer.objects}
     arrays = {f"array {number}": array for number, array in enumerate(writer.arrays)}
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         np.savez(part, **{TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)}, **arrays)
 
 

@@ -19,9 +19,9 @@ def once_per_argument(function: Callable[[Argument], Result]) -> Callable[[Argum
     name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
-    def kept(argument: Argument) -> Result:
+    def wrapper(argument: Argument) -> Result:
         if name not in argument.__dict__:
             argument.__dict__[name] = function(argument)
         return cast(Result, argument.__dict__[name])
 
-    return kept
+    return wrapper

@@ -62,7 +62,7 @@ def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> 
 
 
 @contextmanager
-def written_whole(output: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     """A path to write to in the same folder, of the same ending; the file takes its place when all went well.
 
     What is no ordinary file, such as a pipe, is written to directly.
@@ -85,7 +85,7 @@ def written_whole(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def written_together(output: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
     """A path of the same name in a folder of its own, for a file with others that it names, such as textures.
 
     When all went well, all that is in that folder takes its place beside `output`, the file itself last.

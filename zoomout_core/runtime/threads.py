@@ -32,7 +32,7 @@ Arguments = ParamSpec("Arguments")
 # Seconds between two looks at an interrupt of the user while threads work: half of what users notice.
 PATIENCE = 0.05
 # Threads that work at a time, unless the user says otherwise: more wait for each other in a match.
-MOST_THREADS = 8
+MAX_THREADS = 8
 VARIABLE = "ZOOMOUT_THREADS"
 
 
@@ -43,7 +43,7 @@ class _Cores:
         self.count = count
         self._free, self._mine = threading.Semaphore(count), threading.local()
 
-    def taken(self, work: Callable[[], Result]) -> Result:
+    def run(self, work: Callable[[], Result]) -> Result:
         """What a function returns, run once a core is free."""
         with self._free:
             self._mine.held = True
@@ -53,7 +53,7 @@ class _Cores:
                 self._mine.held = False
 
     @contextmanager
-    def lent(self) -> Iterator[None]:
+    def lend(self) -> Iterator[None]:
         """A context in which the calling thread waits."""
         if not getattr(self._mine, "held", False):
             yield
@@ -83,7 +83,7 @@ def set_threads(count: int | None) -> None:
         >>> zo.set_threads(None)  # as many as there are cores, up to 8
     """
     global _cores
-    _cores = None if count is None else _Cores(_checked("The number of threads", count))
+    _cores = None if count is None else _Cores(_check("The number of threads", count))
 
 
 def threads() -> int:
@@ -96,15 +96,15 @@ def _known_cores() -> _Cores:
     if _cores is None:
         said = os.environ.get(VARIABLE)
         if said is None:
-            _cores = _Cores(min(MOST_THREADS, usable_cores()))
+            _cores = _Cores(min(MAX_THREADS, usable_cores()))
         else:
-            _cores = _Cores(_checked(VARIABLE, int(said) if said.isdecimal() else said))
+            _cores = _Cores(_check(VARIABLE, int(said) if said.isdecimal() else said))
     return _cores
 
 
 def holding_a_core(work: Callable[[], Result]) -> Result:
     """Call a function once fewer threads than `threads()` are at work."""
-    return _known_cores().taken(work)
+    return _known_cores().run(work)
 
 
 def usable_cores() -> int:
@@ -112,7 +112,7 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _checked(name: str, count: object) -> int:
+def _check(name: str, count: object) -> int:
     if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
         raise ValueError(f"{name} is {count!r}: give a whole number of 1 or more.")
     return int(count)
@@ -149,9 +149,9 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
         return result
 
     pool = ThreadPoolExecutor(max_workers=count)
-    futures = [pool.submit(copy_context().run, cores.taken, partial(run, number)) for number in range(len(works))]
+    futures = [pool.submit(copy_context().run, cores.run, partial(run, number)) for number in range(len(works))]
     try:
-        with cores.lent():
+        with cores.lend():
             running = set(futures)
             while running:
                 # In short waits, for an interrupt of the user reaches no thread that waits for long.
@@ -202,8 +202,8 @@ def on_one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Argume
     """Keep BLAS to one thread while a function runs."""
 
     @wraps(function)
-    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+    def wrapper(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         with one_blas_thread:
             return function(*args, **kwargs)
 
-    return limited
+    return wrapper

@@ -27,7 +27,7 @@ from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.samples.creatures import FLAT, LIMBS, NAMES, Creature, at_rest, creature, limb_weights, true_vertex
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blended_matrices, moved
+from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
@@ -88,7 +88,7 @@ def character(count: int = 5000) -> Asset:
         ),
         (Material("Body", image=checker()), Material("Limbs", (0.9, 0.8, 0.6, 1.0), checker())),
         _skin(surface, made.directions),
-        Document.made(_skeleton()),
+        Document.from_gltf(_skeleton()),
     )
 
 
@@ -110,8 +110,8 @@ def in_stance(made: Creature) -> Surface:
     for number, (name, joint) in enumerate(zip(NAMES, joints(), strict=True), start=1):
         turn = Rotation.from_euler("xyz", STANCE[name], degrees=True).as_matrix()
         transforms[number] = np.column_stack([turn, joint - turn @ joint])
-    matrices = blended_matrices(transforms, csr_array(limb_weights(made.directions)))
-    return surface.with_vertices(moved(matrices, surface.vertices))
+    matrices = blend_matrices(transforms, csr_array(limb_weights(made.directions)))
+    return surface.with_vertices(transform_points(matrices, surface.vertices))
 
 
 def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:

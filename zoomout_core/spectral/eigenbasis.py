@@ -19,7 +19,7 @@ from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, SingleFloats, check_counts, segment_sum
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -283,7 +283,7 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
 def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int) -> tuple[Floats, Floats]:
     n, b = len(root), BLOCK_SIZE
     wanted = min(n - 1, int(SURPLUS * k) + 2)
-    factor = factorised(stiffness + SHIFT * diags_array(areas))
+    factor = factorise(stiffness + SHIFT * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
@@ -296,10 +296,10 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
         parts = _InParts(pool, n)
         for j in range(limit):
             e = (j + 1) * b
-            Y = (root * parts.solved(factor, Q[e - b : e] * root)).astype(np.float32)
+            Y = (root * parts.solve(factor, Q[e - b : e] * root)).astype(np.float32)
             advance(min(0.9, e / (2.8 * wanted)))
             for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
-                H[first:e, e - b : e] += parts.orthogonalised(Y, Q[first:e]).T
+                H[first:e, e - b : e] += parts.orthogonalise(Y, Q[first:e]).T
             R = np.eye(b)
             for _ in range(2):
                 try:
@@ -353,11 +353,11 @@ class _InParts:
         parts = np.array_split(np.arange(n), PRODUCTS if is_long else 1)
         self._parts = [slice(part[0], part[-1] + 1) for part in parts]
 
-    def solved(self, factor: SuperLU, rows: Floats) -> Floats:
+    def solve(self, factor: SuperLU, rows: Floats) -> Floats:
         """(b, n) solutions for right-hand sides (b, n)."""
         return np.concatenate(list(self._map(lambda some: factor.solve(some.T).T, np.array_split(rows, self._solves))))
 
-    def orthogonalised(self, rows: SingleFloats, basis: SingleFloats) -> SingleFloats:
+    def orthogonalise(self, rows: SingleFloats, basis: SingleFloats) -> SingleFloats:
         """Take from vectors (b, n), in place, what lies in the span of a basis (e, n); (b, e) its coefficients."""
         products = sum(self._map(lambda part: rows[:, part] @ basis[:, part].T, self._parts))
 
@@ -375,7 +375,7 @@ def _is_complete(eigenvalues: Floats, k: int, stiffness: csc_array, areas: Float
     """
     count = k + int(np.argmax(np.diff(eigenvalues[k - 1 :])))  # the shift lies in the widest gap beyond the k-th
     shift = (eigenvalues[count - 1] + eigenvalues[count]) / 2
-    factor = factorised(stiffness - shift * diags_array(areas))
+    factor = factorise(stiffness - shift * diags_array(areas))
     if not np.array_equal(factor.perm_r, factor.perm_c):
         return True  # pivots off the diagonal say nothing of the signs
     return int((factor.U.diagonal() < 0).sum()) == count

@@ -60,7 +60,7 @@ def hamiltonian_basis(
     if not (isinstance(strength, Real) and 0 <= strength < np.inf):
         raise ValueError(f"strength is {strength!r}: give a finite number of at least zero.")
     working = surface.working
-    barrier = _of_working_vertices(_checked_potential(potential, len(surface.vertices)), working.vertex_of)
+    barrier = _of_working_vertices(_check_potential(potential, len(surface.vertices)), working.vertex_of)
     laplacian = mesh_laplacian(working.vertices, working.triangles)
     room = int((barrier < 1).sum())
     if room < max(k, 1):
@@ -74,7 +74,7 @@ def hamiltonian_basis(
     return on_shape(basis, shape)
 
 
-def _checked_potential(potential: ArrayLike, n: int) -> Floats:
+def _check_potential(potential: ArrayLike, n: int) -> Floats:
     values = np.asarray(potential)
     if values.shape != (n,) or values.dtype.kind not in "biuf":
         raise ValueError(f"The potential must be {n} numbers, one for each vertex, not {values.dtype} {values.shape}.")

@@ -31,7 +31,7 @@ def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: in
         >>> zo.multiplication_operators(bases[0], source.vertices, 10).shape
         (3, 10, 10)
     """
-    functions = checked_descriptors(basis, descriptors, "The descriptors")
+    functions = check_descriptors(basis, descriptors, "The descriptors")
     check_size(basis, k)
     rows = basis.eigenvectors[:, :k]
     weighted = (basis.areas[:, None] * rows).T
@@ -64,7 +64,7 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
             f"The basis has {len(basis.areas)} vertices, but the surface has {len(surface.vertices)}: give the basis "
             "of this surface."
         )
-    functions = checked_descriptors(basis, descriptors, "The descriptors")
+    functions = check_descriptors(basis, descriptors, "The descriptors")
     check_size(basis, k)
     triangles = surface.triangles[surface.working.triangle_of]
     side = np.where(surface.working.flipped, -1.0, 1.0)
@@ -77,7 +77,7 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
     return operators
 
 
-def checked_descriptors(basis: SpectralBasis, descriptors: ArrayLike, what: str) -> Floats:
+def check_descriptors(basis: SpectralBasis, descriptors: ArrayLike, what: str) -> Floats:
     """Descriptors (n, d) as a user gave them, or a single one (n,), checked against their basis.
 
     Raises:

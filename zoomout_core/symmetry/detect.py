@@ -22,8 +22,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lift
-from zoomout_core.matching.confidence import Partners, confidence_of
-from zoomout_core.matching.dense_map import bend_refined
+from zoomout_core.matching.confidence import Counterparts, confidence_of
+from zoomout_core.matching.dense_map import bend_onto_source
 from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
@@ -203,7 +203,7 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
         with portion(0.0, 0.6):
             refined, functional_map = refine(shape, shape, candidate.functional_map, None, *how)
         with portion(0.6, 1.0):
-            return bend_refined(refined, functional_map, shape, shape, candidate.mirrored)
+            return bend_onto_source(refined, functional_map, shape, shape, candidate.mirrored)
 
     with portion(0.0, 0.7):
         if order == 2:  # it is its own inverse
@@ -214,10 +214,10 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
                 forwards, lambda: refine(shape, shape, candidate.reverse_functional_map, None, *how)
             )
     with portion(0.7, 1.0):
-        return _finished(pair, candidate, fit, back, functional_map, order, left)
+        return _finish(pair, candidate, fit, back, functional_map, order, left)
 
 
-def _finished(
+def _finish(
     pair: Pair,
     candidate: Candidate,
     fit: Fit,
@@ -232,7 +232,7 @@ def _finished(
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
     everywhere = np.ones(len(confidence), dtype=bool)
-    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Partners(everywhere, everywhere))
+    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Counterparts(everywhere, everywhere))
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

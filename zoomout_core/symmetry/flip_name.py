@@ -52,7 +52,7 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
     return stem + number
 
 
-def partner_of(name: str, names: Container[str | None]) -> str:
+def counterpart_of(name: str, names: Container[str | None]) -> str:
     """The name of the same thing on the other side; the name itself where it has no side.
 
     Args:

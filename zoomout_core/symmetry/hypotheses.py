@@ -74,7 +74,7 @@ def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
     for size in groups:
         if len(kept[0]) > BEAM_FUNCTIONS or len(kept[0]) + size > most:
             break
-        kept = _grown(kept, _choices(size), width, sampled, shape.basis.eigenvalues)
+        kept = _grow(kept, _choices(size), width, sampled, shape.basis.eigenvalues)
     return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
 
 
@@ -88,8 +88,8 @@ GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
 
 def _there_and_back(first: Integers, second: Integers) -> bool:
     """Whether a pairing of tips with tips of the same shape, by their numbers in parallel, undoes itself."""
-    partner = dict(zip(first.tolist(), second.tolist(), strict=True))
-    return all(partner.get(there) == here for here, there in partner.items())
+    counterpart = dict(zip(first.tolist(), second.tolist(), strict=True))
+    return all(counterpart.get(there) == here for here, there in counterpart.items())
 
 
 def _may_be_round(shape: ShapeAnalysis) -> bool:
@@ -116,7 +116,7 @@ def _choices(size: int) -> list[Floats]:
     return [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 
 
-def _grown(
+def _grow(
     maps: list[Floats], choices: list[Floats], width: int, sampled: SampledBasis, eigenvalues: Floats
 ) -> list[Floats]:
     """The maps, each with each choice appended and refined: the distinct ones that commute best with the Laplacian."""

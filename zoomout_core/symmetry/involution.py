@@ -63,10 +63,10 @@ def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
 
 def mean_distance(sample_map: Integers, shape: ShapeAnalysis) -> float:
     """How far a map (s,) of a shape's search samples takes them along the surface, on average, at unit area."""
-    return float(shape.weights @ distance_moved(sample_map, shape))
+    return float(shape.weights @ displacement(sample_map, shape))
 
 
-def distance_moved(sample_map: Integers, shape: ShapeAnalysis) -> Floats:
+def displacement(sample_map: Integers, shape: ShapeAnalysis) -> Floats:
     """(s,) how far a map (s,) of a shape's search samples takes each along the surface, at unit area.
 
     An image counts as the nearest of the samples that distances are known from.

@@ -3,7 +3,7 @@
 
 The other side of a vertex is its image under the symmetry, so values go there as they go from a source to a target, by
 the same rules (`zoomout_core.transfer`). What has a side in its name, such as the weights of Arm.L, changes places
-with its partner.
+with its counterpart.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 
@@ -30,12 +30,12 @@ OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchang
 ONE_WAY = ("left_to_right", "right_to_left")
 
 
-def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
+def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
     """An attribute as it would be with both sides exchanged.
 
     Args:
-        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group whose partner
-            is missing gets one.
+        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group without a
+            counterpart gets one.
         symmetry: of the surface.
         options: of the attribute's kind, as for `transfer`.
 
@@ -43,17 +43,17 @@ def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribu
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = names_flipped(attribute)
+        attribute = flip_names(attribute)
     return transfer(attribute, symmetry, symmetry.surface, symmetry.surface, **options)
 
 
-def symmetrised(
+def symmetrise(
     attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", **options: Any
 ) -> Attribute:
     """An attribute that is the same on both sides, or whose sides have changed places.
 
     Args:
-        attribute: of the symmetry's surface; as for `mirrored`.
+        attribute: of the symmetry's surface; as for `mirror`.
         symmetry: of the surface.
         direction: "left_to_right" or "right_to_left": the one side stays as it is, and the other becomes like it.
             "exchange": each becomes what the other was. "average": both become their mean; of what is there or not,
@@ -61,14 +61,14 @@ def symmetrised(
         options: of the attribute's kind, as for `transfer`.
 
     Raises:
-        MeshError: as for `mirrored`, or there are no two sides, or no mean of such values.
+        MeshError: as for `mirror`, or there are no two sides, or no mean of such values.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_partners(attribute)
-    other = mirrored(attribute, symmetry, **options)
+        attribute = with_counterparts(attribute)
+    other = mirror(attribute, symmetry, **options)
     own_share = own_share_of(attribute.domain, symmetry, direction)
     if attribute.kind is Kind.WEIGHT:
-        return _mixed_weights(attribute, other, own_share, symmetry.surface, options)
+        return _mix_weights(attribute, other, own_share, symmetry.surface, options)
     own, theirs = np.asarray(attribute.values), np.asarray(other.values)
     share = own_share.reshape(-1, *[1] * (own.ndim - 1))
     if has_mean(attribute) and RULES[attribute.kind].mixable:
@@ -97,10 +97,10 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
         symmetry: of the surface.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_partners(attribute)
-        difference = csr_array(mirrored(attribute, symmetry).values - attribute.values)
+        attribute = with_counterparts(attribute)
+        difference = csr_array(mirror(attribute, symmetry).values - attribute.values)
         return np.asarray(abs(difference).sum(axis=1)) / 2
-    own, theirs = np.asarray(attribute.values), np.asarray(mirrored(attribute, symmetry).values)
+    own, theirs = np.asarray(attribute.values), np.asarray(mirror(attribute, symmetry).values)
     if has_mean(attribute) and RULES[attribute.kind].mixable:
         return np.asarray(np.linalg.norm((theirs - own).reshape(len(own), -1), axis=1))
     return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
@@ -143,14 +143,14 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     return share
 
 
-def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute:
+def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
     """Weights with an empty group for every name whose other side is missing.
 
     Args:
         weights: labelled by their groups' names.
-        others: names that there are besides, such as those of bones: see `partner_of`.
+        others: names that there are besides, such as those of bones: see `counterpart_of`.
     """
-    missing = [name for name in _partners(weights.labels, others) if name not in weights.labels]
+    missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
     if not missing:
         return weights
     values = csr_array(weights.values)
@@ -160,26 +160,26 @@ def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute
     return replace(weights, values=values, labels=(*weights.labels, *missing))
 
 
-def names_flipped(weights: Attribute) -> Attribute:
+def flip_names(weights: Attribute) -> Attribute:
     """Weights whose groups have changed places with those of the other side, in the same order of names."""
-    weights = with_partners(weights)
+    weights = with_counterparts(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
-    partner = _partners(weights.labels)
-    columns = [column[partner[name]] for name in weights.labels]
+    counterpart = _counterpart_names(weights.labels)
+    columns = [column[counterpart[name]] for name in weights.labels]
     return replace(weights, values=csr_array(csr_array(weights.values)[:, columns]))
 
 
-def _partners(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
-    """For each of some names, and for what is found to be its partner, the partner; other names may be known besides.
+def _counterpart_names(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
+    """The counterparts of names, and of these counterparts; they may be among other names.
 
-    The partner of a partner may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself. So
-    whoever comes first is paired both ways.
+    The counterpart of a counterpart may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself.
+    So the first of them is paired both ways.
     """
-    names, partner = {*labels, *others}, dict[str, str]()
+    names, counterpart = {*labels, *others}, dict[str, str]()
     for name in labels:
-        other = partner.setdefault(name, partner_of(name, names))
-        partner.setdefault(other, name)
-    return partner
+        other = counterpart.setdefault(name, counterpart_of(name, names))
+        counterpart.setdefault(other, name)
+    return counterpart
 
 
 def _on_faces(surface: Surface) -> Booleans:
@@ -197,7 +197,7 @@ def _along_line(symmetry: SelfMap) -> Booleans:
     return np.asarray(np.abs(symmetry.distance[surface.edges]).max(axis=1) < half)
 
 
-def _mixed_weights(
+def _mix_weights(
     own: Attribute, other: Attribute, own_share: Floats, surface: Surface, options: Mapping[str, Any]
 ) -> Attribute:
     """Two sets of weights mixed vertex by vertex, within the limit of groups a vertex that the first keeps."""

@@ -30,18 +30,18 @@ TURNING_WIDTH = 0.03
 COMPARISON_WIDTH = 0.1
 
 
-def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
+def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
     """(n, 3) displacements as they would be with both sides exchanged, in the frame of each place.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
         symmetry: of the surface.
     """
-    carried = np.einsum("nij,nj->ni", frames(symmetry), _checked(offsets, symmetry))
+    carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
     return symmetry.surface_map.interpolate(carried)
 
 
-def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
+def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
     """(n, 3) displacements that are the same on both sides, or whose sides have changed places.
 
     Args:
@@ -53,7 +53,7 @@ def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction
         MeshError: there are no two sides of which one could give.
     """
     share = own_share_of(Domain.POINT, symmetry, direction)[:, None]
-    return share * offsets + (1 - share) * mirrored_offsets(offsets, symmetry)
+    return share * offsets + (1 - share) * mirror_offsets(offsets, symmetry)
 
 
 def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
@@ -69,7 +69,7 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
     """
     if not symmetry.has_sides:
         raise MeshError("This symmetry has no left and right side: choose a reflection.")
-    offsets = _checked(offsets, symmetry)
+    offsets = _check(offsets, symmetry)
     left = left_share(symmetry, blend)[:, None] * offsets
     return left, offsets - left
 
@@ -119,7 +119,7 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
     """(n, 3) the places of the shape's mesh on the surface, and their images, at unit area of the part."""
     surface, proxy = symmetry.surface, symmetry.shape.proxy
     images = symmetry.surface_map.interpolate(surface.vertices)
-    if proxy.full.is_skin:
+    if proxy.full.is_hull:
         points = proxy.full.to_surface(proxy.vertices)
         on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
         return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
@@ -136,7 +136,7 @@ def _surface_vertices(proxy: Proxy) -> Integers:
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
-    """Values (n_part, ...) of the main part's vertices, or the skin's, at all of the surface's: of the nearest ones."""
+    """Values (n_part, ...) of the main part's vertices, or the hull's, at all of the surface's: of the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
     rest = np.flatnonzero((vertex_of < 0) & measurable(surface.vertices))
@@ -145,7 +145,7 @@ def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
     return np.asarray(values[vertex_of])
 
 
-def _checked(offsets: Floats, symmetry: SelfMap) -> Floats:
+def _check(offsets: Floats, symmetry: SelfMap) -> Floats:
     array, n = np.asarray(offsets, dtype=np.float64), len(symmetry.surface.vertices)
     if array.shape != (n, 3):
         raise MeshError(f"The displacements have the shape {array.shape}: give three numbers for each of {n} vertices.")

@@ -12,7 +12,7 @@ from zoomout_core.arrays import Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.scores import correlation, map_after_alignment
-from zoomout_core.symmetry.involution import distance_moved, mean_distance
+from zoomout_core.symmetry.involution import displacement, mean_distance
 from zoomout_core.tuning import Tuning, tuned
 
 # Points that a map moves by less than this, at unit area, are fixed. The fixed share of the area is limited because a
@@ -33,13 +33,13 @@ class CriterionTuning(Tuning, set_by="symmetry"):
 
     Attributes:
         commutativity: weight of the error of commutativity.
-        least_commutativity: the smallest that counts.
+        min_commutativity: the smallest that counts.
         distance: weight of the error of distances.
-        least_distance: the smallest that counts.
+        min_distance: the smallest that counts.
         place: weight of the error of places.
-        least_place: the smallest that counts.
+        min_place: the smallest that counts.
         curvature: weight of what the correlation of curvatures lacks.
-        least_curvature: the smallest lack that counts.
+        min_curvature: the smallest lack that counts.
         handedness: weight of the correlation of pseudo-scalars.
         moved: weight of the logarithm of the distance that a map moves things by. What a map moves little it cannot get
             far wrong, so that errors count against that: a map that leaves arms where they are, and exchanges the
@@ -48,13 +48,13 @@ class CriterionTuning(Tuning, set_by="symmetry"):
     """
 
     commutativity: float = tuned(-3.4, "1", -100, 0)
-    least_commutativity: float = tuned(0.1, "1", 1e-9, 1)
+    min_commutativity: float = tuned(0.1, "1", 1e-9, 1)
     distance: float = tuned(-1.7, "1", -100, 0)
-    least_distance: float = tuned(0.01, "1", 1e-9, 1)
+    min_distance: float = tuned(0.01, "1", 1e-9, 1)
     place: float = tuned(-2.7, "1", -100, 0)
-    least_place: float = tuned(0.002, "1", 1e-9, 1)
+    min_place: float = tuned(0.002, "1", 1e-9, 1)
     curvature: float = tuned(-1.2, "1", -100, 0)
-    least_curvature: float = tuned(0.01, "1", 1e-9, 1)
+    min_curvature: float = tuned(0.01, "1", 1e-9, 1)
     handedness: float = tuned(2.8, "1", 0, 100)
     moved: float = tuned(5.0, "1", 0, 100)
     turn: float = tuned(2.7, "1", 0, 100)
@@ -96,7 +96,7 @@ ODDS = OddsTuning()
 
 def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: ShapeAnalysis) -> bool:
     """Whether a map (s,) of a shape's search samples moves enough of it; one that moves a limb only is no symmetry."""
-    fixed = shape.weights @ (distance_moved(sample_map, shape) < FIXED_DISTANCE)
+    fixed = shape.weights @ (displacement(sample_map, shape) < FIXED_DISTANCE)
     most = MAX_FIXED_SHARE_OF_REFLECTIONS if reverses_orientation else MAX_FIXED_SHARE_OF_ROTATIONS
     return bool(fixed <= most)
 
@@ -106,7 +106,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
 
     Among those that are sure, reflections come before turns.
     """
-    ranked = sorted((_scored(candidate, shape) for candidate in candidates), key=lambda one: one.scores["total"])
+    ranked = sorted((_score(candidate, shape) for candidate in candidates), key=lambda one: one.scores["total"])
     distinct: list[Candidate] = []
     for candidate in ranked:
         # A turn and a reflection are two, however near each other they lead.
@@ -129,16 +129,16 @@ def _apart(one: Candidate, other: Candidate, shape: ShapeAnalysis) -> float:
     return float(shape.weights @ shape.distances_between[images, other.sample_map])
 
 
-def _scored(candidate: Candidate, shape: ShapeAnalysis) -> Candidate:
+def _score(candidate: Candidate, shape: ShapeAnalysis) -> Candidate:
     moved = mean_distance(candidate.sample_map, shape)
     scores = candidate.scores | {"fine handedness": _fine_handedness(candidate, shape), "moved": moved}
     errors = (
-        (CRITERIA.commutativity, scores["commutativity"], CRITERIA.least_commutativity),
-        (CRITERIA.distance, scores["distance"], CRITERIA.least_distance),
-        (CRITERIA.place, scores["place"], CRITERIA.least_place),
+        (CRITERIA.commutativity, scores["commutativity"], CRITERIA.min_commutativity),
+        (CRITERIA.distance, scores["distance"], CRITERIA.min_distance),
+        (CRITERIA.place, scores["place"], CRITERIA.min_place),
     )
     total = sum(weight * np.log(max(error, least)) for weight, error, least in errors)
-    total += CRITERIA.curvature * np.log(max(1 - scores["curvature"], CRITERIA.least_curvature))
+    total += CRITERIA.curvature * np.log(max(1 - scores["curvature"], CRITERIA.min_curvature))
     total += CRITERIA.handedness * scores["fine handedness"] + CRITERIA.moved * np.log(max(moved, 1e-9))
     total -= 0 if candidate.reverses_orientation else CRITERIA.turn
     return replace(candidate, scores=scores | {"total": -float(total)})

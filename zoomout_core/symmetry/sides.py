@@ -96,19 +96,19 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
 def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
     """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
 
-    Loose parts lie on the side of the body near them: pairs as a whole, what is its own partner vertex by vertex.
+    Loose parts lie on the side of the body near them: pairs as a whole, what is its own counterpart vertex by vertex.
 
     Args:
         on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
         surface_map: the symmetry of the surface.
-        shape: the surface's main part, or the skin around it.
+        shape: the surface's main part, or the hull around it.
         surface: the surface.
     """
     full = shape.proxy.full
     inside = full.vertex_of >= 0
     distance = np.zeros(len(surface.vertices))
     distance[inside] = full.scale * shape.proxy.place.interpolate(on_mesh)[full.vertex_of[inside]]
-    if full.is_skin:
+    if full.is_hull:
         return _of_shells(distance, surface_map, surface)
     loose = np.flatnonzero(~inside & (surface.components > 0))
     if len(loose):
@@ -127,7 +127,7 @@ def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnaly
 
 
 def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Floats:
-    """(n,) signed distances of the vertices of shells, as those of the skin around them (n,), but opposite at images.
+    """(n,) signed distances of the vertices of shells, as those of the hull around them (n,), but opposite at images.
 
     A shell that goes to others, and lies on one side for the most part, lies there as a whole.
     """

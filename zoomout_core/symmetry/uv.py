@@ -19,10 +19,10 @@ from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import Moments
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
+from zoomout_core.symmetry.mirror import Direction, mirror, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
-from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.cut_mesh import cut_surface
 
 # Where the losing side's layout goes: where its own was before, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]
@@ -34,7 +34,7 @@ SHARED_CORNER_WEIGHT = 100.0
 MIN_EXTENT_RATIO = 1e-6
 
 
-def symmetrised_uv(
+def symmetrise_uv(
     attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", layout: Layout = "own"
 ) -> Attribute:
     """A UV map whose layout is the same on both sides, or whose sides have changed their layouts.
@@ -57,7 +57,7 @@ def symmetrised_uv(
             "'{name}' is a UV map, which cannot be averaged: copy the left or the right side.", name=attribute.name
         )
     losing = own_share_of(Domain.CORNER, symmetry, direction) < 0.5
-    other = mirrored(attribute, symmetry)
+    other = mirror(attribute, symmetry)
     before, mirrored_uv = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)
     if layout == "own":
         mirrored_uv = _at_own_places(before, mirrored_uv, losing, symmetry.surface)
@@ -67,23 +67,23 @@ def symmetrised_uv(
 
 def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surface: Surface) -> Floats:
     """UVs (c, 2) at those of the winning side, of each piece moved to where most of it was before."""
-    own = cut_open(surface, before)
+    own = cut_surface(surface, before)
     island = own.island[surface.corner_face]
-    piece = cut_open(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
+    piece = cut_surface(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
     area = _corner_areas(surface) * losing
     at_home = island == _most(piece, island, area)[piece]
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
     winners[own.cut_vertex[~losing]] = True
     shared = winners[own.cut_vertex] & losing & at_home
     weight = area * at_home * np.where(shared, SHARED_CORNER_WEIGHT, 1.0)
-    moved, placed = _fitted(mirrored_uv, before, piece, weight)
+    moved, placed = _fit_groups(mirrored_uv, before, piece, weight)
     moved = np.where((placed[piece] & losing)[:, None], moved, mirrored_uv)
     kept = shared & placed[piece]
     moved[kept] = before[kept]
     return moved
 
 
-def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tuple[Floats, Booleans]:
+def _fit_groups(start: Floats, end: Floats, group: Integers, weight: Floats) -> tuple[Floats, Booleans]:
     """Points (c, 2) of each group (c,) moved by the similarity that fits best, and which groups have one."""
     count = int(group.max()) + 1
     total = np.maximum(segment_sum(weight, group, count), 1e-300)

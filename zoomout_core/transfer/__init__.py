@@ -12,7 +12,7 @@ from zoomout_core.transfer.dressing.dress import (
 )
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
-from zoomout_core.transfer.wrapping.wrap import Wrapped, reversed_match, wrap
+from zoomout_core.transfer.wrapping.wrap import Wrapped, reverse_match, wrap
 
 __all__ = [
     "MODES",
@@ -32,7 +32,7 @@ __all__ = [
     "conform",
     "dress",
     "map_target",
-    "reversed_match",
+    "reverse_match",
     "shape_of_source",
     "transfer",
     "transfer_along",

@@ -72,7 +72,7 @@ def blend(
     """
     amount = _amounts(transferred, target, how)
     if transferred.kind is Kind.WEIGHT:
-        return replace(transferred, values=_blended_weights(transferred, present, amount, how.mode, set(sharing)))
+        return replace(transferred, values=_blend_weights(transferred, present, amount, how.mode, set(sharing)))
     new = np.asarray(transferred.values)
     old = np.zeros_like(new) if present is None else np.asarray(present.values)
     if how.mode == "missing":
@@ -102,7 +102,7 @@ def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     return np.asarray(of_faces)
 
 
-def _blended_weights(
+def _blend_weights(
     transferred: Attribute, present: Attribute | None, amount: Floats, mode: Mode, sharing: set[str]
 ) -> Any:
     """(n, groups) sparse weights of the transferred groups."""

@@ -2,9 +2,9 @@
 """The bone transforms that took a surface from rest to a pose, given its skin weights.
 
 A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of
-each bone first, then Gauss-Newton steps for all bones together. All that a step needs of points and their images are
-the moments of pairs of bones. Images that are known up to sliding along a surface are fitted along its normals (point
-to plane: Chen and Medioni 1992), with the articulated bodies' steps of Pekelny and Gotsman (2008).
+each bone first, then Gauss-Newton steps for all bones together. A step needs only the
+moments of pairs of bones. Images that may slide along a surface are fitted along its normals (point to plane: Chen and
+Medioni 1992), with the steps for articulated bodies of Pekelny and Gotsman (2008).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, Similarities, nearest_rotations, procrustes
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.transfer.skinning import matrices_of, moved, normalised, row_of, skinning_matrices
+from zoomout_core.transfer.skinning import matrices_of, normalise, row_of, skinning_matrices, transform_points
 from zoomout_core.tuning import Tuning, tuned
 
 # Guard against division by zero.
 SMALLEST = 1e-300
-# What bones and their parents share where no vertex follows both: less than any two that share vertices.
-LEAST_SHARED = 1e-15
-# Added to the diagonal of linear systems, over its mean, for bones that are fixed by nothing.
+# Shared weight of bones and parents without a common vertex: less than that of any bones with one.
+MIN_SHARED = 1e-15
+# Added to the diagonal of linear systems, over its mean, for bones without any constraint.
 DAMPING = 1e-9
 
 
@@ -36,18 +36,17 @@ class BoneTuning(Tuning, set_by="binding"):
     """The fit of bone transforms; lengths are over the root mean square distance of points from their middle.
 
     Attributes:
-        coherence: what a bone's agreement with the bone that it shares most vertices with counts for, as that part of
-            the area: bones of less area, or less trust, follow their neighbour.
-        radius: what a difference of two rotations counts for, as a difference of places at this distance.
-        rounds: of weighing vertices by how well they fit.
+        coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones of less area, or
+            less trust, follow their neighbour.
+        radius: distance at which a difference of two rotations is measured as a distance of places.
+        rounds: of robust weights.
         steps: Gauss-Newton steps of a round.
-        slides: such steps of a fit along normals.
-        outlying: distance from which on a vertex counts for half and less, over the median one.
-        precision: the least such distance.
-        sliding: what distances along the surface count for, where images may slide, besides those along normals.
-        same_size: a common scale nearer to one than this is taken for one.
-        same_pose: mean angle between the bones' rotations and one common rotation, up to which a surface stands in the
-            rest pose.
+        slides: Gauss-Newton steps of a fit along normals.
+        outlying: residual, over the median one, at which the weight of a vertex is halved.
+        precision: the smallest such residual.
+        sliding: weight of residuals along the surface, where images may slide, against those along normals.
+        same_size: a common scale nearer to one than this is set to one.
+        same_pose: largest mean angle between the bones' rotations and one common rotation in the rest pose.
     """
 
     coherence: float = tuned(1e-5, "of the area", 0, 1)
@@ -67,13 +66,13 @@ BONES = BoneTuning()
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where bones take a surface.
+    """The transforms of bones that pose a surface.
 
     Attributes:
-        transforms: of the bones (b,), from rest to the pose, of one common scale; bones that move nothing follow the
-            next one above that does.
-        common: the single similarity, of the same scale, that comes nearest.
-        bend: mean angle between their rotations and their mean, in degrees, weighted by what the bones move.
+        transforms: of the bones (b,), from rest to the pose, of one common scale; a bone without weights follows its
+            nearest ancestor that has some.
+        common: the best single similarity, of the same scale.
+        bend: mean angle between their rotations and their mean, in degrees, weighted by the area that bones move.
     """
 
     transforms: Similarities
@@ -87,20 +86,20 @@ class Pose:
 
     @property
     def is_rest(self) -> bool:
-        """Whether a surface in this pose stands as it is at rest, wherever that is."""
+        """Whether this is the rest pose, up to a similarity."""
         return self.bend <= BONES.same_pose
 
 
-def estimated_pose(
+def estimate_pose(
     points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None = None
 ) -> Pose:
-    """The pose in which bones take points to their images: rigid motions of the bones, after a common scale.
+    """Estimate the pose in which bones take points to their images: rigid motions of the bones, after a common scale.
 
     Args:
         points: (n, 3) at rest.
         images: (n, 3) in the pose.
         weights: (n, b) sparse skin weights, not negative.
-        trust: (n,) what each point counts for, not negative: its area, as far as its image is trusted.
+        trust: (n,) weight of each point, not negative: its area times the trust in its image.
         parents: (b,) the number of each bone's parent, -1 for none; by default no bone has one.
 
     Raises:
@@ -108,11 +107,11 @@ def estimated_pose(
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree = _tree(fit)
-    transforms = _moved_one_by_one(fit, tree)
+    transforms = _fit_one_by_one(fit, tree)
     for _ in range(BONES.rounds):
         for _ in range(BONES.steps):
             transforms = _step(fit, tree, transforms)
-        off = moved(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
+        off = transform_points(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
         fit.measure(fit.fitting(np.linalg.norm(off, axis=1)))
         transforms = replace(transforms, scale=np.full(len(transforms.scale), fit.of_bones()[1]))
     for _ in range(BONES.steps):
@@ -120,7 +119,7 @@ def estimated_pose(
     return fit.pose(transforms)
 
 
-def slid_pose(
+def refine_pose(
     start: Pose,
     points: Floats,
     images: Floats,
@@ -129,11 +128,11 @@ def slid_pose(
     trust: Floats,
     parents: ArrayLike | None = None,
 ) -> Pose:
-    """A pose, made better where images are known up to sliding along a surface; the scale stays.
+    """Refine a pose along normals, where images may slide along a surface; the scale stays.
 
     Args:
         start: the pose so far.
-        points: as in `estimated_pose`, like all that follows.
+        points: as in `estimate_pose`, like all that follows.
         images: in the pose, on a surface.
         normals: (n, 3) of that surface, of unit length.
         weights: of the points.
@@ -142,7 +141,7 @@ def slid_pose(
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree, transforms = _tree(fit), fit.inside(start.transforms[fit.moving])
-    off = moved(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
+    off = transform_points(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
     fit.measure(fit.fitting(abs(np.einsum("nx,nx->n", off, normals))))
     for _ in range(BONES.slides):
         transforms = _step(fit, tree, transforms, normals)
@@ -160,7 +159,7 @@ class _Fit:
     def __init__(
         self, points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None
     ) -> None:
-        shares = normalised(weights)
+        shares = normalise(weights)
         trust = np.where(np.diff(shares.indptr) > 0, trust, 0)
         mass = shares.T @ trust
         if not mass.sum() > 0:
@@ -178,7 +177,7 @@ class _Fit:
         self.measure(np.ones(len(points)))
 
     def measure(self, fitting: Floats) -> None:
-        """Take the moments of points that count as far as they fit (n,)."""
+        """Compute the moments of points, weighted by how well they fit (n,)."""
         self.counts, count = self.trust * fitting, self.shares.shape[1]
         extended = np.column_stack([self.points, np.ones(len(self.points))])
         self.pairs = np.empty((count, count, 4, 4))
@@ -190,14 +189,14 @@ class _Fit:
         self.singles = np.asarray(self.shares.T @ mixed).reshape(count, 3, 4)
 
     def fitting(self, off: Floats) -> Floats:
-        """(n,) what points count for that are so far off (Cauchy's weights)."""
+        """(n,) robust weights of points with residuals (n,) (Cauchy's weights)."""
         order = np.argsort(off)
         below = np.cumsum(self.trust[order])
         median = off[order[np.searchsorted(below, below[-1] / 2)]]
         return np.asarray(1 / (1 + (off / max(BONES.outlying * median, BONES.precision)) ** 2))
 
     def of_bones(self) -> tuple[Moments, float]:
-        """Moments of what each bone moves, in which vertices count by the squares of their weights, and their scale.
+        """Moments of the vertices of each bone, which count by the squares of their weights, and the common scale.
 
         The common scale follows from how far points spread, which depends on no rotation (Horn 1987).
         """
@@ -234,13 +233,13 @@ class _Fit:
         common = Similarities(own.scale, own.rotation, shift)
         above = next_above(self.all_parents, self.moving)
         fallback = Similarities(single.scale, single.rotation, shift[None])
-        everyone = Similarities.joined([found, fallback])[above]  # -1 is the last one
+        everyone = Similarities.concatenate([found, fallback])[above]  # -1 is the last one
         return Pose(everyone, common, _bend(transforms.rotation, self.mass))
 
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """Which bones hang together.
+    """The spanning tree of the bones.
 
     Attributes:
         order: (b,) bones from the one that moves most outwards, one tree after the other.
@@ -260,7 +259,7 @@ def _tree(fit: _Fit) -> _Tree:
     parents = next_above(fit.all_parents, fit.moving, strictly=True)[fit.moving]
     child = np.flatnonzero(parents >= 0)
     hanging = shared.copy()
-    hanging[child, parents[child]] += LEAST_SHARED
+    hanging[child, parents[child]] += MIN_SHARED
     hanging = np.maximum(hanging, hanging.T)
     costs = np.divide(1, hanging, out=np.zeros_like(hanging), where=hanging > 0)
     edges = minimum_spanning_tree(csr_array(costs))
@@ -271,7 +270,7 @@ def _tree(fit: _Fit) -> _Tree:
             order += found.tolist()
             above[found[1:]] = before[found[1:]]
     bone = np.arange(len(above))
-    together = np.where((shared[bone, above] > 0) & (above >= 0), above, bone)  # else the middle of what it moves
+    together = np.where((shared[bone, above] > 0) & (above >= 0), above, bone)  # else the centroid of its vertices
     moments = fit.pairs[bone, together]
     joint = moments[:, :3, 3] / np.maximum(moments[:, 3, 3], SMALLEST)[:, None]
     return _Tree(np.array(order), above, joint)
@@ -296,8 +295,8 @@ def next_above(parents: Integers, moving: Integers, strictly: bool = False) -> I
     return number[above]
 
 
-def _moved_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
-    """Procrustes fits of the bones, from the one that moves most outwards; each leans on the one before."""
+def _fit_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
+    """Procrustes fits of the bones, outwards from the one that moves most, each regularised by the one before."""
     moments, scale = fit.of_bones()
     rotation = np.empty((len(fit.mass), 3, 3))
     leaning = scale * BONES.coherence * BONES.radius**2
@@ -310,12 +309,12 @@ def _moved_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
 
 
 def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = None) -> Similarities:
-    """One Gauss-Newton step, in which bones turn about the middles of what they move, and shift."""
+    """One Gauss-Newton step, in which bones turn about the centroids of their vertices, and shift."""
     count = len(now.scale)
     own = fit.pairs[np.arange(count), np.arange(count)]
     middle = own[:, :3, 3] / np.maximum(own[:, 3, 3], SMALLEST)[:, None]
     matrices = matrices_of(now)
-    centre = moved(matrices, middle)
+    centre = transform_points(matrices, middle)
     directions = _directions(matrices, centre)
     system = np.einsum("baix,bkxy,kciy->bakc", directions, fit.pairs, directions, optimize=True)
     residual = fit.singles - np.einsum("kix,kbxy->biy", matrices, fit.pairs, optimize=True)
@@ -348,21 +347,21 @@ def _along_normals(fit: _Fit, now: Similarities, centre: Floats, normals: Floats
     """The system (b, 6, b, 6) and load (b, 6) of distances along normals."""
     shares, count = fit.shares, len(centre)
     row, bone = row_of(shares), shares.indices
-    arm = moved(matrices_of(now)[bone], fit.points[row]) - centre[bone]
+    arm = transform_points(matrices_of(now)[bone], fit.points[row]) - centre[bone]
     normal = normals[row]
     entries = shares.data[:, None] * np.concatenate([np.cross(arm, normal), normal], axis=1)
     columns = 6 * bone[:, None].astype(np.int64) + np.arange(6)
     jacobian = csr_array(
         (entries.ravel(), columns.ravel(), 6 * shares.indptr.astype(np.int64)), shape=(shares.shape[0], 6 * count)
     )
-    off = fit.images - moved(skinning_matrices(now, shares), fit.points)
+    off = fit.images - transform_points(skinning_matrices(now, shares), fit.points)
     counted = csr_array(jacobian.T @ diags_array(fit.counts))
     load = counted @ np.einsum("nx,nx->n", off, normals)
     return (counted @ jacobian).toarray().reshape(count, 6, count, 6), load.reshape(count, 6)
 
 
 def _lean(tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, system: Floats, load: Floats) -> None:
-    """Add to a linear system that bones that hang together meet where they did, and turn alike."""
+    """Add to a linear system that connected bones meet at their joint, and turn alike."""
     bone = np.flatnonzero(tree.above >= 0)
     near = tree.above[bone]
     joint = np.column_stack([tree.joint[bone], np.ones(len(bone))])

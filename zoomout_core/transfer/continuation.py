@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map where there is nothing on the source: continued from the nearest places that have a partner."""
+"""Extrapolation of a map to vertices without a counterpart on the source."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
 
-def continued(surface_map: SurfaceMap, target: Surface, has_partner: Booleans) -> SurfaceMap:
-    """A map of which vertices without a partner lie where the nearest one along the surface lies that has one.
+def extrapolate_map(surface_map: SurfaceMap, target: Surface, has_partner: Booleans) -> SurfaceMap:
+    """Extrapolate a map: a vertex without a counterpart takes the image of the nearest one that has one.
 
-    So labels, UVs and whatever else is read there go on as they are beside it. Parts of the target that have no partner
-    at all stay where they are.
+    Distances are along the surface, so labels and UVs continue from their surroundings. Parts of the target without any
+    counterpart keep their images.
 
     Args:
         surface_map: from the target.
         target: the surface that it starts from.
-        has_partner: (n_t,) which of its vertices have a partner.
+        has_partner: (n_t,) which of its vertices have a counterpart.
     """
     working = target.working
     giver = np.full(len(working.vertices), -1)

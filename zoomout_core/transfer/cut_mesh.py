@@ -3,7 +3,7 @@
 
 Corners around a vertex are one cut vertex as far as data is continuous from face to face, so the sides of a seam have
 no vertex in common even where a chart borders itself. Points are located by a descent of the distance, from triangle to
-triangle, that begins at one which is known to be on the right side; no walk crosses a cut.
+triangle, that begins at a triangle on the right side; no walk crosses a cut.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from zoomout_core.runtime.threads import for_each, threads
 CUT_TOLERANCE = 2.0**-16
 # Points closer to a triangle than this part of the surface's size lie on it.
 ON_SURFACE = 1e-9
-# A foot with a smaller barycentric coordinate is on the rim of its triangle.
+# A closest point with a smaller barycentric coordinate is on the rim of its triangle.
 RIM = 1e-9
-# Faces that share one edge and are compared with one another; more happen only on broken meshes.
-MOST_FACES_AT_EDGE = 8
-# Points that walk together: what is worked on stays in a processor's cache.
+# Faces at one edge that are compared with one another; only broken meshes have more.
+MAX_FACES_AT_EDGE = 8
+# Points that walk together, so that the arrays fit into a processor's cache.
 BLOCK = 1 << 14
 # Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search the
 # surroundings of a closest point: a steep or folded triangle hides others from the points above it.
@@ -73,7 +73,7 @@ class CutSurface:
 
     @cached_property
     def _folded(self) -> Booleans:
-        """(m,) whether triangles around a triangle stand up or fold over, as slivers do, seen from its corners."""
+        """(m,) whether triangles around a triangle are steep or folded over, as slivers are, seen from its corners."""
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = segment_sum(normal, vertex)
@@ -111,13 +111,13 @@ class CutSurface:
 
         def walk_on(first: int) -> None:
             block = slice(first, first + BLOCK)
-            triangle[block], weights[block], distance[block] = self._walked(triangle[block], columns[:, block])
+            triangle[block], weights[block], distance[block] = self._walk(triangle[block], columns[:, block])
 
         with portion(0.0, 0.0):  # one lookup of the many in a longer computation
             for_each(walk_on, range(0, len(points), BLOCK))
         return triangle, weights, np.where(distance > self._size * ON_SURFACE, distance, 0)
 
-    def _walked(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
+    def _walk(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
         """`walk` to points (3, q)."""
         triangle = start.copy()
         weights, distance = self._closest(triangle, points)
@@ -135,7 +135,7 @@ class CutSurface:
         return triangle, weights, distance
 
     def _may_improve(self, triangle: Integers, weights: Floats, distance: Floats, walking: Integers) -> Booleans:
-        """Whether a walk is off its point, and its foot on a rim, or where another triangle may cover it."""
+        """Whether a walk has not reached its point, and another triangle may be closer."""
         on_rim = (weights <= RIM)[walking]
         leads_on = on_rim[:, 0] | on_rim[:, 1] | on_rim[:, 2] | self._folded[triangle[walking]]
         return leads_on & (distance[walking] > self._size * ON_SURFACE)
@@ -151,11 +151,11 @@ class CutSurface:
         return weights, np.sqrt(_dot(offset, offset))
 
     def _around(self, triangle: Integers, weights: Floats) -> tuple[Integers, Integers]:
-        """The triangles at the cut vertices that a foot lies between, with the query of each."""
+        """The triangles around the cut vertices at a closest point, with the query of each."""
         start, fan = self._fan
         query, corner = np.divmod(np.flatnonzero(weights > RIM), 3)
         vertex = self._vertices[triangle[query], corner]
-        return ragged(query, start[vertex], start[vertex + 1], fan)
+        return expand_ranges(query, start[vertex], start[vertex + 1], fan)
 
 
 def _dot(first: Floats, second: Floats) -> Floats:
@@ -163,8 +163,8 @@ def _dot(first: Floats, second: Floats) -> Floats:
     return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
 
 
-def ragged(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
-    """The values in the ranges start to end, one after another, each with the owner of its range."""
+def expand_ranges(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
+    """The values in the ranges from start to end, concatenated, and the owner of each."""
     count = end - start
     offset = np.repeat(start - np.cumsum(count) + count, count)
     return np.repeat(owner, count), values[offset + np.arange(len(offset))]
@@ -189,7 +189,7 @@ def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
     order = order[low[order] != high[order]]
     key = key[order]
     first, second = [], []
-    for step in range(1, MOST_FACES_AT_EDGE):
+    for step in range(1, MAX_FACES_AT_EDGE):
         same = np.flatnonzero(key[step:] == key[:-step])
         if len(same) == 0:
             break
@@ -212,7 +212,7 @@ def edge_lengths(points: Floats, edges: Integers) -> Floats:
     return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
 
 
-def cut_open(surface: Surface, values: Floats) -> CutSurface:
+def cut_surface(surface: Surface, values: Floats) -> CutSurface:
     """Cut a surface along the edges at whose ends the two faces' corner values (c, d) differ."""
     first, second = adjacent_edges(surface)
     tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))
@@ -226,16 +226,16 @@ def cut_open(surface: Surface, values: Floats) -> CutSurface:
         is_joined[np.where(turned, side[:, 1], side[:, 0])] = True
     return CutSurface(
         surface=surface,
-        cut_vertex=joined_groups(len(edges), first.ravel(), second.ravel()),
-        island=joined_groups(
+        cut_vertex=label_groups(len(edges), first.ravel(), second.ravel()),
+        island=label_groups(
             len(surface.face_start) - 1, surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
         ),
         border=edges[~is_joined],
     )
 
 
-def joined_groups(count: int, first: Integers, second: Integers) -> Integers:
-    """(count,) group of each item when the pairs (first, second) are joined."""
+def label_groups(count: int, first: Integers, second: Integers) -> Integers:
+    """(count,) the number of each item's group, where the pairs (first, second) are joined."""
     graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
@@ -254,7 +254,7 @@ def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> B
     length = np.linalg.norm(end - begin, axis=1)
     spacing = max(float(np.median(radius)), float(length.sum()) / (4 * len(points) + len(begin)), 1e-300)
     steps = np.ceil(length / spacing).astype(np.int64)
-    segment, step = ragged(np.arange(len(steps)), np.zeros_like(steps), steps + 1, np.arange(steps.max() + 1))
+    segment, step = expand_ranges(np.arange(len(steps)), np.zeros_like(steps), steps + 1, np.arange(steps.max() + 1))
     along = (step / np.maximum(steps[segment], 1))[:, None]
     reach = radius * 1.001 + spacing / 2
     tree = cKDTree(begin[segment] * (1 - along) + end[segment] * along)

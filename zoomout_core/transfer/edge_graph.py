@@ -16,7 +16,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
 MAX_DISTANCE = 2.0
-# Confidence of the map from which on it does; places without a partner have less, see `matching.confidence`.
+# Confidence of the map from which on it does; places without a counterpart have less, see `matching.confidence`.
 MIN_CONFIDENCE = 0.04
 
 
@@ -117,8 +117,8 @@ class LocatedPoints(NamedTuple):
     covered: Booleans
 
 
-def located(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
-    """Where points (q, 3) of the source lie on the target."""
+def locate_points(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
+    """Locate points (q, 3) of the source on the target."""
     target, mapped = mapped_graph.edge_graph.surface, mapped_graph.mapped
     proper = np.flatnonzero(_proper(target))
     triangles = target.triangles[proper]

@@ -26,8 +26,8 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.messages import message
 from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
-from zoomout_core.transfer.cut_mesh import ragged
-from zoomout_core.transfer.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoints, MappedGraph, located
+from zoomout_core.transfer.cut_mesh import expand_ranges
+from zoomout_core.transfer.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoints, MappedGraph, locate_points
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import Polylines, PolylineSamples, polylines_of, runs, sample
 
@@ -64,11 +64,11 @@ def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         return replace(attribute, values=nothing(values, len(mapped.target.edges)))
     mapped_graph = MappedGraph(mapped, target)
     if np.median(source.lengths) > MAX_COARSENESS * mapped_graph.edge_length:
-        return _traced(attribute, marked, source, mapped_graph)
+        return _trace(attribute, marked, source, mapped_graph)
     if marked.mean() > MAX_MARKED_SHARE:
-        return _spread(attribute, mapped)
+        return _transfer_field(attribute, mapped)
     solid = _solid(marked, source)
-    traced = _traced(attribute, marked & ~solid, source, mapped_graph)
+    traced = _trace(attribute, marked & ~solid, source, mapped_graph)
     if not solid.any():
         return traced
     nearest = _nearest_edges(mapped, np.flatnonzero(solid | ~marked))
@@ -82,7 +82,7 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     values = np.asarray(attribute.values)
     marked = np.flatnonzero(~is_nothing(values))
     edge_graph = EdgeGraph(mapped.target)
-    place = located(mapped.source.vertices[marked], MappedGraph(mapped, edge_graph))
+    place = locate_points(mapped.source.vertices[marked], MappedGraph(mapped, edge_graph))
     at_vertices = np.zeros(
         len(edge_graph.surface_vertex) + 1, dtype=values.dtype
     )  # the last for vertices without a vertex
@@ -104,7 +104,7 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 # --- fields -------------------------------------------------------------------------------------------------
 
 
-def _spread(attribute: Attribute, mapped: MappedTarget) -> Attribute:
+def _transfer_field(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values of a field at edges: floats by way of the vertices, all others those of the nearest edge."""
     values, source, target = np.asarray(attribute.values), mapped.source, mapped.target
     if values.dtype.kind == "f":
@@ -168,7 +168,7 @@ class _Steps(NamedTuple):
     stray: Floats
 
 
-def _traced(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:
+def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:
     """Values at the edges of lines, and none elsewhere."""
     values = np.asarray(attribute.values)
     edge = np.flatnonzero(marked)
@@ -177,7 +177,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_gr
     edge = edge[on_faces][index]
     chains = polylines_of(source.ends[graph_edge])
     samples = sample(chains, source.points, LINE_SPACING * mapped_graph.edge_length)
-    place = _at_borders(located(samples.point, mapped_graph), samples, source, mapped_graph)
+    place = _at_borders(locate_points(samples.point, mapped_graph), samples, source, mapped_graph)
     pieces = _pieces(chains, samples, place, mapped_graph)
     steps = _paths(pieces, samples, place, mapped_graph)
     kept = _without_spurs(steps, pieces, place, mapped_graph.edge_graph)
@@ -206,7 +206,7 @@ def _at_borders(
 
 def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Pieces:
     """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
-    chain, covered = samples.chain, _bridged(samples, place.covered, MAX_GAP * mapped_graph.edge_length)
+    chain, covered = samples.chain, _bridge(samples, place.covered, MAX_GAP * mapped_graph.edge_length)
     run = runs(chain, covered)
     first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
     last = np.append(first[1:], len(run)) - 1 if len(run) else run
@@ -228,7 +228,7 @@ def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, m
     )
 
 
-def _bridged(samples: PolylineSamples, covered: Booleans, longest: float) -> Booleans:
+def _bridge(samples: PolylineSamples, covered: Booleans, longest: float) -> Booleans:
     """(q,) the samples that count as covered, without short gaps and without short pieces between gaps."""
     chain, along = samples.chain, samples.along
     for state in (False, True):
@@ -245,7 +245,7 @@ def _bridged(samples: PolylineSamples, covered: Booleans, longest: float) -> Boo
 
 def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: LocatedPoints, share: float) -> Integers:
     """(l,) a sample of each loop near a share of its length, as near to a vertex of the target as may be."""
-    owner, index = ragged(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
+    owner, index = expand_ranges(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
     length = (samples.along[last] - samples.along[first])[owner]
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
@@ -279,14 +279,14 @@ def _paths_of(
     """The steps of the paths of some pieces: each has a graph of its own, of the vertices around its line."""
     edge_graph, count = mapped_graph.edge_graph, len(mapped_graph.edge_graph.surface_vertex)
     every = np.arange(len(samples.chain))
-    piece, index = ragged(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
+    piece, index = expand_ranges(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
     met = np.column_stack([place.vertices[index], place.nearest[index]])
     nodes = _band(np.unique(piece[:, None] * count + met), rings, edge_graph)
     owner, vertex = np.divmod(nodes, count)
     nearest, along, stray = _beside(owner, mapped_graph.points[vertex], piece, index, samples)
 
     start, graph_edges, other = edge_graph.around
-    node, entry = ragged(np.arange(len(nodes)), start[vertex], start[vertex + 1], np.arange(len(graph_edges)))
+    node, entry = expand_ranges(np.arange(len(nodes)), start[vertex], start[vertex + 1], np.arange(len(graph_edges)))
     there = owner[node] * count + other[entry]
     place_of = np.minimum(np.searchsorted(nodes, there), len(nodes) - 1)
     inside = (nodes[place_of] == there) & (place_of > node)
@@ -333,7 +333,7 @@ def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
     count = len(edge_graph.surface_vertex)
     for _ in range(rings):
         owner, vertex = np.divmod(nodes, count)
-        owner, vertex = ragged(owner, start[vertex], start[vertex + 1], other)
+        owner, vertex = expand_ranges(owner, start[vertex], start[vertex + 1], other)
         nodes = np.unique(np.concatenate([nodes, owner * count + vertex]))
     return nodes
 

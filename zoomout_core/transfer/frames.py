@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a target turns and grows against its source, around each of its vertices, as a map between them tells.
+"""Rotation and growth from a source to a target around each vertex, by a map between them.
 
 The nearest rotation to the mean differential of the map over a neighbourhood. The mean of a differential depends
 on the images along the border of the neighbourhood alone, so that the noise of a map cancels.
@@ -49,7 +49,7 @@ FULL_CONFIDENCE = 0.5
 MIN_TRUST = 1e-6
 # Weight of untrusted edges: enough to fill in missing parts, too little to pull at their surroundings.
 DOUBTED_WEIGHT = 1e-3
-# Growth of the target at any place against the mean, and its inverse, beyond which it is noise.
+# Largest growth of the target at a place, over the mean, and its inverse; beyond it, it is noise.
 MAX_RELATIVE_GROWTH = 4.0
 
 
@@ -92,10 +92,10 @@ class Frames:
     @cached_property
     def rotations(self) -> Floats:
         """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
-        normals = self._handed[:, None] * self.mapped.target.working.vertex_normals[self.number]
+        normals = self._handedness[:, None] * self.mapped.target.working.vertex_normals[self.number]
         upright = normals[:, :, None] * self._mapped_normals[:, None, :] / self.mapped.source.area
         fitted = self.smoothing.solve((self._differential + upright).reshape(-1, 9))
-        return nearest_rotations(fitted.reshape(-1, 3, 3), self._handed)
+        return nearest_rotations(fitted.reshape(-1, 3, 3), self._handedness)
 
     @cached_property
     def turns(self) -> Floats:
@@ -137,7 +137,7 @@ class Frames:
         return segment_sum(weighted, triangles.ravel(), count)[self.number]
 
     @cached_property
-    def _handed(self) -> Floats:
+    def _handedness(self) -> Floats:
         """(n,) -1 where a component is mapped as a mirror image, else 1; 1 as well if no side is outside."""
         source, target = self.mapped.source.working, self.mapped.target.working
         if not (source.sides_are_known and target.sides_are_known):
@@ -212,7 +212,7 @@ def without_sums(stiffness: csc_array) -> csc_array:
     return csc_array(stiffness - diags_array(stiffness.sum(axis=0)))
 
 
-def turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
+def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
     """(3n, 3n) the divergence of turned gradients: what the stiffness makes of values that have these gradients.
 
     For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -78,7 +78,7 @@ class Filling:
         if following:
             whole[self.follower] = values[self.followed]
         if len(self.filled) and np.isfinite(known).all():
-            solved = np.clip(self._solved(-(self.coupling @ known)), known.min(axis=0), known.max(axis=0))
+            solved = np.clip(self._solve(-(self.coupling @ known)), known.min(axis=0), known.max(axis=0))
             whole[self.filled] = np.concatenate([known, solved])[self.row]
         return whole
 
@@ -95,7 +95,7 @@ class Filling:
         blocks = [csr_array((pull.shape[0], 0))]
         for first in range(0, len(occurring), BLOCK):
             columns = pull[:, occurring[first : first + BLOCK]].toarray()
-            solved = np.clip(self._solved(-columns), 0, max(1, weights.max()))
+            solved = np.clip(self._solve(-columns), 0, max(1, weights.max()))
             blocks.append(csr_array(np.where(solved < MIN_WEIGHT, 0, solved)))
         narrow = hstack(blocks, format="csr")
         found = csr_array((narrow.data, occurring[narrow.indices], narrow.indptr), shape=(narrow.shape[0], groups))
@@ -121,7 +121,7 @@ class Filling:
         )
         return tuple(message(text, count=count) for count, text in told if count)
 
-    def _solved(self, right: Floats) -> Floats:
+    def _solve(self, right: Floats) -> Floats:
         """(u, b) solutions for right-hand sides (u, b)."""
         return right if self.factor is None else np.asarray(self.factor.solve(np.ascontiguousarray(right)))
 
@@ -175,7 +175,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     if unknown.sum() <= MAX_BIHARMONIC:
         rows = rows + rows @ diags_array(1 / np.maximum(areas, MIN_VERTEX_AREA * areas.mean())) @ stiffness
     columns = csc_array(rows)
-    factor = factorised(columns[:, np.flatnonzero(unknown[near])])
+    factor = factorise(columns[:, np.flatnonzero(unknown[near])])
     pull = csr_array(columns[:, np.flatnonzero(known[near])])
     place = (np.cumsum(known) - 1)[near & known]
     return csr_array(

@@ -16,7 +16,7 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.cut_mesh import cut_open, edge_lengths
+from zoomout_core.transfer.cut_mesh import cut_surface, edge_lengths
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import VOTE_WEIGHT, elect, tally
@@ -24,7 +24,7 @@ from zoomout_core.transfer.potts import VOTE_WEIGHT, elect, tally
 
 def mix_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values (n, ...) at vertices."""
-    return _filled(attribute, mapped, mapped.surface_map.interpolate(_floats(attribute)), np.arange(len(mapped.points)))
+    return _fill(attribute, mapped, mapped.surface_map.interpolate(_floats(attribute)), np.arange(len(mapped.points)))
 
 
 def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -36,7 +36,7 @@ def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         shape=(len(mapped.target.face_start) - 1, len(values)),
     ).tocsr()
     mean = (covered @ values.reshape(len(values), -1)) / covered.sum(axis=1).reshape(-1, 1)
-    return _mixed(attribute, mean.reshape(-1, *values.shape[1:]))
+    return _with_values(attribute, mean.reshape(-1, *values.shape[1:]))
 
 
 def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -49,12 +49,12 @@ def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     target, corners_of = mapped.target, mapped.source.triangle_corners
     triangle = mapped.surface_map.triangle[target.corner_vertex]
     barycentric = mapped.surface_map.barycentric[target.corner_vertex]
-    cut = cut_open(mapped.source, values.reshape(len(values), -1))
+    cut = cut_surface(mapped.source, values.reshape(len(values), -1))
     near = np.flatnonzero(mapped.near_border(cut)[target.corner_face])
-    start, _ = mapped.nudged(near)
+    start, _ = mapped.nudge(near)
     triangle[near], barycentric[near], _ = cut.walk(start, mapped.points[target.corner_vertex[near]])
     mixed = np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]])
-    return _filled(attribute, mapped, mixed, target.corner_vertex)
+    return _fill(attribute, mapped, mixed, target.corner_vertex)
 
 
 MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
@@ -62,7 +62,7 @@ MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corn
 
 def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Labels at vertices: the one with the largest barycentric weight."""
-    code, distinct = _coded(attribute)
+    code, distinct = _encode(attribute)
     winner = _heaviest(
         code[mapped.surface_map.source_triangles[mapped.surface_map.triangle]], mapped.surface_map.barycentric
     )
@@ -71,8 +71,8 @@ def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 def vote_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Labels at face corners, read a little inside the face."""
-    code, distinct = _coded(attribute)
-    triangle, barycentric = mapped.nudged(np.arange(len(mapped.target.corner_vertex)))
+    code, distinct = _encode(attribute)
+    triangle, barycentric = mapped.nudge(np.arange(len(mapped.target.corner_vertex)))
     return replace(attribute, values=distinct[_heaviest(code[mapped.source.triangle_corners[triangle]], barycentric)])
 
 
@@ -81,14 +81,14 @@ def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     Small islands of the source survive, and single faces beyond a border take the label around them.
     """
-    code, distinct = _coded(attribute)
+    code, distinct = _encode(attribute)
     target, island = mapped.target, islands_of(mapped.source, code)
     label_of = np.empty(island.max() + 1, dtype=np.int64)
     label_of[island] = code
     samples = mapped.samples(np.arange(len(target.face_start) - 1))
     candidates, island = tally(samples.face, island[mapped.source.triangle_face[samples.triangle]], samples.weight)
     label = label_of[island]
-    edges, opposite = candidates.contested(*mapped.adjacent, target.corner_face)
+    edges, opposite = candidates.contested_edges(*mapped.adjacent, target.corner_face)
     edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
     chosen = elect(
         candidates,
@@ -109,17 +109,17 @@ def _floats(attribute: Attribute) -> Floats:
     return np.asarray(attribute.values, dtype=np.float64)
 
 
-def _mixed(attribute: Attribute, values: Floats) -> Attribute:
+def _with_values(attribute: Attribute, values: Floats) -> Attribute:
     """The attribute with new values; floats keep their precision, integers have become floats."""
     dtype = np.asarray(attribute.values).dtype
     return replace(attribute, values=values.astype(dtype) if dtype.kind == "f" else values)
 
 
-def _filled(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: Integers) -> Attribute:
+def _fill(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: Integers) -> Attribute:
     """The attribute with values (q, ...) at vertices (q,), those of too little confidence filled in."""
     filling = mapped.filling
     if filling is None:
-        return _mixed(attribute, values)
+        return _with_values(attribute, values)
     flat = values.reshape(len(values), -1)
     count = np.bincount(vertex, minlength=len(mapped.points))
     sums = csr_array((np.ones(len(vertex)), (vertex, np.arange(len(vertex)))), shape=(len(count), len(vertex))) @ flat
@@ -127,11 +127,11 @@ def _filled(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: 
     chosen = np.isin(vertex, filling.filled)
     mixed = flat.copy()
     mixed[chosen] = whole[vertex[chosen]]
-    result = _mixed(attribute, mixed.reshape(values.shape))
+    result = _with_values(attribute, mixed.reshape(values.shape))
     return replace(result, notes=(*result.notes, *filling.notes()))
 
 
-def _coded(attribute: Attribute) -> tuple[Integers, NDArray[Any]]:
+def _encode(attribute: Attribute) -> tuple[Integers, NDArray[Any]]:
     """Values as numbers (count,) into the distinct values."""
     values = np.asarray(attribute.values)
     distinct, code = np.unique(values, axis=0 if values.ndim > 1 else None, return_inverse=True)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from zoomout_core.arrays import Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, joined_groups
+from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, label_groups
 from zoomout_core.transfer.potts import Candidates
 
 # Area covered by an island that no face elected, over that of a face, from which on the face receives it.
@@ -26,7 +26,7 @@ def islands_of(surface: Surface, label: Integers) -> Integers:
     vertex = np.where(vertex >= 0, vertex, len(surface.vertices) + surface.corner_vertex)
     _, meeting = np.unique(vertex * (label.max() + 1) + label[surface.corner_face], return_inverse=True)
     meeting = meeting.reshape(-1) + len(label)
-    group = joined_groups(int(meeting.max()) + 1, surface.corner_face, meeting)
+    group = label_groups(int(meeting.max()) + 1, surface.corner_face, meeting)
     return np.unique(group[: len(label)], return_inverse=True)[1].reshape(-1)
 
 

@@ -15,21 +15,21 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import (
     CutSurface,
     adjacent_edges,
-    cut_open,
+    cut_surface,
     edge_lengths,
+    expand_ranges,
     face_edges,
     nearer_than,
-    ragged,
 )
 from zoomout_core.transfer.inpaint import Filling, filling
 
 # The middles of the four parts that the midpoints of its edges divide a triangle into.
 SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-# Added to the area of samples, over the mean area of triangles: those without an area have a vote as well.
-LEAST_AREA = 1e-9
+# Added to the area of samples, over the mean area of triangles, so that degenerate triangles vote as well.
+MIN_AREA = 1e-9
 # Part of the way towards the middle of its triangle by which a corner is moved, to find its side of a source edge.
 NUDGE = 0.25
-# Added to the confidence that weights samples, so that those without any have a vote as well.
+# Added to the confidence that weights samples, so that those without confidence vote as well.
 CONFIDENCE_OFFSET = 1e-3
 
 
@@ -62,7 +62,7 @@ class MappedTarget:
         surface_map: where each target vertex lies on the source.
         confidence: (n_t,) how far the map is to be trusted, in [0, 1].
         fill_below: vertices of less confidence are filled in from the others; None for none.
-        has_partner: (n_t,) which vertices have something on the source; others are filled in. None for all.
+        has_partner: (n_t,) which vertices have a counterpart on the source; others are filled in. None for all.
     """
 
     source: Surface
@@ -80,7 +80,7 @@ class MappedTarget:
     @cached_property
     def whole(self) -> CutSurface:
         """The source without any cut."""
-        return cut_open(self.source, np.zeros((len(self.source.corner_vertex), 1)))
+        return cut_surface(self.source, np.zeros((len(self.source.corner_vertex), 1)))
 
     @cached_property
     def adjacent(self) -> tuple[Integers, Integers]:
@@ -111,7 +111,7 @@ class MappedTarget:
         return None if trusted.all() else filling(self.target, trusted)
 
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
-        """Where points of the target lie on the source: the images of the corners, mixed in space.
+        """Locate points of the target on the source: the images of the corners, mixed in space.
 
         Unlike `SurfaceMap.at` this goes there from the nearest corner's image along the surface, so it does
         not fall through thin walls, and does not search the whole source.
@@ -135,17 +135,17 @@ class MappedTarget:
         of_face = np.argsort(target.triangle_face, kind="stable")
         start = np.searchsorted(target.triangle_face[of_face], faces)
         end = np.searchsorted(target.triangle_face[of_face], faces, side="right")
-        face, triangle = ragged(faces, start, end, of_face)
+        face, triangle = expand_ranges(faces, start, end, of_face)
         area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
-        area += LEAST_AREA * target.area / len(target.triangles)
+        area += MIN_AREA * target.area / len(target.triangles)
         face, triangle = np.repeat(face, len(SAMPLES)), np.repeat(triangle, len(SAMPLES))
         area = np.repeat(area, len(SAMPLES))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
         return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + CONFIDENCE_OFFSET))
 
-    def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
-        """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""
+    def nudge(self, corners: Integers) -> tuple[Integers, Floats]:
+        """Locate corners (q,) of the target on the source, moved into their faces a little."""
         target = self.target
         largest = np.argsort(triangle_areas(target.vertices, target.triangles), kind="stable")
         in_triangle = np.empty(len(target.corner_vertex), dtype=np.int64)

@@ -22,7 +22,7 @@ LIFTED_SINE = 0.05
 def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
     length = np.linalg.norm(np.asarray(attribute.values, dtype=np.float64), axis=1)
-    turned, length = _turned(attribute, length, mapped)
+    turned, length = _turn(attribute, length, mapped)
     return replace(turned, values=(unit_vectors(turned.values) * length[:, None]).astype(attribute.values.dtype))
 
 
@@ -33,7 +33,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """
     values = np.asarray(attribute.values, dtype=np.float64)
     height = np.einsum("cx,cx->c", values, _outward(mapped.source, attribute.domain))
-    turned, height = _turned(attribute, height, mapped)
+    turned, height = _turn(attribute, height, mapped)
     normals, outward = unit_vectors(turned.values), _outward(mapped.target, attribute.domain)
     found = np.einsum("cx,cx->c", normals, outward)
     component = _components(mapped.target, attribute.domain)
@@ -45,7 +45,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     return replace(turned, values=unit_vectors(normals).astype(attribute.values.dtype))
 
 
-def _turned(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[Attribute, Floats]:
+def _turn(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[Attribute, Floats]:
     """Vectors on the target, mixed and turned, and a number (count,) that goes with each, mixed."""
     both = np.column_stack([np.asarray(attribute.values, dtype=np.float64), number])
     mixed = MIX[attribute.domain](replace(attribute, values=both), mapped)

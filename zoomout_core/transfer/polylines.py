@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import ragged
+from zoomout_core.transfer.cut_mesh import expand_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSampl
     parts = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
     last = np.append(chains.chain[1:] != chains.chain[:-1], True)[: len(parts)]
     each = np.arange(len(parts))
-    on, step = ragged(each, np.zeros_like(parts), parts + last, np.arange(parts.max(initial=0) + 1))
+    on, step = expand_ranges(each, np.zeros_like(parts), parts + last, np.arange(parts.max(initial=0) + 1))
     share = step / parts[on]
     before = np.cumsum(length) - length
     first = np.append(True, last[:-1])[: len(parts)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import ragged
+from zoomout_core.transfer.cut_mesh import expand_ranges
 
 # Weight of a face's votes against the length of border, in circumferences of the face: a border that is shorter by this
 # much outweighs all samples of the face.
@@ -50,12 +50,12 @@ class Candidates:
         """
         start, end = self.range
         every = np.arange(len(self.face))
-        edge, first = ragged(np.arange(len(first_face)), start[first_face], end[first_face], every)
-        pair, second = ragged(np.arange(len(edge)), start[second_face[edge]], end[second_face[edge]], every)
+        edge, first = expand_ranges(np.arange(len(first_face)), start[first_face], end[first_face], every)
+        pair, second = expand_ranges(np.arange(len(edge)), start[second_face[edge]], end[second_face[edge]], every)
         return edge[pair], first[pair], second
 
-    def contested(self, first: Integers, second: Integers, face: Integers) -> tuple[Integers, Integers]:
-        """The edges of which a face has a choice.
+    def contested_edges(self, first: Integers, second: Integers, face: Integers) -> tuple[Integers, Integers]:
+        """The edges at which a face has a choice.
 
         Args:
             first: (e, 2) corners of one face at each edge.

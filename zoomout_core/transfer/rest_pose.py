@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pose that a target stands in, and what it is like at rest, as the map to a rigged source tells.
+"""The pose of a target, and its shape at rest, by the map to a rigged source.
 
 The map gives a first pose. Where the target, taken to rest by it, turns out to be the source's own body, its vertices
 are then read where they lie on the source at rest, and bones are fitted along normals: errors of the map along the
@@ -19,7 +19,7 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, vertex_areas, vertex_normals
-from zoomout_core.transfer.bone_fit import Pose, estimated_pose, slid_pose
+from zoomout_core.transfer.bone_fit import Pose, estimate_pose, refine_pose
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.skinning import skinning_matrices
@@ -67,10 +67,8 @@ class PosedTarget:
     pose: Pose
 
 
-def posed_target(
-    mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None
-) -> PosedTarget:
-    """Find the pose that a target stands in.
+def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:
+    """Find the pose of a target.
 
     Args:
         mapped: the target over the source, in whatever pose the source is.
@@ -86,7 +84,7 @@ def posed_target(
     areas = vertex_areas(target.vertices, target.triangles)
     confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
     own = csr_array(mixing_matrix(mapped) @ weights)
-    pose = estimated_pose(mapped.points, target.vertices, own, areas * confidence, parents)
+    pose = estimate_pose(mapped.points, target.vertices, own, areas * confidence, parents)
     search = SurfaceSearch(rest.vertices, rest.triangles)
     found = replace(mapped, confidence=confidence)
     for _ in range(REST.rounds):
@@ -99,12 +97,12 @@ def posed_target(
         normals = vertex_normals(target.vertices, target.triangles)
         own = csr_array(mixing_matrix(found) @ weights)
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
-        pose = slid_pose(pose, found.points, target.vertices, normals, own, trust, parents)
+        pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
     return PosedTarget(found, pose)
 
 
-def aligned(target: Surface, pose: Pose) -> Rest:
-    """A target that stands at rest, at the source's place and in its size; it stays as it is where it stands there."""
+def align(target: Surface, pose: Pose) -> Rest:
+    """Align a target in the rest pose with the source's place and size; it stays if it is aligned already."""
     placed = pose.common.inverse(target.vertices)
     linear = np.linalg.inv(pose.common.linear)
     if np.linalg.norm(placed - target.vertices, axis=1).max() < REST.in_place * np.sqrt(target.area):

@@ -25,7 +25,7 @@ NOTHING = 1e-12
 def mix_quaternions(attribute: Attribute, mapped: MappedTarget, *, turned: bool = False) -> Attribute:
     """Unit quaternions (count, 4), w first; mixed, and if they are to be `turned`, turned with the surface."""
     values = np.asarray(attribute.values, dtype=np.float64)
-    both = replace(attribute, values=np.column_stack([_squared(values), values]))
+    both = replace(attribute, values=np.column_stack([_outer_products(values), values]))
     mixed = MIX[attribute.domain](both, mapped)
     quaternions = _mean(mixed.values[:, :16], mixed.values[:, 16:])
     if turned:
@@ -46,7 +46,7 @@ def mix_matrices(attribute: Attribute, mapped: MappedTarget, *, turned: bool = F
     stretch[:, 2] *= handed
     rest = matrices.copy()
     rest[:, :3, :3] = np.einsum("qkx,qk,qky->qxy", right, stretch, right)
-    parts = np.column_stack([_squared(_quaternions(left @ right)), rest.reshape(-1, 16)])
+    parts = np.column_stack([_outer_products(_quaternions(left @ right)), rest.reshape(-1, 16)])
     mixed = MIX[attribute.domain](replace(attribute, values=parts), mapped)
     rotation = _matrices(_mean(mixed.values[:, :16], None))
     if turned:
@@ -62,7 +62,7 @@ def _turning(attribute: Attribute, mapped: MappedTarget) -> Floats:
     return found * np.sign(np.linalg.det(found))[:, None, None]
 
 
-def _squared(quaternions: Floats) -> Floats:
+def _outer_products(quaternions: Floats) -> Floats:
     """(q, 16) products of quaternions (q, 4) with themselves."""
     return np.einsum("qx,qy->qxy", quaternions, quaternions).reshape(-1, 16)
 

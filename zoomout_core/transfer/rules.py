@@ -16,20 +16,20 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.continuation import continued
+from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
-from zoomout_core.transfer.shape_keys import carry_offsets, conformed
+from zoomout_core.transfer.shape_keys import carry_offsets, conform_target
 from zoomout_core.transfer.uv.transfer_uv import transfer_uv
 from zoomout_core.transfer.weights import mix_weights
 
 
 class Match(Protocol):
-    """What a match gives: the map, how far to trust it, and which vertices have a partner; None for all."""
+    """The result of a match: the map, its confidence, and which vertices have a counterpart; None for all."""
 
     @property
     def surface_map(self) -> SurfaceMap: ...
@@ -133,9 +133,9 @@ def transfer(
 ) -> Attribute:
     """An attribute of the source, on the target.
 
-    What has no partner on the source is filled in: numbers, colours, weights and shape keys smoothly from around it;
-    other kinds take there what is nearest along the surface. To leave it as it is on the target, `blend` with the
-    match's `has_partner` as the mask.
+    Vertices without a counterpart on the source are filled in: numbers, colours, weights and shape keys smoothly from
+    their surroundings; other kinds take the nearest value along the surface. To keep the target's own values
+    there, `blend` with the match's `has_partner` as the mask.
 
     Args:
         attribute: on the source.
@@ -190,7 +190,7 @@ def map_target(
     surface_map, confidence, has_partner = result.surface_map, np.asarray(result.confidence), result.has_partner
     _check_map(surface_map, source, target, confidence, *([] if has_partner is None else [has_partner]))
     if has_partner is not None:
-        surface_map = continued(surface_map, target, has_partner)
+        surface_map = extrapolate_map(surface_map, target, has_partner)
         confidence = np.where(has_partner, confidence, 0)
     return MappedTarget(source, target, surface_map, confidence, fill_below, has_partner)
 
@@ -232,7 +232,7 @@ def conform(result: Match | SurfaceMap, source: ShapeLike | None = None, target:
         >>> zo.conform(result).shape == target.vertices.shape
         True
     """
-    return conformed(map_target(result, source, target))
+    return conform_target(map_target(result, source, target))
 
 
 def _rule(attribute: Attribute) -> Rule:

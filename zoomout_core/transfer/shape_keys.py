@@ -2,9 +2,9 @@
 """Shape keys: how far vertices move, turned and scaled from the source's pose and size to the target's.
 
 Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves
-for the motion that has them. Held at anchors alone it drifts where the target's pose turns within the region that
-moves, so the motion is drawn to the turned offsets as well: these hold over distances longer than
-`FRAMES.smoothing_length`, and gradients below, where errors of frames and maps would show as dents.
+for the motion that has them. With anchors alone it drifts where the target's pose turns within the moving region, so
+the motion is attracted by the turned offsets as well. These determine it over distances longer than
+`FRAMES.smoothing_length`, and the gradients below, where errors of frames and maps would show as dents.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from zoomout_core.transfer.frames import (
     frames_of,
     frames_on,
     on_working_mesh,
-    turned_gradients,
+    turn_gradients,
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Keys that are worked on together: bounds the memory, and solves take longer with more columns at once.
+# Keys that are solved for together: bounds the memory, and solves take longer with more columns at once.
 KEYS_AT_ONCE = 5
 # Offsets below either length are noise and set to zero: over the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
@@ -58,7 +58,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     def carry(first: int) -> None:
         some = slice(first, first + KEYS_AT_ONCE)
-        carried[:, some] = _carried(offsets[:, some].astype(np.float64), frames, loading)
+        carried[:, some] = _carry_block(offsets[:, some].astype(np.float64), frames, loading)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
@@ -74,12 +74,12 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     return replace(attribute, values=carried, notes=notes)
 
 
-def conformed(mapped: MappedTarget) -> Floats:
+def conform_target(mapped: MappedTarget) -> Floats:
     """(n_t, 3) positions of the target's vertices on the source; where confidence is low it keeps more of its shape."""
     target, frames = mapped.target, frames_of(mapped)
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)
-    gradients = turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
+    gradients = turn_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
     conforming = frames.smoothing.fit(frames.points, gradients)
     number = target.working.vertex_of
@@ -93,7 +93,7 @@ def _without_noise(offsets: Floats, area: float) -> Floats:
     return np.where((length < least)[:, :, None], 0, offsets)
 
 
-def _carried(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
+def _carry_block(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
     """(n_t, keys, 3) offsets of the target's vertices, for (n_s, keys, 3) of the source's."""
     target = frames.mapped.target
     plain = frames.mapped.surface_map.interpolate(offsets)
@@ -116,4 +116,4 @@ def _loading(frames: Frames) -> bsr_array:
     """(3n, 3n) makes right-hand sides of `Frames.smoothing` of offsets (n, 3), as one column, and turns them."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
-    return bsr_array(blocks + FRAMES.smoothing_length**2 * turned_gradients(frames.trusted_stiffness, frames.turns))
+    return bsr_array(blocks + FRAMES.smoothing_length**2 * turn_gradients(frames.trusted_stiffness, frames.turns))

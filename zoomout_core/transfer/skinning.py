@@ -25,13 +25,13 @@ def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_
         preserve_volume: blend dual quaternions in place of matrices.
     """
     if preserve_volume:
-        return _blended_dual_quaternions(transforms, normalised(weights))
-    return blended_matrices(matrices_of(transforms), weights)
+        return _blend_dual_quaternions(transforms, normalise(weights))
+    return blend_matrices(matrices_of(transforms), weights)
 
 
-def blended_matrices(matrices: Floats, weights: csr_array) -> Floats:
+def blend_matrices(matrices: Floats, weights: csr_array) -> Floats:
     """(n, 3, 4) means of affine maps (b, 3, 4) by weights (n, b), of any sum; zero where there is none."""
-    return np.asarray(normalised(weights) @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
+    return np.asarray(normalise(weights) @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
 
 
 def matrices_of(transforms: Similarities) -> Floats:
@@ -39,12 +39,12 @@ def matrices_of(transforms: Similarities) -> Floats:
     return np.concatenate([transforms.linear, transforms.translation[:, :, None]], axis=2)
 
 
-def moved(matrices: Floats, points: Floats) -> Floats:
+def transform_points(matrices: Floats, points: Floats) -> Floats:
     """(n, 3) points (n, 3), each moved by its own affine map (n, 3, 4)."""
     return np.asarray(np.einsum("nxy,ny->nx", matrices[:, :, :3], points) + matrices[:, :, 3])
 
 
-def normalised(weights: csr_array) -> csr_array:
+def normalise(weights: csr_array) -> csr_array:
     """Weights that sum to one, or are zero, at each vertex, in double precision."""
     shares = csr_array(weights.astype(np.float64))  # a copy
     sums = np.asarray(shares.sum(axis=1)).ravel()
@@ -57,7 +57,7 @@ def row_of(matrix: csr_array) -> Integers:
     return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
 
 
-def _blended_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floats:
+def _blend_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floats:
     """(n, 3, 4) rigid motions of blended dual quaternions, after the common scale.
 
     Quaternions count with the sign that is nearer to that of the strongest bone.

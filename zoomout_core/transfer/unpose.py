@@ -24,7 +24,7 @@ from zoomout_core.transfer.frames import (
     FULL_CONFIDENCE,
     MIN_TRUST,
     on_working_mesh,
-    turned_gradients,
+    turn_gradients,
     without_sums,
 )
 from zoomout_core.tuning import Tuning, tuned
@@ -35,14 +35,14 @@ class UnposeTuning(Tuning, set_by="binding"):
     """Where the inverse of skinning is trusted.
 
     Attributes:
-        least_extent: the least singular value of a vertex's skinning matrix, over the scale: below, the blend of bones
-            has collapsed.
-        most_strain: of an edge by the inverse, or most shrinking; beyond, weights are wrong. At 3, which the inner side
-            of an elbow reaches, a fifth more vertices are smoothed, for 3 % more error.
+        min_extent: smallest singular value of a vertex's skinning matrix, over the scale, of a blend of bones that has
+            not collapsed.
+        max_strain: largest stretch or shrinking of an edge by the inverse; beyond it, weights are wrong. At 3, which
+            the inner side of an elbow reaches, a fifth more vertices are smoothed, for 3 % more error.
     """
 
-    least_extent: float = tuned(0.3, "1", 0, 1)
-    most_strain: float = tuned(6.0, "1", 1, 1000)
+    min_extent: float = tuned(0.3, "1", 0, 1)
+    max_strain: float = tuned(6.0, "1", 1, 1000)
 
 
 UNPOSE = UnposeTuning()
@@ -63,27 +63,27 @@ class Rest:
     smoothed: int
 
 
-def unposed(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:
+def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:
     """Take a posed surface to rest.
 
     Args:
         posed: the surface.
         matrices: (n, 3, 4) that take its vertices from rest to the pose, see `skinning_matrices`.
         scale: the common one of the bones.
-        confidence: (n,) in [0, 1] of the map that weights and pose are known by.
+        confidence: (n,) in [0, 1] of the map that gave weights and pose.
     """
     rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
     trust = np.where(sound, np.clip(confidence / FULL_CONFIDENCE, 0, 1), 0)
-    trust[_strained(posed, rest, scale)] = 0
+    trust[_strained_vertices(posed, rest, scale)] = 0
     doubted = int((trust < 1).sum())
     if not doubted:
         return Rest(rest, inverse, 0)
     turns = nearest_rotations(inverse) / scale
-    return _smoothed(posed, rest, inverse, turns, np.maximum(trust, MIN_TRUST))
+    return _smooth(posed, rest, inverse, turns, np.maximum(trust, MIN_TRUST))
 
 
 def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple[Floats, Floats, Booleans]:
-    """Where vertices come from.
+    """Positions at rest by the inverse of skinning.
 
     Args:
         positions: (n, 3) in the pose.
@@ -95,23 +95,23 @@ def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple
         collapsed. Elsewhere it is not stretched.
     """
     left, extent, right = np.linalg.svd(matrices[:, :, :3])
-    sound = extent[:, 2] > UNPOSE.least_extent * scale
+    sound = extent[:, 2] > UNPOSE.min_extent * scale
     safe = np.where(sound[:, None], extent, scale)
     inverse = np.einsum("nkx,nk,nyk->nxy", right, 1 / safe, left)
     return np.einsum("nxy,ny->nx", inverse, positions - matrices[:, :, 3]), inverse, sound
 
 
-def _strained(posed: Surface, rest: Floats, scale: float) -> Booleans:
+def _strained_vertices(posed: Surface, rest: Floats, scale: float) -> Booleans:
     """(n,) whether an edge at a vertex is stretched or shrunk too far between the pose and rest."""
     edges, _ = unique_edges(posed.triangles)
     now, then = (np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1) for points in (posed.vertices, rest))
-    torn = (then * scale > UNPOSE.most_strain * now) | (now > UNPOSE.most_strain * scale * then)
+    torn = (then * scale > UNPOSE.max_strain * now) | (now > UNPOSE.max_strain * scale * then)
     strained = np.zeros(len(rest), dtype=bool)
     strained[edges[torn].ravel()] = True
     return strained
 
 
-def _smoothed(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:
+def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:
     working = posed.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
@@ -123,7 +123,7 @@ def _smoothed(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trus
     spread = smoothing.smooth(linear.reshape(-1, 9)).reshape(-1, 3, 3)
     linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
     gradients = trusted @ here
-    gradients += (turned_gradients(csc_array(stiffness - trusted), linear) @ own.ravel()).reshape(own.shape)
+    gradients += (turn_gradients(csc_array(stiffness - trusted), linear) @ own.ravel()).reshape(own.shape)
     placed = smoothing.fit(here, gradients)
     number = posed.working.vertex_of
     used = (number >= 0)[:, None]

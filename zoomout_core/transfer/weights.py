@@ -218,7 +218,7 @@ def _keep_largest(weights: csr_array, shared: Booleans, limit: int) -> csr_array
 
 
 def _rescale(weights: Any, shared: Booleans, wanted: Floats) -> int:
-    """Scale the shared columns in place, so that each row sums to what is wanted; nothing is less than `least_weight`.
+    """Scale the shared columns in place, so that each row has a wanted sum; sums below `MIN_WEIGHT` become zero.
 
     Returns:
         How many rows lose their weights because nothing is wanted.

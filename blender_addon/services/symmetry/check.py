@@ -14,9 +14,9 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import asymmetry
-from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
+from zoomout_core.symmetry.offsets import mirror_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
@@ -25,7 +25,7 @@ from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from ...viewport import preview
 from .. import previews
-from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
+from .mesh_access import READ, READING, find_not_edited, own_mesh, writable_mesh
 from .shape_keys import read_key
 
 Checked: TypeAlias = Literal["shape", "weights", "key"]
@@ -70,7 +70,7 @@ async def check_symmetry_async(
     values = await measure_asymmetry(context, name, check, key)
     obj = writable_mesh(context, name)
     red = red_weight if check == "weights" else red_length * np.sqrt(stored_symmetry.read(obj).surface.area)
-    what = _described(context, obj, check, key, values, red)
+    what = _describe(context, obj, check, key, values, red)
     context.view_layer.update()  # so that what was changed before is not taken for changed since
     preview.show(previews.of_asymmetry(obj, values, red, what))
     return what
@@ -97,20 +97,20 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
             with own_mesh(context, name, symmetry.surface) as (obj, mesh):
                 _, own = read_key(obj, key)
                 keys = mesh.shape_keys.key_blocks.keys()
-                partner = partner_of(key, keys)
+                partner = counterpart_of(key, keys)
                 work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
     with stage("Comparing the sides", READ, 1):
         values = np.nan_to_num(await compute(work))
-    unedited(context, name, symmetry.surface)
+    find_not_edited(context, name, symmetry.surface)
     return values
 
 
 def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:
     """(n,) distance between a key's displacements and the mirrored ones of its partner."""
-    return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
+    return np.asarray(np.linalg.norm(mirror_offsets(partner, symmetry) - offsets, axis=1))
 
 
-def _described(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
+def _describe(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
     """The values in words, and the value that red stands for."""
     head = {"shape": message("Shape"), "weights": message("Weights"), "key": message("Shape key {key}", key=repr(key))}[
         check

@@ -89,7 +89,7 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
         "Found {symmetries} of '{name}'; the first: {first}",
         symmetries=_count(len(found)),
         name=name,
-        first=summary(stored_symmetry.described(found[0])),
+        first=summary(stored_symmetry.describe(found[0])),
     )
 
 

@@ -14,10 +14,10 @@ import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
-from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
+from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.mirror import Direction, has_mean, mirror, own_share_of, symmetrise
 from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.symmetry.uv import Layout, symmetrised_uv
+from zoomout_core.symmetry.uv import Layout, symmetrise_uv
 from zoomout_core.transfer import Attribute, Kind
 
 from ... import mesh_data
@@ -42,7 +42,7 @@ def mirror_attributes(
         context: Blender's; the object is in its scene.
         obj: a mesh object.
         data: which kinds of it, the options of `LayerOptions`.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
         uv_layout: see `zoomout_core.symmetry.uv`.
 
     Returns:
@@ -121,7 +121,7 @@ def _read(obj: Object, data: Collection[str]) -> list[_Data]:
 
 def _partners(names: Sequence[str | None]) -> Integers:
     """(slots,) where the material of the other side is, as Boot.R of Boot.L, or else the material itself."""
-    partners = [name and partner_of(name, names) for name in names]
+    partners = [name and counterpart_of(name, names) for name in names]
     return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
 
 
@@ -141,16 +141,16 @@ def _symmetrise_all(found: Sequence[_Data], symmetry: SelfMap, direction: Direct
     made = []
     for i, one in enumerate(found):
         with stage(message("Mirroring '{name}'", name=one.attribute.name), i / len(found), (i + 1) / len(found)):
-            made.append(replace(one, attribute=_symmetrised(one, symmetry, direction, uv_layout)))
+            made.append(replace(one, attribute=_symmetrise(one, symmetry, direction, uv_layout)))
     return made
 
 
-def _symmetrised(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
+def _symmetrise(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
     attribute = one.attribute
     if attribute.kind is Kind.UV:
-        return symmetrised_uv(attribute, symmetry, direction, uv_layout)
+        return symmetrise_uv(attribute, symmetry, direction, uv_layout)
     if one.partner is None:
-        return symmetrised(attribute, symmetry, direction)
-    other = mirrored(replace(attribute, values=one.partner[attribute.values]), symmetry)
+        return symmetrise(attribute, symmetry, direction)
+    other = mirror(replace(attribute, values=one.partner[attribute.values]), symmetry)
     own = own_share_of(attribute.domain, symmetry, direction) >= 0.5
     return replace(attribute, values=np.where(own, attribute.values, other.values))

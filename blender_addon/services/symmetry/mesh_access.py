@@ -11,7 +11,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 
 from ...mesh_data import all_or_nothing
-from ...scene.pair import check_elements, check_writable, edited, find_mesh
+from ...scene.pair import check_elements, check_writable, edit_error, find_mesh
 from ...storage import stored_symmetry
 
 # Part of the progress bar in which data is read, in [0, 1].
@@ -44,13 +44,13 @@ def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple
 
 @contextmanager
 def writing(context: Context, name: str, before: zo.Surface) -> Iterator[Object]:
-    """`unedited`, and a context in which the object is written to: all of it, or nothing."""
-    obj = unedited(context, name, before)
+    """`find_not_edited`, and a context in which the object is written to: all of it, or nothing."""
+    obj = find_not_edited(context, name, before)
     with all_or_nothing(obj):
         yield obj
 
 
-def unedited(context: Context, name: str, before: zo.Surface) -> Object:
+def find_not_edited(context: Context, name: str, before: zo.Surface) -> Object:
     """The object of a name, whose mesh is still what it was when it was read.
 
     Raises:
@@ -58,5 +58,5 @@ def unedited(context: Context, name: str, before: zo.Surface) -> Object:
     """
     obj = writable_mesh(context, name)
     if stored_symmetry.fingerprint(obj) != stored_symmetry.fingerprint_of(before):
-        raise edited(name)
+        raise edit_error(name)
     return obj

@@ -12,7 +12,7 @@ import zoomout_core as zo
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import symmetrised_offsets
+from zoomout_core.symmetry.offsets import symmetrise_offsets
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -42,12 +42,12 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
     if not moved.any():
-        raise zo.MeshError(_unmoved(obj))
+        raise zo.MeshError(_why_nothing_moved(obj))
     with stage(READING, 0, 0):
         await pause()
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
     with stage("Mirroring the sculpt"):
-        wanted = await compute(partial(symmetrised_offsets, moved, symmetry, direction))
+        wanted = await compute(partial(symmetrise_offsets, moved, symmetry, direction))
     with writing(context, name, now) as obj:
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)
@@ -55,7 +55,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
     return message("Mirrored the sculpt of '{name}': {count} vertices moved", name=name, count=count)
 
 
-def _unmoved(obj: Object) -> str:
+def _why_nothing_moved(obj: Object) -> str:
     """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:

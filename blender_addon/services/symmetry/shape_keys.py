@@ -15,9 +15,9 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
+from zoomout_core.symmetry.offsets import BLEND, mirror_offsets, split_offsets, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
@@ -72,10 +72,10 @@ async def mirror_shape_key_async(
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
         names = _new_names(key_name, mode, obj.data.shape_keys.key_blocks.keys())
-        _check_unlocked(obj, {key_name, *names} if both else names)
+        _check_not_locked(obj, {key_name, *names} if both else names)
         partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
     if both:
-        keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
+        keys, work = [key, partner], partial(_mirror, [theirs, offsets], symmetry)
     else:
         keys = [replace(key, name=new) for new in names]
         work = partial(_new_offsets, offsets, symmetry, mode, direction, blend)
@@ -114,7 +114,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
     """The names of what is made of a key, where keys of some names are present."""
     if mode == "split":
         return f"{name}.L", f"{name}.R"
-    partner = partner_of(name, present)
+    partner = counterpart_of(name, present)
     if mode == "mirror" and partner == name:
         raise zo.MeshError(
             "The name {name} has no side: end it with .L or .R, or use Left and Right Keys.", name=repr(name)
@@ -122,7 +122,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
     return (partner if mode == "mirror" else name,)
 
 
-def _check_unlocked(obj: Object, names: Collection[str]) -> None:
+def _check_not_locked(obj: Object, names: Collection[str]) -> None:
     """Raise a MeshError if a key of these names is there and locked against changes."""
     blocks = obj.data.shape_keys.key_blocks
     for name in names:
@@ -145,18 +145,18 @@ def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Directi
     return message(done, key=repr(key), made=made)
 
 
-def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
+def _mirror(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
     """The displacements (n, 3) of keys on the other side."""
-    return [_without_noise(mirrored_offsets(one, symmetry), one) for one in offsets]
+    return [_without_noise(mirror_offsets(one, symmetry), one) for one in offsets]
 
 
 def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
     """The displacements (n, 3) of each key that is made."""
     if mode == "mirror":
-        return _mirrored([offsets], symmetry)
+        return _mirror([offsets], symmetry)
     if mode == "split":
         return [_without_noise(part, offsets) for part in split_offsets(offsets, symmetry, blend)]
-    return [_without_noise(symmetrised_offsets(offsets, symmetry, direction), offsets)]
+    return [_without_noise(symmetrise_offsets(offsets, symmetry, direction), offsets)]
 
 
 def _without_noise(made: Floats, offsets: Floats) -> Floats:
@@ -189,5 +189,5 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place:
 
 def _other_name(name: str, present: list[str]) -> str:
     """The name of the other side if there is such a thing, else the name itself."""
-    partner = partner_of(name, present)
+    partner = counterpart_of(name, present)
     return partner if partner in present else name

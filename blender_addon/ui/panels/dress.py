@@ -7,7 +7,7 @@ from bpy.types import Context, Panel
 
 from ...operators.dress import ZOOMOUT_OT_dress
 from ...properties.dress import DressOptions
-from ...scene.selection import matched_with
+from ...scene.selection import match_source
 from .sidebar import SidebarPanel, split_properties
 from .transfer import ZOOMOUT_PT_transfer
 
@@ -25,5 +25,5 @@ class ZOOMOUT_PT_dress(SidebarPanel, Panel):
         for name in DressOptions.__annotations__:
             layout.prop(settings, name)
         row = layout.row()
-        row.enabled = settings.source is not None or bool(matched_with(context, context.active_object))
+        row.enabled = settings.source is not None or bool(match_source(context, context.active_object))
         row.operator(ZOOMOUT_OT_dress.bl_idname, icon="MOD_CLOTH")

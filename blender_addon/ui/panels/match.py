@@ -14,7 +14,7 @@ from ...services.preflight import findings, likely_source
 from ...storage import stored_match
 from ...translations import translated
 from .. import manual
-from .sidebar import SidebarPanel, counted, help_button, main_button, show_findings, split_properties
+from .sidebar import SidebarPanel, count_text, help_button, main_button, show_findings, split_properties
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
@@ -52,7 +52,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         main_button(
             layout,
             ZOOMOUT_OT_match.bl_idname,
-            "Match Again" if again and not others else counted("Match", "Match {count} Targets", context, source),
+            "Match Again" if again and not others else count_text("Match", "Match {count} Targets", context, source),
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )

@@ -14,7 +14,7 @@ from ...operators.select_faults import (
     ZOOMOUT_OT_select_flipped,
     ZOOMOUT_OT_select_without_partner,
 )
-from ...services.preflight import Finding, outdated, stale
+from ...services.preflight import Finding, find_outdated, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
@@ -99,7 +99,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
                     of_source=of_source,
                 )
                 sentences(context, layout, [without], "DOT")
-            show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
+            show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
         sentences(context, layout, stored["notes"], "DOT")
 
 

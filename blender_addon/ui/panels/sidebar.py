@@ -71,7 +71,7 @@ def preview_buttons(
 
     Whatever is enabled, colours can be taken away. The height stays, whatever is shown: no button moves away.
     """
-    shown = preview.shown(context.active_object)
+    shown = preview.preview_of(context.active_object)
     if shown is not None and shown.kind not in kinds:
         shown = None
     column = layout.column(align=True)
@@ -103,7 +103,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     row.operator(operator, text=text, icon=icon)
 
 
-def counted(one: str, several: str, context: Context, source: Object | None) -> str:
+def count_text(one: str, several: str, context: Context, source: Object | None) -> str:
     """The text of a button for one target, or that for several, in which their number is put."""
     number = len(own_sources(context)) or (len(chosen_targets(context, source)) if source else 1)
     return translated(message(several, count=number)) if number > 1 else one

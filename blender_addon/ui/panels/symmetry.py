@@ -160,7 +160,7 @@ def _doubts(target: Object) -> list[Finding]:
 def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
     """A thumbnail and a button for each symmetry that was found, the chosen one pressed, and its notes."""
     grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
-    pictures = stored_symmetry.pictured(stored)
+    pictures = stored_symmetry.thumbnails(stored)
     for number, candidate in enumerate(stored["candidates"]):
         column = grid.column(align=True)
         if pictures:

@@ -11,13 +11,13 @@ from ...operators.choose_data import ZOOMOUT_OT_choose_data
 from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...presets import ZOOMOUT_PT_transfer_presets
 from ...properties.transfer import TransferOptions
-from ...scene.selection import matched_with, own_sources
+from ...scene.selection import match_source, own_sources
 from ...services.inventory import inventory
-from ...services.preflight import Finding, findings, likely_source, outdated, stale
+from ...services.preflight import Finding, find_outdated, findings, likely_source, stale
 from ...services.transfer import summary
 from ...storage.stored_report import transfer_report
 from .. import manual
-from .sidebar import SidebarPanel, counted, help_button, main_button, sentences, show_findings
+from .sidebar import SidebarPanel, count_text, help_button, main_button, sentences, show_findings
 
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
@@ -35,17 +35,17 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         _draw_choice(layout, context, source)
         # What is merely doubtful of the meshes stands above, in the panel to match.
         found = [finding for finding in findings(context) if finding.blocks]
-        matched = bool(own) or (source is not None and matched_with(context, target) == source.name)
+        matched = bool(own) or (source is not None and match_source(context, target) == source.name)
         known = [context.scene.objects[name] for name in own] or [target] * matched
         if reasons := [reason for obj in known if (reason := stale(context, obj))]:
             found = [Finding(reason, True) for reason in reasons]
         elif matched:
-            found += [Finding(text, False) for obj in known for text in outdated(context, obj)]
+            found += [Finding(text, False) for obj in known for text in find_outdated(context, obj)]
         show_findings(context, layout, found)
         if matched:
-            text = counted("Transfer", "Transfer to {count} Targets", context, source)
+            text = count_text("Transfer", "Transfer to {count} Targets", context, source)
         else:
-            text = counted("Match and Transfer", "Match and Transfer to {count} Targets", context, source)
+            text = count_text("Match and Transfer", "Match and Transfer to {count} Targets", context, source)
         free = not any(finding.blocks for finding in found)
         main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
 

@@ -134,8 +134,8 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
         def sees(self, paths: object) -> bool:
             return False
 
-        def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
-            for done in super().completed(tasks):
+        def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+            for done in super().as_completed(tasks):
                 if isinstance(done.result, Prepared):
                     sent[done.result.name] = [name for name in done.result.content if name.startswith("cache")]
                 yield done

@@ -18,9 +18,9 @@ from zoomout_core.collection.engine import (
     InThisProcess,
     OnDask,
     Task,
-    completed,
     local_engine,
     remote_engine,
+    run_tasks,
 )
 from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.runtime.progress import Cancelled, Progress, advance, progress, stage
@@ -54,7 +54,7 @@ def read_settings() -> tuple[str | None, str | None, int]:
 
 
 def results(engine: Engine, tasks: list[Task]) -> dict[str, object]:
-    return {done.key: done.result for done in engine.completed(tasks)}
+    return {done.key: done.result for done in engine.as_completed(tasks)}
 
 
 CHAIN = [
@@ -84,7 +84,7 @@ def titled(ended: int) -> str:
 def test_progress_goes_through_each_task_under_the_title_of_the_whole() -> None:
     told: list[Progress] = []
     with progress(told.append):
-        assert {done.key: done.result for done in completed(InThisProcess(), CHAIN, titled)} == EXPECTED
+        assert {done.key: done.result for done in run_tasks(InThisProcess(), CHAIN, titled)} == EXPECTED
     assert told[0] == Progress(0, "0 of 4")
     assert Progress(0.125, "0 of 4") in told  # halfway through the first
     assert told[-1] == Progress(1, "4 of 4")
@@ -99,13 +99,13 @@ def test_a_task_of_this_process_can_be_cancelled_halfway() -> None:
 
     ended = []
     with pytest.raises(Cancelled), progress(listen):
-        ended += [done.key for done in completed(InThisProcess(retries=1), CHAIN, titled)]
+        ended += [done.key for done in run_tasks(InThisProcess(retries=1), CHAIN, titled)]
     assert ended == []
 
 
 def test_no_tasks_are_no_progress() -> None:
     with progress(pytest.fail):
-        assert list(completed(InThisProcess(), [], titled)) == []
+        assert list(run_tasks(InThisProcess(), [], titled)) == []
 
 
 def test_a_collection_on_a_cluster_can_be_cancelled_while_it_is_waited_for(cluster: Engine) -> None:
@@ -116,7 +116,7 @@ def test_a_collection_on_a_cluster_can_be_cancelled_while_it_is_waited_for(clust
             raise Cancelled
 
     with pytest.raises(Cancelled), progress(listen):
-        list(completed(cluster, [Task("sleeping", sleep, (30,))], titled))
+        list(run_tasks(cluster, [Task("sleeping", sleep, (30,))], titled))
     assert monotonic() < began + 10
 
 
@@ -136,7 +136,7 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
 
 
 def test_a_cluster_knows_of_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine_module, "MOST_UNDER_WAY", 3)
+    monkeypatch.setattr(engine_module, "MAX_UNDER_WAY", 3)
     parts = [Task(f"part {number}", add, (number,)) for number in range(10)]
     sums = [Task(f"sum {i}", add, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
     found = results(cluster, [*parts, *sums, Task("all", add, (), tuple(task.key for task in sums))])

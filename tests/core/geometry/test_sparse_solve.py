@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array, diags_array
 
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 
 
 def second_differences(n: int) -> csc_array:
@@ -18,7 +18,7 @@ def second_differences(n: int) -> csc_array:
 def test_many_right_hand_sides_are_solved_for() -> None:
     matrix = second_differences(200)
     solutions = np.random.default_rng(0).normal(size=(200, 7))
-    factors = factorised(matrix)
+    factors = factorise(matrix)
     np.testing.assert_allclose(factors.solve(matrix @ solutions), solutions, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(factors.solve(matrix @ solutions[:, 0]), solutions[:, 0], rtol=1e-9, atol=1e-9)
 
@@ -26,11 +26,11 @@ def test_many_right_hand_sides_are_solved_for() -> None:
 def test_pivots_are_those_of_the_diagonal_whose_signs_are_the_inertia() -> None:
     # Off-diagonal entries are larger than some on the diagonal: partial pivoting would take these.
     matrix = csc_array(np.array([[1.0, 3.0, 0.0], [3.0, 10.0, 2.0], [0.0, 2.0, -5.0]]))
-    factors = factorised(matrix)
+    factors = factorise(matrix)
     np.testing.assert_array_equal(factors.perm_r, factors.perm_c)
     assert (factors.U.diagonal() < 0).sum() == (np.linalg.eigvalsh(matrix.toarray()) < 0).sum()
 
 
 def test_singular_matrices_are_refused() -> None:
     with pytest.raises(RuntimeError, match="singular"):
-        factorised(csc_array(np.ones((2, 2))))
+        factorise(csc_array(np.ones((2, 2))))

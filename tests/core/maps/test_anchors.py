@@ -30,14 +30,14 @@ def test_source_and_target_are_compared_by_their_own_anchors() -> None:
     np.testing.assert_allclose(queries, embedded[order])
     queries, embedded = coordinates(target_rows, source_rows, C, None)
     np.testing.assert_allclose(queries, embedded[order])
-    swapped = anchors.swapped()
+    swapped = anchors.swap()
     assert swapped.source is anchors.target
     assert swapped.target is anchors.source
 
 
 def test_anchors_join_and_scale_on_both_sides() -> None:
     one, other = Anchors(np.ones((3, 1)), 2 * np.ones((4, 1))), Anchors(np.zeros((3, 2)), np.zeros((4, 2)))
-    both = one.scaled(3.0).and_those(other)
+    both = one.scale(3.0).and_those(other)
     np.testing.assert_array_equal(both.source, [[3, 0, 0]] * 3)
     np.testing.assert_array_equal(both.target, [[6, 0, 0]] * 4)
     assert one.and_those(None) is one

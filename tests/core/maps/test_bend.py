@@ -19,7 +19,7 @@ UNIT = float(np.sqrt(SURFACE.area))
 def bent(places: np.ndarray, moves: np.ndarray) -> np.ndarray:
     """(n, 3) by how much the images of a map onto itself are moved."""
     meshes = SURFACE.vertices, SURFACE.vertices, SURFACE.triangles
-    return bend.bent(OWN, *meshes, places, moves, 0.1 * UNIT).interpolate(SURFACE.vertices) - SURFACE.vertices
+    return bend.bend(OWN, *meshes, places, moves, 0.1 * UNIT).interpolate(SURFACE.vertices) - SURFACE.vertices
 
 
 def along_surface(places: np.ndarray, seed: int = 0) -> np.ndarray:

@@ -55,7 +55,7 @@ def test_the_sparse_problem_has_the_same_solution(monkeypatch: pytest.MonkeyPatc
 
     given = {pair: start(*pair) for pair in ((0, 1), (1, 2), (2, 0))}
     dense = module.latent_basis(given, [basis.eigenvalues[:12] for basis in BASES])
-    monkeypatch.setattr(module, "MOST_DENSE", 1)
+    monkeypatch.setattr(module, "MAX_DENSE", 1)
     sparse = module.latent_basis(given, [basis.eigenvalues[:12] for basis in BASES])
     for one, other in zip(dense, sparse, strict=True):
         assert np.abs(np.abs(one) - np.abs(other)).max() < 1e-6

@@ -89,7 +89,7 @@ def test_gradient_and_curvature_are_the_derivatives_of_the_energy(part: str) -> 
     matrix = fit.curvature_matrix().reshape(12, 12)
     np.testing.assert_allclose(matrix @ C.ravel(), fit.curvature(C).ravel(), rtol=1e-9)
     np.testing.assert_allclose(np.diag(matrix).reshape(3, 4), fit.diagonal_curvature(), rtol=1e-9)
-    np.testing.assert_allclose(fit.compressed().gradient(C), fit.gradient(C), rtol=1e-9)
+    np.testing.assert_allclose(fit.compress().gradient(C), fit.gradient(C), rtol=1e-9)
     # The constant function goes to itself, whatever sign the others take.
     signs = np.stack(np.meshgrid(*[[-1, 1]] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     mean = np.mean([energy(np.eye(3, 4) * [1, *sign, 0]) for sign in signs])

@@ -18,7 +18,7 @@ from shapes import sheet
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank, with_others
+from zoomout_core.matching.ranking import Candidate, _align, _leading, in_order, rank, with_others
 from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, IN_SPACE
 
 COUNT = 40
@@ -110,8 +110,8 @@ def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken
     identity = np.arange(len(shape.search.samples))
     scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
     mirrored = replace(candidate(0.0, mirrored=True), sample_map=identity, scores=scores)
-    assert not _aligned(mirrored, shape, shape).mirrored
-    assert not _aligned(replace(mirrored, mirrored=False), shape, shape).mirrored
+    assert not _align(mirrored, shape, shape).mirrored
+    assert not _align(replace(mirrored, mirrored=False), shape, shape).mirrored
 
 
 def leading(scores: list[float], quotas: tuple[tuple[int, int], tuple[int, int]], **others: Any) -> list[float]:
@@ -192,7 +192,7 @@ def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, mo
 
 def test_a_closed_shape_is_not_aligned_the_other_way_whatever_fits_better(ranked) -> None:
     candidates, *shapes = ranked
-    assert _aligned(replace(candidates[0], mirrored=True), *shapes).mirrored
+    assert _align(replace(candidates[0], mirrored=True), *shapes).mirrored
 
 
 @pytest.mark.parametrize("sides_are_known", [True, False])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import analysed, piece_of
+from pieces import analyse_piece, piece_of
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -14,11 +14,11 @@ from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.confidence import (
     CONFIDENCE,
     confidence_of,
+    counterparts_by_cycle,
     cycle_error,
-    partners_by_cycle,
     spectral_distance,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 MADE = creature(500, seed=0)
 TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
@@ -123,11 +123,11 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
 
 
 def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
-    lost = partners_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
+    lost = counterparts_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
     for has_partner in lost:
         assert shape.basis.areas[~has_partner].sum() == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
         assert has_partner[~TAIL].mean() > 0.95
-    assert np.concatenate(partners_by_cycle(identity(shape), identity(shape), shape, shape)).all()
+    assert np.concatenate(counterparts_by_cycle(identity(shape), identity(shape), shape, shape)).all()
 
 
 def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
@@ -138,15 +138,15 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
     nearest = cKDTree(holed.surface.vertices).query(whole.surface.vertices)[1]
     there = SurfaceMap.from_vertices(kept, whole.surface)
     back = SurfaceMap.from_vertices(nearest, holed.surface)
-    shapes = analysed(whole), analysed(holed)
+    shapes = analyse_piece(whole), analyse_piece(holed)
     # Ending on the border is what tells: the way there and back is short.
-    with retuned(CONFIDENCE, without_partner=1.0):
-        found = partners_by_cycle(there, back, *shapes)
+    with retune(CONFIDENCE, without_partner=1.0):
+        found = counterparts_by_cycle(there, back, *shapes)
         assert found.target.all()
         assert found.source[kept].all()
         assert found.source[inside].mean() < 0.5
-        with retuned(CONFIDENCE, beyond_border=1.0):
-            assert partners_by_cycle(there, back, *shapes).source.all()
+        with retune(CONFIDENCE, beyond_border=1.0):
+            assert counterparts_by_cycle(there, back, *shapes).source.all()
 
 
 def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
@@ -154,7 +154,7 @@ def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
     np.fill_diagonal(distance, np.inf)
     beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
     assert (beside != np.arange(len(beside))).mean() > 0.2
-    found = partners_by_cycle(vertex_map(beside, shape), identity(shape), shape, shape)
+    found = counterparts_by_cycle(vertex_map(beside, shape), identity(shape), shape, shape)
     assert found.target.mean() > 0.98
 
 
@@ -164,9 +164,9 @@ def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: S
     vertex = np.arange(len(distance))
     vertex[np.argsort(distance)[:3]] = np.argmax(distance)
     there = vertex_map(vertex, shape)
-    assert partners_by_cycle(there, identity(shape), shape, shape).target.all()
-    with retuned(CONFIDENCE, pooling=0.0):
-        assert not partners_by_cycle(there, identity(shape), shape, shape).target[centre]
+    assert counterparts_by_cycle(there, identity(shape), shape, shape).target.all()
+    with retune(CONFIDENCE, pooling=0.0):
+        assert not counterparts_by_cycle(there, identity(shape), shape, shape).target[centre]
 
 
 def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:

@@ -8,7 +8,7 @@ import pytest
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.matching.constraints import MIN_PINNING_WIDTH_RATIO, bent_to_points, missed_points
+from zoomout_core.matching.constraints import MIN_PINNING_WIDTH_RATIO, bend_to_points, landmark_errors
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 
@@ -90,20 +90,20 @@ def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
     larger = zo.Surface(3 * sheet.vertices, faces)  # the target may be in another unit
     straight = zo.SurfaceMap.from_vertices(np.arange(31**2), sheet)
     goal, place = np.array([[0.68, 0.5, 0.0]]), 3 * np.array([[0.5, 0.5, 0.0]])
-    assert missed_points(straight, sheet, larger, goal, place) == pytest.approx([0.18])
-    assert missed_points(straight, sheet, larger, place / 3, place) == pytest.approx([0], abs=1e-9)
+    assert landmark_errors(straight, sheet, larger, goal, place) == pytest.approx([0.18])
+    assert landmark_errors(straight, sheet, larger, place / 3, place) == pytest.approx([0], abs=1e-9)
 
     def turned_over(surface_map: zo.SurfaceMap) -> int:
         return int((area_normals(surface_map.interpolate(sheet.vertices), faces)[:, 2] < 0).sum())
 
-    bent = bent_to_points(straight, sheet, larger, goal, place)
-    assert missed_points(bent, sheet, larger, goal, place) == pytest.approx([0], abs=1e-6)
+    bent = bend_to_points(straight, sheet, larger, goal, place)
+    assert landmark_errors(bent, sheet, larger, goal, place) == pytest.approx([0], abs=1e-6)
     assert turned_over(bent) == 0
     far = np.linalg.norm(sheet.vertices - [0.5, 0.5, 0], axis=1) > 3 * MIN_PINNING_WIDTH_RATIO * 0.18 + 0.1
     np.testing.assert_array_equal(bent.vertex[far], straight.vertex[far])
     # Of two points at one vertex the first one counts, and the map is met there.
-    twice = bent_to_points(straight, sheet, larger, np.vstack([goal, goal + 0.05]), np.vstack([place, place]))
-    np.testing.assert_allclose(missed_points(twice, sheet, larger, goal, place), 0, atol=1e-6)
+    twice = bend_to_points(straight, sheet, larger, np.vstack([goal, goal + 0.05]), np.vstack([place, place]))
+    np.testing.assert_allclose(landmark_errors(twice, sheet, larger, goal, place), 0, atol=1e-6)
 
 
 def test_points_of_the_source_come_from_where_their_images_are() -> None:

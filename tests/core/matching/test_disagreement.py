@@ -13,7 +13,7 @@ from shapes import sheet
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions, pinned
+from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, pin
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
@@ -121,7 +121,7 @@ def test_a_pinned_landmark_takes_its_surroundings_along_and_nothing_else(pair: P
     target = int(np.argmax(MADE.directions[:, 1]))
     distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[target], axis=1)
     source = int(np.abs(distance - 0.08).argmin())
-    images = pinned(identity, pair, ([source], [target])).interpolate(shape.mesh.vertices)
+    images = pin(identity, pair, ([source], [target])).interpolate(shape.mesh.vertices)
     moved = np.linalg.norm(images - shape.mesh.vertices, axis=1)
     assert np.linalg.norm(images[target] - shape.mesh.vertices[source]) < 1e-9
     near = np.argsort(distance)[1:5]
@@ -143,13 +143,13 @@ def test_how_far_a_pinned_landmark_takes_its_surroundings_along_falls_as_a_gauss
     places, triangles = shape.mesh.vertices, shape.mesh.triangles
     inner = np.linalg.norm(places - places.mean(axis=0), axis=1).argmin()
     distance = dijkstra(edge_graph(places, triangles), indices=inner)
-    partner = int(np.argsort(distance)[1])
+    counterpart = int(np.argsort(distance)[1])
     corner_at = np.zeros(len(places), dtype=int)
     corner_at[triangles.ravel()] = np.arange(triangles.size)
     identity = SurfaceMap(corner_at // 3, np.eye(3)[corner_at % 3], triangles)
-    images = pinned(identity, Pair(flat, flat, shape, shape, 20, 5), ([partner], [inner])).interpolate(places)
+    images = pin(identity, Pair(flat, flat, shape, shape, 20, 5), ([counterpart], [inner])).interpolate(places)
     moved = np.linalg.norm(images - places, axis=1)
-    assert moved[inner] == pytest.approx(np.linalg.norm(places[partner] - places[inner]))
+    assert moved[inner] == pytest.approx(np.linalg.norm(places[counterpart] - places[inner]))
     # What leaves the sheet is brought back to its border, but for rounding.
     near = (distance > 0.02) & (distance < 0.15) & (moved > 1e-9 * moved[inner])
     rates = np.log(moved[near] / moved[inner]) / distance[near] ** 2
@@ -211,18 +211,18 @@ def test_regions_between_the_samples_speak_against_all_maps_alike(two) -> None:
 
 
 def test_axes_are_made_unit_vectors_or_refused() -> None:
-    np.testing.assert_allclose(checked_axes((0, 0, 2)), [[0, 0, 1]])
-    np.testing.assert_allclose(checked_axes([(3, 0, 4), (0, -2, 0)]), [[0.6, 0, 0.8], [0, -1, 0]])
-    assert checked_axes(None).shape == (0, 3)
+    np.testing.assert_allclose(check_axes((0, 0, 2)), [[0, 0, 1]])
+    np.testing.assert_allclose(check_axes([(3, 0, 4), (0, -2, 0)]), [[0.6, 0, 0.8], [0, -1, 0]])
+    assert check_axes(None).shape == (0, 3)
     for axes in ((0, 1), np.ones((1, 3, 3)), (np.nan, 0, 1), [(0, 0, 1), (0, 0, 0)]):
         with pytest.raises(ValueError, match="common_axes must be directions"):
-            checked_axes(axes)
+            check_axes(axes)
 
 
 def test_regions_are_vertices_of_each_surface_in_its_turn(two) -> None:
     pair, _ = two
-    ((of_source, of_target),) = checked_regions([([1, 300], (5,))], pair.source, pair.target)
+    ((of_source, of_target),) = check_regions([([1, 300], (5,))], pair.source, pair.target)
     np.testing.assert_array_equal(of_source, [1, 300])
     np.testing.assert_array_equal(of_target, [5])
     with pytest.raises(ValueError, match="Region 1 of the target"):
-        checked_regions([([1], [5]), ([300], [300])], pair.source, pair.target)
+        check_regions([([1], [5]), ([300], [300])], pair.source, pair.target)

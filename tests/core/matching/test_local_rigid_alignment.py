@@ -14,7 +14,7 @@ from zoomout_core.evaluation import flipped_share
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, _turns, align
 from zoomout_core.samples.spheres import ball
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 WIDTH = 0.08
 
@@ -87,5 +87,5 @@ def test_a_limb_that_is_a_line_takes_the_turn_about_it_from_the_body() -> None:
         return float((turns * turn.inv()).magnitude()[limbs].mean())
 
     with_neighbours = off()
-    with retuned(RIGID_ALIGNMENT, coherence=0.0):
+    with retune(RIGID_ALIGNMENT, coherence=0.0):
         assert with_neighbours < 0.85 * off()

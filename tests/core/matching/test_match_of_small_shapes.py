@@ -17,7 +17,7 @@ from zoomout_core.matching import dense_map, pipeline, preparation
 from zoomout_core.matching import result as result_module
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.components.bodies import Bodies
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses import guess as guess_module
 from zoomout_core.matching.hypotheses.given import given_hypothesis
@@ -89,12 +89,12 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
     def bending(refined: Any, *_: Any) -> Fit:
         for fraction in (0.0, 0.5, 1.0):
             advance(fraction)
-        return Fit.unfitted(refined)
+        return Fit.of_map(refined)
 
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
-    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
+    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
     # The way there, which is refined and then bent, and the way back, which is refined only.
@@ -156,9 +156,9 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
         return np.cumsum(shape.basis.areas) > share
 
     shapes = result.pair.source_shape, result.pair.target_shape
-    partners = Partners(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
+    counterparts = Counterparts(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), over))
-    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: partners)
+    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: counterparts)
     notes = notes_of(result, 0.97)
     assert len(notes) == len(words)
     assert all(some in note for some, note in zip(words, notes, strict=True))
@@ -285,7 +285,7 @@ def tried(
 ) -> tuple[int, float]:
     """How many of three bodies are tried, and how sure the one is that is taken; None for one without a landmark."""
     part = SOURCE.surface.working.part(0)[0]
-    bodies = [Bodies(replace(part, is_skin=skins), TARGET.surface.working.part(0)[0], 1.0)] * 2
+    bodies = [Bodies(replace(part, is_hull=skins), TARGET.surface.working.part(0)[0], 1.0)] * 2
     count = 0
 
     def find_bodies(*_: Any) -> list[Bodies]:

@@ -13,7 +13,7 @@ from creatures import creature
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.memory_cache import cached_analysis, kept_working_mesh
+from zoomout_core.matching.memory_cache import cached_analysis, cached_working_mesh
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 
@@ -46,12 +46,12 @@ def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
 
 def test_a_surface_of_the_same_arrays_is_read_once() -> None:
     first, again, other = (as_new(creature(count).surface) for count in (1500, 1500, 1400))
-    assert kept_working_mesh(first) is first.working
-    assert kept_working_mesh(again) is first.working
+    assert cached_working_mesh(first) is first.working
+    assert cached_working_mesh(again) is first.working
     assert again.working is first.working
-    assert kept_working_mesh(other) is not first.working
+    assert cached_working_mesh(other) is not first.working
     zo.forget_shapes()
-    assert kept_working_mesh(as_new(first)) is not first.working
+    assert cached_working_mesh(as_new(first)) is not first.working
 
 
 @pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
@@ -72,7 +72,7 @@ def test_other_numbers_make_it_another_shape(part: WorkingMesh) -> None:
 
 def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = prepared(part, 20), prepared(part, 21)
-    monkeypatch.setattr(memory_cache, "MOST_BYTES", 2.5 * memory_cache._bytes(second))
+    monkeypatch.setattr(memory_cache, "MAX_BYTES", 2.5 * memory_cache._bytes(second))
     assert prepared(part, 20) is first
     prepared(part, 22)  # there is no room for three
     assert prepared(part, 20) is first
@@ -80,7 +80,7 @@ def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeyp
 
 
 def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory_cache, "MOST_BYTES", 1000)
+    monkeypatch.setattr(memory_cache, "MAX_BYTES", 1000)
     assert prepared(part) is not prepared(part)
 
 

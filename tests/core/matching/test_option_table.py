@@ -10,7 +10,17 @@ import click
 import pytest
 
 from zoomout_core.cli import main
-from zoomout_core.matching.option_table import ACCURACY, MATCHING, NEAREST, OPTIONS, STARTS, Door, Kind, Option, offered
+from zoomout_core.matching.option_table import (
+    ACCURACY,
+    MATCHING,
+    NEAREST,
+    OPTIONS,
+    STARTS,
+    Door,
+    Kind,
+    Option,
+    select_options,
+)
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.matching.proximity import match_by_proximity
@@ -41,8 +51,8 @@ def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
 
 
 def test_filters_take_what_the_command_line_of_meshlab_hands_on() -> None:
-    flags = {option.name for option in offered((*MATCHING, *ACCURACY), Door.COMMAND_LINE)}
-    parameters = {option.name for option in offered((*MATCHING, *ACCURACY), Door.MESHLAB)}
+    flags = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.COMMAND_LINE)}
+    parameters = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.MESHLAB)}
     assert flags - parameters == {"earlier_map"}  # `read_options` makes it the initial map
 
 

@@ -135,7 +135,7 @@ def test_vertices_of_a_part_are_where_the_surface_has_them_to_the_bit(with_stray
     surface, shape = with_strays
     np.testing.assert_array_equal(positions_of_part(surface, shape), surface.vertices[1:-1])
     part = shape.proxy.full
-    skin = replace(part, vertices=1.1 * part.vertices, is_skin=True)
+    skin = replace(part, vertices=1.1 * part.vertices, is_hull=True)
     around = replace(shape, proxy=replace(shape.proxy, full=skin))
     np.testing.assert_array_equal(positions_of_part(surface, around), skin.to_surface(skin.vertices))
 

@@ -22,7 +22,7 @@ from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.retry import attempt_part, retry
 from zoomout_core.runtime.progress import advance
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 COUNT = 100
 PLACES = np.random.default_rng(1).standard_normal((COUNT, 3))
@@ -134,7 +134,7 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
     monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     target = target.with_vertices(factor * target.vertices)
-    with retuned(PART_MATCH, unsure=unsure):
+    with retune(PART_MATCH, unsure=unsure):
         result = zo.match(source, target, k_final=20, samples=100, **options)
     assert len(seen) == tried
     assert (result.candidates[0].certainty == 0.125) == tried
@@ -211,7 +211,7 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
-    with retuned(PART_MATCH, unsure=1.0):
+    with retune(PART_MATCH, unsure=1.0):
         other_unit = target.with_vertices(target.vertices * factor)
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
     assert (OTHER_UNITS in result.notes) == told
@@ -231,6 +231,6 @@ def test_a_note_says_that_a_shape_is_too_coarse_to_be_tried_as_a_part(
     if not coarse:
         monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     source, target = creature(200).surface, creature(180, seed=1).surface
-    with retuned(PART_MATCH, unsure=1.0):
+    with retune(PART_MATCH, unsure=1.0):
         result = zo.match(source, target, k_final=20, samples=100, landmarks=([0, 5], [0, 5]))
     assert (TOO_COARSE in result.notes) == told

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clothes import Region, dressed, jacket, shell, shirt, trousers
+from clothes import Region, dress, jacket, shell, shirt, trousers
 from reports import reports_of
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
@@ -30,7 +30,7 @@ def skin_weights(rest: np.ndarray) -> np.ndarray:
 
 def wearing(region: Region, offset: float, bend: float) -> tuple[zo.Surface, np.ndarray, zo.Surface, np.ndarray]:
     """A body and a garment on it, in one pose, with the true weights of each."""
-    both = dressed([shell("garment", region, offset, 1500, seed=3)], 4000, bend=bend)
+    both = dress([shell("garment", region, offset, 1500, seed=3)], 4000, bend=bend)
     parts = []
     for name in ("skin", "garment"):
         first, last = both.parts[name][[0, -1]]

@@ -14,7 +14,7 @@ from zoomout_core.matching import refinement
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.refinement import REFINEMENT, Schedule, refine
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 K_FINAL, STEP = MatchOptions().k_final, MatchOptions().step
 SCHEDULE = Schedule(((10, 0.08), (25, 0.05), (60, 0.04)), (12, 60))
@@ -147,7 +147,7 @@ def test_positions_weigh_less_on_all_vertices_the_larger_the_map(shape: ShapeAna
     rounds = Rounds(monkeypatch)
     refined(shape)
     plain = rounds.finishing
-    with retuned(REFINEMENT, finishing_size=20):
+    with retune(REFINEMENT, finishing_size=20):
         refined(shape)
     assert rounds.finishing == pytest.approx(plain / 4)
 

@@ -55,7 +55,7 @@ def test_weights_grow_with_the_square_of_the_ratio_of_squared_misses(shape: Shap
 
 def test_a_map_that_misses_by_nothing_in_space_is_weighed_without_dividing_by_zero(shape: ShapeAnalysis) -> None:
     with np.errstate(divide="raise", invalid="raise"):
-        assert weight_factor(shape, 0.0, 0.1) == REFINEMENT.most_factor
+        assert weight_factor(shape, 0.0, 0.1) == REFINEMENT.max_factor
 
 
 def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:

@@ -23,7 +23,7 @@ from zoomout_core.matching.scores import (
     total_score,
 )
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 SCORES = {
     "place": 0.05,
@@ -202,7 +202,7 @@ def test_images_are_smoothed_before_the_target_is_aligned_with_them_but_keep_the
 
     smoothed = off()
     for width in (0.0, 1.0):
-        with retuned(scores.SCORES, alignment_width=width):
+        with retune(scores.SCORES, alignment_width=width):
             assert smoothed < 0.95 * off()
 
 

@@ -98,4 +98,12 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_corners_are_turned_face_by_face() -> None:
-    assert more_files._turned(np.array([0, 1, 2, 3, 4, 5, 6]), np.array([3, 4])).tolist() == [2, 1, 0, 6, 5, 4, 3]
+    assert more_files._reverse_winding(np.array([0, 1, 2, 3, 4, 5, 6]), np.array([3, 4])).tolist() == [
+        2,
+        1,
+        0,
+        6,
+        5,
+        4,
+        3,
+    ]

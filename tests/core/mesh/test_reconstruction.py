@@ -8,7 +8,7 @@ import pytest
 from creatures import Creature, directions
 from scipy.spatial import ConvexHull, Delaunay
 
-from zoomout_core.mesh.reconstruction import _hull_corners, _manifold, triangulated_points
+from zoomout_core.mesh.reconstruction import _hull_corners, _manifold, triangulate_points
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
@@ -22,7 +22,7 @@ def bordering(triangles: np.ndarray) -> np.ndarray:
 
 def test_a_sphere_is_closed_and_turned_outwards_without_normals() -> None:
     points = directions(600, seed=2)
-    triangles = triangulated_points(points)
+    triangles = triangulate_points(points)
     assert len(triangles) >= 0.98 * (2 * len(points) - 4)
     assert bordering(triangles).max() == 2
     outwards = np.einsum("mx,mx->m", triangle_normals(points, triangles), points[triangles].mean(axis=1))
@@ -31,7 +31,7 @@ def test_a_sphere_is_closed_and_turned_outwards_without_normals() -> None:
 
 def test_points_in_a_plane_have_their_delaunay_triangulation() -> None:
     flat = np.random.default_rng(1).uniform(size=(300, 2))
-    triangles = triangulated_points(np.column_stack([flat, np.zeros(300)]))
+    triangles = triangulate_points(np.column_stack([flat, np.zeros(300)]))
     expected = {tuple(sorted(simplex)) for simplex in Delaunay(flat).simplices}
     found = {tuple(sorted(triangle)) for triangle in triangles.tolist()}
     inner = {
@@ -62,7 +62,7 @@ def test_sheets_that_lie_close_are_not_joined() -> None:
     lower = np.column_stack([grid, np.zeros(len(grid))])
     upper = np.column_stack([grid[:, ::-1] + 0.4, np.full(len(grid), 0.25)])
     normals = np.repeat([[0.0, 0, -1], [0, 0, 1]], len(grid), axis=0)
-    triangles = triangulated_points(np.concatenate([lower, upper]), normals)
+    triangles = triangulate_points(np.concatenate([lower, upper]), normals)
     sheet = triangles // len(grid)
     assert (sheet.min(axis=1) < sheet.max(axis=1)).mean() < 0.05
     assert len(triangles) > 1000
@@ -71,7 +71,7 @@ def test_sheets_that_lie_close_are_not_joined() -> None:
 def test_given_normals_say_which_side_is_outside() -> None:
     points = directions(400, seed=5)
     for sense in (1, -1):
-        triangles = triangulated_points(points, sense * points)
+        triangles = triangulate_points(points, sense * points)
         facing = np.einsum("mx,mx->m", triangle_normals(points, triangles), points[triangles].mean(axis=1))
         assert (sense * facing > 0).all()
 
@@ -91,7 +91,7 @@ def test_a_creature_is_reconstructed_from_its_vertices_alone(resting: Creature) 
 def test_points_at_one_place_are_one_and_stray_ones_are_left_out() -> None:
     points = directions(300, seed=6)
     cloud = np.concatenate([points[:100], points, 5 + 0.01 * directions(5, seed=0)])
-    triangles = triangulated_points(cloud)
+    triangles = triangulate_points(cloud)
     assert len(triangles) >= 0.97 * 596
     assert not np.isin(triangles, np.arange(100, 200)).any()
     assert triangles.max() < 400
@@ -113,7 +113,7 @@ def test_surfaces_stay_and_other_things_are_refused(resting: Creature) -> None:
 def test_noise_leaves_few_holes() -> None:
     random = np.random.default_rng(1)
     ball = directions(700, seed=1) * (1 + 0.06 * random.standard_normal((700, 1)))
-    assert (bordering(triangulated_points(ball)) == 1).sum() < 50
+    assert (bordering(triangulate_points(ball)) == 1).sum() < 50
 
 
 def test_triangles_whose_corners_face_different_ways_are_left_out_and_edges_go_to_the_first() -> None:

@@ -41,13 +41,13 @@ def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     given: list[np.ndarray] = []
-    plain = decimation._simplified
+    plain = decimation._simplify
 
     def watched(vertices: np.ndarray, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         given.append(vertices)
         return plain(vertices, triangles, count)
 
-    monkeypatch.setattr(decimation, "_simplified", watched)
+    monkeypatch.setattr(decimation, "_simplify", watched)
     dense, triangles = plane(60)
     decimate(dense, triangles, 40)
     thinned = given[0]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.mesh.voxel_remesh import _bridged, _filled, _rasterised, _walls_around, surface_nets, voxel_remesh
+from zoomout_core.mesh.voxel_remesh import _bridge, _fill, _rasterise, _walls_around, surface_nets, voxel_remesh
 
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -141,7 +141,7 @@ def walls_of_a_box() -> np.ndarray:
 
 def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
     corners = np.array([[2, 2, 3], [14, 2, 3], [2, 14, 3], [15, 15, 9], [15.2, 15, 9], [15, 15.2, 9.0]])
-    found = _rasterised(corners, np.array([[0, 1, 2], [3, 4, 5]]), np.array([18, 18, 12]))
+    found = _rasterise(corners, np.array([[0, 1, 2], [3, 4, 5]]), np.array([18, 18, 12]))
     i, j = np.indices((18, 18))
     expected = np.zeros((18, 18, 12), dtype=bool)
     expected[:, :, 3] = (i >= 2) & (j >= 2) & (i + j <= 16)
@@ -149,14 +149,14 @@ def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
     sure = np.ones_like(expected)
     sure[:, :, 3] = i + j != 17  # which the hypotenuse passes through at a corner
     np.testing.assert_array_equal(found[sure], expected[sure])
-    alone = _rasterised(corners[:3], np.array([[0, 1, 2]]), np.array([18, 18, 12]))
+    alone = _rasterise(corners[:3], np.array([[0, 1, 2]]), np.array([18, 18, 12]))
     np.testing.assert_array_equal(alone[:, :, 3], found[:, :, 3])
 
 
 def test_a_triangle_is_rasterised_up_to_its_corners() -> None:
     # Each of which is all that lies in its voxel.
     corners = np.array([[2.45, 2.45, 3], [13.55, 2.45, 3], [2.45, 13.55, 3]])
-    found = _rasterised(corners, np.array([[0, 1, 2]]), np.array([18, 18, 12]))
+    found = _rasterise(corners, np.array([[0, 1, 2]]), np.array([18, 18, 12]))
     assert found[[2, 14, 2], [2, 2, 14], 3].all()
 
 
@@ -195,9 +195,9 @@ def test_a_box_is_filled_unless_its_holes_let_too_many_directions_out(holes: int
     # Where the lid is met in the nine directions upwards from the middle.
     for i, j in list(product((8, 4, 12), repeat=2))[:holes]:
         box[i, j, 12] = False
-    assert _filled(box)[8, 8, 8] == filled
-    assert _filled(box)[8, 8, 4]
-    assert not _filled(box)[8, 8, 14]
+    assert _fill(box)[8, 8, 8] == filled
+    assert _fill(box)[8, 8, 4]
+    assert not _fill(box)[8, 8, 14]
 
 
 def test_what_is_closed_is_filled_to_the_last_voxel_however_it_is_turned() -> None:
@@ -205,14 +205,14 @@ def test_what_is_closed_is_filled_to_the_last_voxel_however_it_is_turned() -> No
     for turn in Rotation.random(6, random_state=2):
         points = turn.apply(BOX * [24, 16, 12])
         points = points - points.min(axis=0) + 4
-        walls = _rasterised(points, corners, np.ceil(points.max(axis=0)).astype(int) + 5)
-        assert label(~_filled(walls))[1] == 1
+        walls = _rasterise(points, corners, np.ceil(points.max(axis=0)).astype(int) + 5)
+        assert label(~_fill(walls))[1] == 1
 
 
 def test_pieces_that_are_near_are_joined_where_they_are_nearest() -> None:
     near = ((2, 2, 2), (6, 6, 6)), ((10, 4, 4), (14, 8, 8))
     for boxes in (near, near[::-1]):
-        joined = _bridged(block((20, 12, 12), *boxes), 5.0)
+        joined = _bridge(block((20, 12, 12), *boxes), 5.0)
         assert label(joined)[1] == 1
         assert joined[8, 4:7, 4:7].any()
         assert not joined[8, :4].any()
@@ -222,14 +222,14 @@ def test_pieces_that_are_near_are_joined_where_they_are_nearest() -> None:
 @pytest.mark.parametrize(("widest", "joined"), [(3.5, True), (2.5, False)])
 def test_gaps_are_bridged_up_to_a_width(widest: float, joined: bool) -> None:
     # Three empty voxels.
-    found = _bridged(block((20, 12, 12), ((2, 2, 2), (7, 6, 6)), ((11, 2, 2), (14, 6, 6))), widest)
+    found = _bridge(block((20, 12, 12), ((2, 2, 2), (7, 6, 6)), ((11, 2, 2), (14, 6, 6))), widest)
     assert found[13, 4, 4] == joined
     assert found[4, 4, 4]
 
 
 def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
     row = [((3 * i + 2, 2, 2), (3 * i + 3, 6, 6)) for i in range(4)]
-    found = _bridged(block((20, 12, 12), *row, ((2, 10, 2), (12, 10, 6))), 5.0)
+    found = _bridge(block((20, 12, 12), *row, ((2, 10, 2), (12, 10, 6))), 5.0)
     assert label(found)[1] == 1
     tubes = found.sum() - 4 * 50 - 55
     assert 0 < tubes < 4 * 20
@@ -237,9 +237,9 @@ def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
 
 def test_a_single_piece_stays_and_of_several_the_largest() -> None:
     one = block((12, 12, 12), ((2, 2, 2), (5, 5, 5)))
-    np.testing.assert_array_equal(_bridged(one, 3.0), one)
+    np.testing.assert_array_equal(_bridge(one, 3.0), one)
     touching = one | block((12, 12, 12), ((6, 6, 6), (7, 7, 7)))  # at a corner
-    np.testing.assert_array_equal(_bridged(touching, 3.0), touching)
+    np.testing.assert_array_equal(_bridge(touching, 3.0), touching)
     two = one | block((12, 12, 12), ((8, 8, 8), (9, 9, 9)))
-    np.testing.assert_array_equal(_bridged(two, 1.5), one)
-    np.testing.assert_array_equal(_bridged(two[::-1, ::-1, ::-1], 1.5), one[::-1, ::-1, ::-1])
+    np.testing.assert_array_equal(_bridge(two, 1.5), one)
+    np.testing.assert_array_equal(_bridge(two[::-1, ::-1, ::-1], 1.5), one[::-1, ::-1, ::-1])

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
+from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
 class Thing:
@@ -48,7 +48,7 @@ def test_it_is_raised_as_soon_as_it_can_be() -> None:
     things = [Thing()]
     reference = weakref.ref(things[0], interrupted)
     before = sys.unraisablehook
-    with pytest.raises(KeyboardInterrupt), interrupts_heard():
+    with pytest.raises(KeyboardInterrupt), handle_interrupts():
         let_go_and_wait(things)
     assert reference() is None
     assert sys.unraisablehook is before
@@ -58,7 +58,7 @@ def test_it_is_raised_as_soon_as_it_can_be() -> None:
 @pytest.mark.parametrize("made_of_it", [ImportError("initialization failed"), SystemExit(1)])
 def test_it_stays_one_where_it_is_turned_into_a_failure(made_of_it: BaseException) -> None:
     handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), interrupts_heard():
+    with pytest.raises(KeyboardInterrupt), handle_interrupts():
         interrupted_and_ending_with(made_of_it)
     assert signal.getsignal(signal.SIGINT) is handler
 
@@ -66,14 +66,14 @@ def test_it_stays_one_where_it_is_turned_into_a_failure(made_of_it: BaseExceptio
 @pytest.mark.usefixtures("hearing")
 @pytest.mark.parametrize("code", [0, INTERRUPTED])
 def test_what_is_done_all_the_same_or_was_said_stays_so(code: int) -> None:
-    with pytest.raises(SystemExit) as ended, interrupts_heard():
+    with pytest.raises(SystemExit) as ended, handle_interrupts():
         interrupted_and_ending_with(SystemExit(code))
     assert ended.value.code == code
 
 
 @pytest.mark.usefixtures("hearing")
 def test_failures_without_one_stay_as_they_are() -> None:
-    with pytest.raises(ImportError), interrupts_heard():
+    with pytest.raises(ImportError), handle_interrupts():
         raise ImportError
 
 
@@ -86,7 +86,7 @@ def test_other_exceptions_are_told_as_before(monkeypatch: pytest.MonkeyPatch) ->
 
     thing = Thing()
     reference = weakref.ref(thing, failing)
-    with interrupts_heard():
+    with handle_interrupts():
         del thing
     assert reference() is None
     assert told == [ValueError]

@@ -13,10 +13,10 @@ from mannequins import STEP, mannequin
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
-from zoomout_core.matching.components.skins import SKINS
+from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side, threads
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # Seconds after which a test fails that waits for another thread.
 LONG = 10
@@ -362,7 +362,7 @@ def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[in
     for count in counts:
         zo.set_threads(count)
         zo.forget_shapes()
-        with retuned(SKINS, resolution=48):
+        with retune(HULLS, resolution=48):
             found.append(zo.match(source, target, k_final=30, samples=200))
     first, *others = found
     for other in others:

@@ -149,14 +149,14 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
     resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     exact = eigenbasis(resting.surface, 30)
-    factorised = module.factorised
+    factorised = module.factorise
 
     def with_little_memory(matrix: csc_array) -> SuperLU:
         if matrix.shape[0] > 2500:
             raise MemoryError
         return factorised(matrix)
 
-    monkeypatch.setattr(module, "factorised", with_little_memory)
+    monkeypatch.setattr(module, "factorise", with_little_memory)
     monkeypatch.setattr(module, "COARSE_VERTICES", 2000)
     basis = eigenbasis(resting.surface, 30)
     assert "not enough memory" in caplog.text

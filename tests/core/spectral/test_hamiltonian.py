@@ -65,14 +65,14 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
 ) -> None:
     beyond = resting.directions[:, 0] < 0.1
     exact = zo.hamiltonian_basis(resting.surface, beyond, 30)
-    factorised = eigenbasis.factorised
+    factorised = eigenbasis.factorise
 
     def with_little_memory(matrix: csc_array) -> SuperLU:
         if matrix.shape[0] > 2500:
             raise MemoryError
         return factorised(matrix)
 
-    monkeypatch.setattr(eigenbasis, "factorised", with_little_memory)
+    monkeypatch.setattr(eigenbasis, "factorise", with_little_memory)
     monkeypatch.setattr(eigenbasis, "COARSE_VERTICES", 2000)
     basis = zo.hamiltonian_basis(resting.surface, beyond, 30)
     assert "not enough memory" in caplog.text

@@ -21,9 +21,9 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry import detect
 from zoomout_core.symmetry.detect import _place, energies, find_candidates
-from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
+from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.symmetry.uv import symmetrised_uv
+from zoomout_core.symmetry.uv import symmetrise_uv
 
 
 def egg(scale: float = 1.0) -> SelfMap:
@@ -103,14 +103,14 @@ def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mir
 def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: SelfMap) -> None:
     offsets = np.random.default_rng(0).normal(size=(len(EVEN), 1)) * EVEN + [0.1, 0.2, -0.3]
     truth = (offsets * MIRROR)[mirrored_vertex(mirror.surface)]
-    other = mirrored_offsets(offsets, mirror)
+    other = mirror_offsets(offsets, mirror)
     assert np.linalg.norm(other - truth, axis=1).mean() < 0.05 * np.linalg.norm(truth, axis=1).mean()
     left, right = EVEN[:, 0] > 1e-9, EVEN[:, 0] < -1e-9
-    taken = symmetrised_offsets(offsets, mirror, "left_to_right")
+    taken = symmetrise_offsets(offsets, mirror, "left_to_right")
     np.testing.assert_array_equal(taken[left], offsets[left])
     np.testing.assert_allclose(taken[right], other[right])
-    np.testing.assert_allclose(symmetrised_offsets(offsets, mirror, "average"), (offsets + other) / 2)
-    np.testing.assert_allclose(symmetrised_offsets(offsets, mirror, "exchange"), other)
+    np.testing.assert_allclose(symmetrise_offsets(offsets, mirror, "average"), (offsets + other) / 2)
+    np.testing.assert_allclose(symmetrise_offsets(offsets, mirror, "exchange"), other)
 
 
 def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() -> None:
@@ -162,7 +162,7 @@ LEFT = (SURFACE.vertices[SURFACE.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:
 
 def laid(values: np.ndarray, layout: str, direction: str = "left_to_right") -> np.ndarray:
     attribute = zo.Attribute("UVMap", zo.Domain.CORNER, zo.Kind.UV, values)
-    return symmetrised_uv(attribute, SYMMETRY, direction, layout).values  # type: ignore[arg-type]
+    return symmetrise_uv(attribute, SYMMETRY, direction, layout).values  # type: ignore[arg-type]
 
 
 def test_over_puts_each_side_where_the_other_one_is() -> None:

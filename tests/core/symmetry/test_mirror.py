@@ -11,7 +11,7 @@ from creatures import Creature
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.symmetry.mirror import asymmetry, mirrored, names_flipped, symmetrised, with_partners
+from zoomout_core.symmetry.mirror import asymmetry, flip_names, mirror, symmetrise, with_counterparts
 
 NAMES = ("Arm.L", "Arm.R", "Spine")
 
@@ -35,20 +35,20 @@ def test_a_winning_side_gives_its_weights_to_the_other(reflection: zo.Symmetry, 
     truth = true_weights(bent.directions)
     broken = truth.copy()
     broken[bent.directions[:, 0] < 0] = [0, 0, 1]
-    mended = symmetrised(weights_of(broken), reflection, "left_to_right")
+    mended = symmetrise(weights_of(broken), reflection, "left_to_right")
     assert mended.labels == NAMES
     np.testing.assert_allclose(mended.values.sum(axis=1), 1, atol=1e-6)
     error = np.abs(mended.values.toarray() - truth).sum(axis=1)
     assert error.mean() < 0.03 < 0.3 * np.abs(broken - truth).sum(axis=1).mean()
     left = bent.directions[:, 0] > 0.1
     np.testing.assert_allclose(mended.values.toarray()[left], truth[left], atol=1e-3)
-    spoilt = symmetrised(weights_of(broken), reflection, "right_to_left").values.toarray()
+    spoilt = symmetrise(weights_of(broken), reflection, "right_to_left").values.toarray()
     assert np.abs(spoilt[:, 2] - 1).mean() < 0.02
 
 
 def test_the_mean_of_both_sides_keeps_the_limit_of_groups(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = true_weights(bent.directions)
-    mean = symmetrised(weights_of(truth), reflection, "average")
+    mean = symmetrise(weights_of(truth), reflection, "average")
     assert np.abs(mean.values.toarray() - truth).sum(axis=1).mean() < 0.03
     assert np.diff(mean.values.indptr).max() <= np.diff(csr_array(truth).indptr).max()
     np.testing.assert_allclose(mean.values.sum(axis=1), 1, atol=1e-6)
@@ -57,19 +57,19 @@ def test_the_mean_of_both_sides_keeps_the_limit_of_groups(reflection: zo.Symmetr
 def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = true_weights(bent.directions)
     one_sided = weights_of(truth[:, [0, 2]], ("Arm.L", "Spine"))
-    assert with_partners(one_sided).labels == ("Arm.L", "Spine", "Arm.R")
-    flipped = names_flipped(one_sided).values.toarray()
+    assert with_counterparts(one_sided).labels == ("Arm.L", "Spine", "Arm.R")
+    flipped = flip_names(one_sided).values.toarray()
     np.testing.assert_array_equal(flipped, np.column_stack([0 * truth[:, 0], truth[:, 2], truth[:, 0]]))
-    both = mirrored(one_sided, reflection).values.toarray()
+    both = mirror(one_sided, reflection).values.toarray()
     assert np.abs(both[:, 2] - truth[:, 1]).mean() < 0.03
     assert both[:, 0].max() == 0
 
 
 def test_a_name_in_odd_spelling_has_a_partner_all_the_same() -> None:
-    flipped = names_flipped(weights_of(np.array([[0.5, 0.25]]), ("arm lEFT", "Spine")))
+    flipped = flip_names(weights_of(np.array([[0.5, 0.25]]), ("arm lEFT", "Spine")))
     assert flipped.labels == ("arm lEFT", "Spine", "arm right")
     np.testing.assert_array_equal(flipped.values.toarray(), [[0, 0.25, 0.5]])
-    assert with_partners(flipped).labels == flipped.labels
+    assert with_counterparts(flipped).labels == flipped.labels
 
 
 def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: Creature) -> None:
@@ -86,9 +86,9 @@ def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: 
     )
     loose = [[0.25, 0, 0.5], [0, 0, 0]]
     for direction in ("left_to_right", "average", "exchange"):
-        made = symmetrised(weights_of(np.vstack([true_weights(bent.directions), loose])), symmetry, direction)
+        made = symmetrise(weights_of(np.vstack([true_weights(bent.directions), loose])), symmetry, direction)
         np.testing.assert_array_equal(made.values.toarray()[count:], loose)
-        numbers = symmetrised(point(np.arange(count + 2.0)), symmetry, direction)
+        numbers = symmetrise(point(np.arange(count + 2.0)), symmetry, direction)
         np.testing.assert_array_equal(numbers.values[count:], [count, count + 1])
 
 
@@ -96,26 +96,26 @@ def test_numbers_colours_and_labels_take_the_winning_side(reflection: zo.Symmetr
     x, height = bent.directions[:, 0], bent.directions[:, 2]
     left = x > 0
     off_line = np.abs(x) > 0.1
-    number = symmetrised(point(np.where(left, height, 5.0)), reflection).values
+    number = symmetrise(point(np.where(left, height, 5.0)), reflection).values
     assert np.abs(number - height)[off_line].mean() < 0.03
     colour = np.where(left[:, None], np.abs(bent.directions), 0)
-    taken = symmetrised(point(colour, zo.Kind.COLOR), reflection).values
+    taken = symmetrise(point(colour, zo.Kind.COLOR), reflection).values
     assert np.abs(taken - np.abs(bent.directions))[off_line].mean() < 0.03
     label = np.where(left, np.where(height > 0, "upper", "lower"), "none")
     clear = off_line & (np.abs(height) > 0.1)
-    taken = symmetrised(point(label, zo.Kind.LABEL), reflection).values
+    taken = symmetrise(point(label, zo.Kind.LABEL), reflection).values
     assert (taken == np.where(height > 0, "upper", "lower"))[clear].mean() > 0.99
     with pytest.raises(zo.MeshError, match="cannot be averaged"):
-        symmetrised(point(label, zo.Kind.LABEL), reflection, "average")
+        symmetrise(point(label, zo.Kind.LABEL), reflection, "average")
 
 
 def test_a_selection_on_either_side_is_on_both(reflection: zo.Symmetry, bent: Creature) -> None:
     x = bent.directions[:, 0]
     selected = point(x > 0.3, zo.Kind.BOOLEAN)
     clear = np.abs(np.abs(x) - 0.3) > 0.1
-    both = symmetrised(selected, reflection, "average").values
+    both = symmetrise(selected, reflection, "average").values
     assert (both == (np.abs(x) > 0.3))[clear].mean() > 0.99
-    other = mirrored(selected, reflection).values
+    other = mirror(selected, reflection).values
     assert (other == (x < -0.3))[clear].mean() > 0.99
 
 
@@ -125,10 +125,10 @@ def test_faces_and_corners_lie_on_one_side(reflection: zo.Symmetry, bent: Creatu
     z = bent.directions[surface.triangles, 2].mean(axis=1)
     clear = np.abs(z) > 0.15
     label = zo.Attribute("Label", zo.Domain.FACE, zo.Kind.LABEL, np.where(x > 0, (z > 0).astype(int), 7))
-    assert (symmetrised(label, reflection).values == (z > 0))[clear].mean() > 0.98
+    assert (symmetrise(label, reflection).values == (z > 0))[clear].mean() > 0.98
     height = bent.directions[surface.corner_vertex, 2]
     corner = zo.Attribute("Height", zo.Domain.CORNER, zo.Kind.SCALAR, np.where(np.repeat(x, 3) > 0, height, 9.0))
-    found = symmetrised(corner, reflection).values
+    found = symmetrise(corner, reflection).values
     assert np.median(np.abs(found - height)) < 0.03
 
 
@@ -148,26 +148,26 @@ def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: C
     turn = replace(reflection, distance=np.zeros_like(reflection.distance))
     values = point(np.abs(bent.directions[:, 0]))
     with pytest.raises(zo.MeshError, match="no left and right"):
-        symmetrised(values, turn, "left_to_right")
-    assert np.abs(symmetrised(values, turn, "average").values - values.values).mean() < 0.02
+        symmetrise(values, turn, "left_to_right")
+    assert np.abs(symmetrise(values, turn, "average").values - values.values).mean() < 0.02
     with pytest.raises(ValueError, match="direction"):
-        symmetrised(values, reflection, "both")  # type: ignore[arg-type]
+        symmetrise(values, reflection, "both")  # type: ignore[arg-type]
 
 
 def test_sides_change_places(reflection: zo.Symmetry, bent: Creature) -> None:
     x = bent.directions[:, 0]
     clear = np.abs(x) > 0.1
-    exchanged = symmetrised(point(x), reflection, "exchange").values
+    exchanged = symmetrise(point(x), reflection, "exchange").values
     assert np.abs(exchanged + x).mean() < 0.02
     truth = true_weights(bent.directions)
     lopsided = np.column_stack([truth[:, 0] / 2, truth[:, 1], 1 - truth[:, 0] / 2 - truth[:, 1]])
     wanted = np.column_stack([truth[:, 0], truth[:, 1] / 2, 1 - truth[:, 0] - truth[:, 1] / 2])
-    found = symmetrised(weights_of(lopsided), reflection, "exchange")
+    found = symmetrise(weights_of(lopsided), reflection, "exchange")
     assert np.abs(found.values.toarray() - wanted).sum(axis=1).mean() < 0.03
     label = point(np.where(x > 0, "left", "right"), zo.Kind.LABEL)
-    assert (symmetrised(label, reflection, "exchange").values != label.values)[clear].mean() > 0.99
+    assert (symmetrise(label, reflection, "exchange").values != label.values)[clear].mean() > 0.99
     turn = replace(reflection, distance=np.zeros_like(x))
-    np.testing.assert_allclose(symmetrised(point(x), turn, "exchange").values, exchanged)
+    np.testing.assert_allclose(symmetrise(point(x), turn, "exchange").values, exchanged)
 
 
 def ring(made: Creature, axis: int) -> np.ndarray:
@@ -193,16 +193,16 @@ def length_of(marked: np.ndarray, made: Creature) -> float:
 def test_lines_are_drawn_anew_on_the_other_side(reflection: zo.Symmetry, bent: Creature) -> None:
     belt, x = ring(bent, 2), bent.directions[bent.surface.edges, 0]
     left, right = x.min(axis=1) > 0.1, x.max(axis=1) < -0.1
-    found = symmetrised(marks_of(belt & (x.mean(axis=1) > 0)), reflection).values
+    found = symmetrise(marks_of(belt & (x.mean(axis=1) > 0)), reflection).values
     np.testing.assert_array_equal(found[left], belt[left])
     assert length_of(found & right, bent) == pytest.approx(length_of(belt & right, bent), rel=0.2)
     assert np.abs(bent.directions[bent.surface.edges[found & right], 2]).max() < 0.2
-    both = symmetrised(marks_of(belt), reflection, "average").values
+    both = symmetrise(marks_of(belt), reflection, "average").values
     assert both[belt].all()
 
 
 def test_a_line_along_the_middle_stays_whole(reflection: zo.Symmetry, bent: Creature) -> None:
     middle = ring(bent, 0)
-    found = symmetrised(marks_of(middle), reflection).values
+    found = symmetrise(marks_of(middle), reflection).values
     assert found[middle].mean() > 0.9
     assert length_of(found, bent) < 1.3 * length_of(middle, bent)

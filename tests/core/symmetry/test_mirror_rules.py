@@ -13,12 +13,12 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.mirror import (
     asymmetry,
     distance_of,
+    flip_names,
     has_mean,
-    mirrored,
-    names_flipped,
+    mirror,
     own_share_of,
-    symmetrised,
-    with_partners,
+    symmetrise,
+    with_counterparts,
 )
 from zoomout_core.symmetry.offsets import left_share, split_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -42,7 +42,7 @@ def test_each_direction_keeps_its_sides(direction: str, on_left: float, on_right
     share = own_share_of(zo.Domain.POINT, SYMMETRY, direction)  # type: ignore[arg-type]
     np.testing.assert_array_equal(share, on_left * LEFT + on_right * RIGHT + in_middle * MIDDLE)
     own = np.random.default_rng(0).random(len(X))
-    found = symmetrised(point(own), SYMMETRY, direction).values  # type: ignore[arg-type]
+    found = symmetrise(point(own), SYMMETRY, direction).values  # type: ignore[arg-type]
     np.testing.assert_allclose(found, share * own + (1 - share) * own[OTHER], atol=1e-12)
 
 
@@ -79,20 +79,20 @@ def test_edges_beside_the_line_count_as_along_it_if_they_are_long_against_their_
 
 def test_labels_come_from_the_one_side_or_the_other() -> None:
     label = np.where(LEFT, "left", np.where(RIGHT, "right", "middle"))
-    found = symmetrised(point(label, zo.Kind.LABEL), SYMMETRY, "left_to_right").values
+    found = symmetrise(point(label, zo.Kind.LABEL), SYMMETRY, "left_to_right").values
     np.testing.assert_array_equal(found, np.where(MIDDLE, "middle", "left"))
-    found = symmetrised(point(label, zo.Kind.LABEL), SYMMETRY, "exchange").values
+    found = symmetrise(point(label, zo.Kind.LABEL), SYMMETRY, "exchange").values
     np.testing.assert_array_equal(found, np.where(LEFT, "right", np.where(RIGHT, "left", "middle")))
     with pytest.raises(zo.MeshError, match="cannot be averaged"):
-        symmetrised(point(label, zo.Kind.LABEL), SYMMETRY, "average")
+        symmetrise(point(label, zo.Kind.LABEL), SYMMETRY, "average")
 
 
 def test_marks_and_selections_of_either_side_are_the_mean() -> None:
     mark = np.where(LEFT & (np.arange(len(X)) % 3 == 0), 0.7, np.where(RIGHT & (np.arange(len(X)) % 5 == 0), 0.2, 0))
-    found = symmetrised(point(mark, zo.Kind.MARK), SYMMETRY, "average").values
+    found = symmetrise(point(mark, zo.Kind.MARK), SYMMETRY, "average").values
     np.testing.assert_allclose(found, np.maximum(mark, mark[OTHER]), atol=1e-9)
     chosen = point(mark > 0, zo.Kind.BOOLEAN)
-    np.testing.assert_array_equal(symmetrised(chosen, SYMMETRY, "average").values, (mark > 0) | (mark > 0)[OTHER])
+    np.testing.assert_array_equal(symmetrise(chosen, SYMMETRY, "average").values, (mark > 0) | (mark > 0)[OTHER])
     kinds = {kind for kind in zo.Kind if has_mean(point(np.zeros(1), kind))}
     assert {zo.Kind.SCALAR, zo.Kind.COLOR, zo.Kind.WEIGHT, zo.Kind.BOOLEAN, zo.Kind.MARK} <= kinds
     assert not kinds & {zo.Kind.LABEL, zo.Kind.UV, zo.Kind.QUATERNION}
@@ -120,13 +120,13 @@ LOPSIDED = np.column_stack([np.clip(X, 0, 1), np.clip(-X, 0, 1) / 2, 1 - np.clip
 def test_weights_change_sides_and_names() -> None:
     flipped = LOPSIDED[OTHER][:, [1, 0, 2]]
     skin = weights(LOPSIDED, NAMES)
-    np.testing.assert_allclose(mirrored(skin, SYMMETRY).values.toarray(), flipped, atol=1e-9)
-    np.testing.assert_array_equal(names_flipped(skin).values.toarray(), LOPSIDED[:, [1, 0, 2]])
+    np.testing.assert_allclose(mirror(skin, SYMMETRY).values.toarray(), flipped, atol=1e-9)
+    np.testing.assert_array_equal(flip_names(skin).values.toarray(), LOPSIDED[:, [1, 0, 2]])
     for direction, own in (("left_to_right", LEFT), ("right_to_left", RIGHT), ("exchange", 0 * X > 1)):
         expected = np.where((own | MIDDLE)[:, None], LOPSIDED, flipped)
-        found = symmetrised(skin, SYMMETRY, direction).values.toarray()  # type: ignore[arg-type]
+        found = symmetrise(skin, SYMMETRY, direction).values.toarray()  # type: ignore[arg-type]
         np.testing.assert_allclose(found[~MIDDLE], expected[~MIDDLE], atol=1e-9)
-    mean = symmetrised(skin, SYMMETRY, "average").values.toarray()
+    mean = symmetrise(skin, SYMMETRY, "average").values.toarray()
     np.testing.assert_allclose(mean, (LOPSIDED + flipped) / 2, atol=1e-9)
 
 
@@ -136,16 +136,16 @@ def test_groups_to_a_vertex_stay_as_few_as_they_were_and_can_be_fewer() -> None:
     table[:, 1] = np.where(LEFT, 0.3, 0)
     table[:, 2] = np.where(LEFT, 0, 0.4)
     skin = weights(table, ("a", "b", "c", "d"))
-    mean = symmetrised(skin, SYMMETRY, "average").values
+    mean = symmetrise(skin, SYMMETRY, "average").values
     assert np.diff(mean.indptr).max() == 2
     np.testing.assert_allclose(mean.sum(axis=1), 1, atol=1e-9)
-    one = symmetrised(skin, SYMMETRY, "average", limit=1).values
+    one = symmetrise(skin, SYMMETRY, "average", limit=1).values
     assert np.diff(one.indptr).max() == 1
 
 
 def test_a_side_gives_its_weights_to_a_group_that_was_missing() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
-    found = symmetrised(skin, SYMMETRY, "left_to_right")
+    found = symmetrise(skin, SYMMETRY, "left_to_right")
     assert found.labels == ("Hand.L", "Spine", "Hand.R")
     left = LOPSIDED[:, [0, 2]]
     np.testing.assert_allclose(found.values.toarray()[LEFT], np.column_stack([left, 0 * X])[LEFT], atol=1e-9)
@@ -156,7 +156,7 @@ def test_a_side_gives_its_weights_to_a_group_that_was_missing() -> None:
 def test_where_no_vertex_has_a_weight_none_gets_one() -> None:
     skin = weights(np.zeros((len(X), 2)), ("a", "b"))
     for direction in ("average", "left_to_right"):
-        assert symmetrised(skin, SYMMETRY, direction).values.nnz == 0  # type: ignore[arg-type]
+        assert symmetrise(skin, SYMMETRY, direction).values.nnz == 0  # type: ignore[arg-type]
 
 
 def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> None:
@@ -168,11 +168,11 @@ def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> N
 
 def test_partners_that_are_missing_are_added_once() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
-    both = with_partners(skin)
+    both = with_counterparts(skin)
     assert both.labels == ("Hand.L", "Spine", "Hand.R")
     assert both.values.shape == (len(X), 3)
-    assert with_partners(both) is both
-    assert with_partners(skin, others=("Hand.R",)).labels == both.labels
+    assert with_counterparts(both) is both
+    assert with_counterparts(skin, others=("Hand.R",)).labels == both.labels
 
 
 def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:
@@ -205,7 +205,7 @@ def test_vertices_of_no_face_keep_theirs() -> None:
     )
     for direction in ("left_to_right", "exchange", "average"):
         assert own_share_of(zo.Domain.POINT, symmetry, direction)[-1] == 1  # type: ignore[arg-type]
-        found = symmetrised(weights(np.vstack([LOPSIDED, [[0.1, 0, 0.2]]]), NAMES), symmetry, direction)  # type: ignore[arg-type]
+        found = symmetrise(weights(np.vstack([LOPSIDED, [[0.1, 0, 0.2]]]), NAMES), symmetry, direction)  # type: ignore[arg-type]
         np.testing.assert_allclose(found.values.toarray()[-1], [0.1, 0, 0.2])
 
 

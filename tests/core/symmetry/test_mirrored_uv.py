@@ -8,7 +8,7 @@ import pytest
 from creatures import Creature
 
 import zoomout_core as zo
-from zoomout_core.symmetry.uv import symmetrised_uv
+from zoomout_core.symmetry.uv import symmetrise_uv
 
 
 def left_layout(bent: Creature) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_each_side_keeps_its_place_in_the_atlas(reflection: zo.Symmetry, bent: C
     beside = (layout - [0.25, 0.5]) @ turn.T + [0.75, 0.5]
     left = on_left(bent)[:, None]
     warped = beside + 0.01 * np.sin(300 * beside[:, ::-1])
-    found = symmetrised_uv(uv_map(np.where(left, layout, warped)), reflection).values
+    found = symmetrise_uv(uv_map(np.where(left, layout, warped)), reflection).values
     off = np.linalg.norm(found - np.where(left, layout, beside), axis=1)[clear_of_the_line(bent)]
     assert np.median(off) < 0.004
     assert off.mean() < 0.3 * np.linalg.norm(warped - beside, axis=1)[~left[:, 0]].mean()
@@ -46,7 +46,7 @@ def test_both_sides_can_share_their_texels(reflection: zo.Symmetry, bent: Creatu
     layout = left_layout(bent)
     elsewhere = np.where(on_left(bent)[:, None], layout, 0.9)
     for given in ("over", "own"):  # what has no extent has no place of its own
-        found = symmetrised_uv(uv_map(elsewhere), reflection, layout=given).values
+        found = symmetrise_uv(uv_map(elsewhere), reflection, layout=given).values
         assert np.median(np.linalg.norm(found - layout, axis=1)[clear_of_the_line(bent)]) < 0.003
 
 
@@ -54,9 +54,9 @@ def test_sides_exchange_their_layouts(reflection: zo.Symmetry, bent: Creature) -
     left, clear = on_left(bent)[:, None], clear_of_the_line(bent)
     layout = left_layout(bent)
     small = 0.5 * layout + [0.5, 0]
-    over = symmetrised_uv(uv_map(np.where(left, layout, small)), reflection, "exchange", "over").values
+    over = symmetrise_uv(uv_map(np.where(left, layout, small)), reflection, "exchange", "over").values
     assert np.median(np.linalg.norm(over - np.where(left, small, layout), axis=1)[clear]) < 0.003
-    own = symmetrised_uv(uv_map(np.where(left, layout, small)), reflection, "exchange").values
+    own = symmetrise_uv(uv_map(np.where(left, layout, small)), reflection, "exchange").values
     assert np.median(np.linalg.norm(own - np.where(left, layout, small), axis=1)[clear]) < 0.006
 
 
@@ -66,7 +66,7 @@ def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Cr
     front = np.repeat(bent.directions[bent.surface.triangles, 1].mean(axis=1) < 0, 3)
     whole = np.where(front[:, None], plain, plain + np.array([0, 2]))
     bulge = np.where(corners[:, :1] < 0, 0.01 * np.sin(30 * corners[:, 2:]) * corners[:, :1], 0)
-    found = symmetrised_uv(uv_map(whole + bulge), reflection).values
+    found = symmetrise_uv(uv_map(whole + bulge), reflection).values
     losing = np.repeat(reflection.distance[bent.surface.triangles].mean(axis=1) < 0, 3)
     winning_vertices = np.zeros(len(bent.directions), dtype=bool)
     winning_vertices[bent.surface.corner_vertex[~losing & front]] = True
@@ -86,4 +86,4 @@ def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Cr
 )
 def test_what_cannot_be_is_refused(reflection: zo.Symmetry, bent: Creature, wish: dict, error: type, message: str):
     with pytest.raises(error, match=message):
-        symmetrised_uv(uv_map(left_layout(bent)), reflection, **wish)
+        symmetrise_uv(uv_map(left_layout(bent)), reflection, **wish)

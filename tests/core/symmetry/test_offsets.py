@@ -13,10 +13,10 @@ from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import (
     frames,
     left_share,
-    mirrored_offsets,
+    mirror_offsets,
     shape_asymmetry,
     split_offsets,
-    symmetrised_offsets,
+    symmetrise_offsets,
 )
 
 
@@ -28,7 +28,7 @@ def bumps(made: Creature, directions: np.ndarray) -> np.ndarray:
 
 def test_displacements_turn_with_the_limbs(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = bumps(bent, bent.directions * [-1, 1, 1])
-    found = mirrored_offsets(bumps(bent, bent.directions), reflection)
+    found = mirror_offsets(bumps(bent, bent.directions), reflection)
     assert np.linalg.norm(found - truth, axis=1).mean() < 0.15 * np.linalg.norm(truth, axis=1).mean()
 
 
@@ -44,18 +44,18 @@ def test_the_winning_side_keeps_its_displacements(reflection: zo.Symmetry, bent:
     left = bent.directions[:, 0] > 0
     whole = bumps(bent, np.abs(bent.directions) * [1, 1, 1])
     only_left = whole * left[:, None]
-    found = symmetrised_offsets(only_left, reflection, "left_to_right")
+    found = symmetrise_offsets(only_left, reflection, "left_to_right")
     clear = bent.directions[:, 0] > 0.1
     np.testing.assert_array_equal(found[clear], only_left[clear])
     symmetric = bumps(bent, np.column_stack([np.abs(bent.directions[:, 0]), 0 * left, 0 * left]))
-    mended = symmetrised_offsets(symmetric * left[:, None], reflection, "left_to_right")
+    mended = symmetrise_offsets(symmetric * left[:, None], reflection, "left_to_right")
     size = np.linalg.norm(symmetric, axis=1).mean()
     assert np.linalg.norm(mended - symmetric, axis=1).mean() < 0.15 * size
-    nothing = symmetrised_offsets(symmetric * left[:, None], reflection, "right_to_left")
+    nothing = symmetrise_offsets(symmetric * left[:, None], reflection, "right_to_left")
     assert np.linalg.norm(nothing, axis=1).mean() < 0.05 * size
-    exchanged = symmetrised_offsets(symmetric * left[:, None], reflection, "exchange")
+    exchanged = symmetrise_offsets(symmetric * left[:, None], reflection, "exchange")
     assert np.linalg.norm(exchanged - symmetric * ~left[:, None], axis=1).mean() < 0.15 * size
-    half = symmetrised_offsets(symmetric * left[:, None], reflection, "average")
+    half = symmetrise_offsets(symmetric * left[:, None], reflection, "average")
     assert np.linalg.norm(half - symmetric / 2, axis=1).mean() < 0.15 * size
 
 
@@ -85,4 +85,4 @@ def test_a_dent_on_one_side_shows_on_both_whatever_the_pose(bent: Creature) -> N
 
 def test_displacements_must_fit_the_surface(reflection: zo.Symmetry) -> None:
     with pytest.raises(zo.MeshError, match="three numbers for each"):
-        mirrored_offsets(np.zeros((3, 3)), reflection)
+        mirror_offsets(np.zeros((3, 3)), reflection)

@@ -111,10 +111,10 @@ def joined(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray
     return Surface(vertices, faces), np.repeat(np.arange(len(parts)), np.diff(starts))
 
 
-def around(surface: Surface, body: np.ndarray, scale: float, is_skin: bool = False) -> ShapeAnalysis:
+def around(surface: Surface, body: np.ndarray, scale: float, is_hull: bool = False) -> ShapeAnalysis:
     """What is asked of a shape whose mesh is some vertices (n,) of a surface, at another scale."""
     number = np.where(body, np.cumsum(body) - 1, -1)
-    full = SimpleNamespace(vertex_of=number, scale=scale, is_skin=is_skin)
+    full = SimpleNamespace(vertex_of=number, scale=scale, is_hull=is_hull)
     place = SimpleNamespace(interpolate=lambda values: values)
     return cast(ShapeAnalysis, SimpleNamespace(proxy=SimpleNamespace(full=full, place=place)))
 
@@ -161,7 +161,7 @@ def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reac
     image[part == 1], image[part == 2] = np.flatnonzero(part == 2)[reverse], np.flatnonzero(part == 1)[reverse]
     there = SurfaceMap.from_vertices(image, surface)
     everything = np.ones(len(part), dtype=bool)
-    skin = around(surface, everything, 2.0, is_skin=True)
+    skin = around(surface, everything, 2.0, is_hull=True)
     distance = on_whole_surface(surface.vertices[:, 0] / 2, there, skin, surface)
     x = surface.vertices[:, 0]
     np.testing.assert_allclose(np.abs(distance), np.abs(x), atol=1e-9)
@@ -175,7 +175,7 @@ def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reac
 def test_a_shell_without_a_partner_lies_on_both_sides_however_uneven() -> None:
     surface, _ = joined([(grid(24), np.zeros(3)), (grid(24), np.array([0.75, 2, 0]))])
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
-    skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_skin=True)
+    skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_hull=True)
     x = surface.vertices[:, 0]
     distance = on_whole_surface(x, there, skin, surface)
     np.testing.assert_array_equal(np.sign(distance), np.sign(np.round(x, 9)))
@@ -184,7 +184,7 @@ def test_a_shell_without_a_partner_lies_on_both_sides_however_uneven() -> None:
 def test_distances_around_shells_become_opposite_at_images() -> None:
     surface = grid()
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
-    skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_skin=True)
+    skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_hull=True)
     distance = on_whole_surface(surface.vertices[:, 0] + 0.3, there, skin, surface)
     np.testing.assert_allclose(distance, surface.vertices[:, 0], atol=1e-12)
 

@@ -10,10 +10,10 @@ import pytest
 import trimesh
 
 import zoomout_core as zo
-from zoomout_core.matching.components.skins import SKINS
+from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry
-from zoomout_core.tuning import retuned
+from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry
+from zoomout_core.tuning import retune
 
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
 MIDDLE = {
@@ -111,7 +111,7 @@ def found(walking: Doll) -> zo.Symmetry:
 
 
 def test_left_shells_change_places_with_right_ones_in_any_pose(found: zo.Symmetry, walking: Doll) -> None:
-    assert found.shape.proxy.full.is_skin
+    assert found.shape.proxy.full.is_hull
     assert found.reverses_orientation
     assert found.certainty > 0.9
     image = found.surface_map.vertex
@@ -139,7 +139,7 @@ def test_displacements_of_shells_cross_over_in_the_frame_of_each_place(found: zo
     mirrored = 0.02 * (1 + np.sin(9 * walking.rest[:, 2] - 4 * walking.rest[:, 0]))
     normals = vertex_normals(walking.surface.vertices, walking.surface.triangles)
     truth = mirrored[:, None] * normals
-    off = np.linalg.norm(mirrored_offsets(height[:, None] * normals, found) - truth, axis=1)
+    off = np.linalg.norm(mirror_offsets(height[:, None] * normals, found) - truth, axis=1)
     assert off.mean() < 0.25 * np.linalg.norm(truth, axis=1).mean()
     np.testing.assert_allclose(np.linalg.det(frames(found)), -1)
 
@@ -155,5 +155,5 @@ def test_a_dent_in_a_shell_shows_on_both_sides(found: zo.Symmetry, walking: Doll
 
 
 def test_of_a_lopsided_heap_no_symmetry_is_sure() -> None:
-    with retuned(SKINS, resolution=64):
+    with retune(HULLS, resolution=64):
         assert zo.detect_symmetry(heap(), samples=400)[0].certainty < 0.5

@@ -13,7 +13,7 @@ import pytest
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.symmetry import ranking
-from zoomout_core.symmetry.involution import distance_moved, mean_distance, order_of
+from zoomout_core.symmetry.involution import displacement, mean_distance, order_of
 from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity
 
 SIDE = 10
@@ -266,5 +266,5 @@ def test_a_half_turn_may_miss_by_a_part_of_how_far_it_goes_or_by_a_cell(length: 
 
 
 def test_how_far_a_map_moves_each_sample() -> None:
-    moved = distance_moved(np.array([1, 1, 0]), shape_at(np.array([[0.0, 0], [3, 0], [3, 4]])))
+    moved = displacement(np.array([1, 1, 0]), shape_at(np.array([[0.0, 0], [3, 0], [3, 4]])))
     assert moved == pytest.approx([3, 0, 5])

@@ -10,7 +10,7 @@ from transfer_meshes import sheet, sphere, split_at_faces, torus, tube
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_open, nearer_than
+from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_surface, nearer_than
 
 
 def uncut(surface: Surface) -> np.ndarray:
@@ -23,7 +23,7 @@ def test_a_closed_surface_has_no_border_and_every_edge_two_faces() -> None:
         assert len(first) == 2 * 60 * 40
         ends = mesh.vertices[mesh.corner_vertex[first]], mesh.vertices[mesh.corner_vertex[second]]
         assert (ends[0] == ends[1]).all()
-        cut = cut_open(mesh, uncut(mesh))
+        cut = cut_surface(mesh, uncut(mesh))
         assert len(cut.border) == 0
         assert cut.island.max() == 0
         assert cut.cut_vertex.max() + 1 == 60 * 40
@@ -35,7 +35,7 @@ def test_three_faces_at_an_edge_are_joined_where_their_values_agree() -> None:
     first, _ = adjacent_edges(fins)
     assert len(first) == 3
     values = np.array([0, 0, 0, 5, 5, 5, 0, 0, 0], dtype=float)[:, None]
-    island = cut_open(fins, values).island
+    island = cut_surface(fins, values).island
     assert island[0] == island[2]
     assert island[0] != island[1]
 
@@ -43,11 +43,11 @@ def test_three_faces_at_an_edge_are_joined_where_their_values_agree() -> None:
 def test_a_cut_needs_a_real_jump_at_one_end_of_the_edge() -> None:
     mesh = sheet(tube, 60, 40)
     values = mesh.corners.copy()
-    cut = cut_open(mesh.surface, values)
+    cut = cut_surface(mesh.surface, values)
     assert cut.island.max() == 0
     assert len(cut.border) == 2 * 60 + 2 * 40  # the two ends, and both sides of the seam
     noise = np.random.default_rng(0).uniform(-1, 1, values.shape) * 1e-6
-    assert len(cut_open(mesh.surface, values + noise).border) == len(cut.border)
+    assert len(cut_surface(mesh.surface, values + noise).border) == len(cut.border)
 
 
 def test_walks_reach_every_point_that_hangs_together_with_their_start() -> None:
@@ -57,7 +57,7 @@ def test_walks_reach_every_point_that_hangs_together_with_their_start() -> None:
     barycentric = random.dirichlet([1, 1, 1], 5000)
     points = np.einsum("qc,qcx->qx", barycentric, surface.vertices[surface.triangles[triangle]])
     start = closest_points(points + 0.1 * random.normal(size=points.shape), surface.vertices, surface.triangles)[0]
-    found, weights, left = cut_open(surface, uncut(surface)).walk(start, points)
+    found, weights, left = cut_surface(surface, uncut(surface)).walk(start, points)
     assert (left == 0).all()
     assert (found == triangle).all()
     assert weights == pytest.approx(barycentric, abs=1e-6)
@@ -66,14 +66,14 @@ def test_walks_reach_every_point_that_hangs_together_with_their_start() -> None:
 def test_walks_stop_at_a_cut() -> None:
     mesh = sheet(tube, 120, 80)
     surface = mesh.surface
-    cut = cut_open(surface, mesh.corners)
+    cut = cut_surface(surface, mesh.corners)
     column = np.floor(mesh.middles[:, 0] * 120).astype(int)[surface.triangle_face]
     start, goal = np.flatnonzero(column == 0), np.flatnonzero(column == 119)
     points = surface.vertices[surface.triangles[goal]].mean(axis=1)
     found, _, left = cut.walk(start, points)
     assert (column[found] == 0).all()
     assert (left > 0).all()
-    found, _, left = cut_open(surface, uncut(surface)).walk(start, points)
+    found, _, left = cut_surface(surface, uncut(surface)).walk(start, points)
     assert (found == goal).all()
     assert (left == 0).all()
 
@@ -87,7 +87,7 @@ def test_walks_find_their_way_over_slivers_that_stand_up() -> None:
     at_vertex[surface.triangles.ravel()] = np.repeat(triangle, 3)
     for corner in range(3):
         start = at_vertex[surface.triangles[:, corner]]
-        found, _, left = cut_open(surface, uncut(surface)).walk(start, middle)
+        found, _, left = cut_surface(surface, uncut(surface)).walk(start, middle)
         assert (left == 0).all()
         assert (found == triangle).all()
 

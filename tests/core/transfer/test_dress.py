@@ -16,7 +16,7 @@ from zoomout_core.transfer import Lines, carry, dress
 from zoomout_core.transfer.dressing.contact import CONTACT
 from zoomout_core.transfer.dressing.following import FOLLOWING
 from zoomout_core.transfer.dressing.solid_parts import SOLID
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 TURN, MOVED, SIZE = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([500.0, -20, 90]), 40.0
 RADII = np.array([1.0, 0.8, 1.3])
@@ -93,7 +93,7 @@ def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def test_nothing_is_pushed_into_the_skin() -> None:
     shirt = shell(1.02)
     worn = np.unique(shirt.triangles)
-    with retuned(CONTACT, rounds=0):
+    with retune(CONTACT, rounds=0):
         sunk = carry(BODY, noisy(0.05), EGG, [shirt])
     assert (off_egg(sunk.vertices[0][worn]) < 0).mean() > 0.1
     assert "still intersect the skin" in sunk.notes[0]
@@ -111,7 +111,7 @@ def test_a_gap_is_kept() -> None:
 def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
     shirt = shell(0.99)
     worn = np.unique(shirt.triangles)
-    with retuned(CONTACT, mended=0.0):
+    with retune(CONTACT, mended=0.0):
         assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).max() < 0
     assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
 
@@ -145,7 +145,7 @@ def test_layers_stay_in_their_order() -> None:
         near = nearest(over[worn], middles)
         return float(np.quantile(off_egg(over[worn]) - off_egg(middles[near]), 0.02))
 
-    with retuned(CONTACT, layer_reach=0.0):
+    with retune(CONTACT, layer_reach=0.0):
         without = between()
     assert between() > max(without, 0)
 
@@ -154,7 +154,7 @@ def test_solid_parts_keep_their_form() -> None:
     eye = ball(0.06, centre=(0, 0, 1.02), count=100)
     found = carry(BODY, EGG.vertices, EGG, [eye])
     assert similar(found.vertices[0], eye.vertices) < 1e-6
-    with retuned(SOLID, small=0.0):
+    with retune(SOLID, small=0.0):
         assert similar(carry(BODY, EGG.vertices, EGG, [eye]).vertices[0], eye.vertices) > 0.01
     soft = carry(BODY, EGG.vertices, EGG, [eye], manners=["soft"])
     assert similar(soft.vertices[0], eye.vertices) > 0.01
@@ -204,7 +204,7 @@ def test_far_off_a_wide_patch_is_followed() -> None:
         found = carry(BODY, torn, BODY, [skirt], stiffness=0.0).vertices[0]
         return float(np.linalg.norm(found - skirt.vertices, axis=1)[worn].mean())
 
-    with retuned(FOLLOWING, spreading=0.0):
+    with retune(FOLLOWING, spreading=0.0):
         narrow = off()
     assert off() < 0.9 * narrow
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from transfer_meshes import Sheet, identity, permuted, sheet, split_at_faces, torus, true_map
+from transfer_meshes import Sheet, identity, permute, sheet, split_at_faces, torus, true_map
 
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
@@ -112,7 +112,7 @@ def test_the_identity_returns_the_values(sides: int, domain: Domain) -> None:
 
 
 def test_the_order_of_the_targets_vertices_only_reorders_the_result(source: Sheet, target: Sheet) -> None:
-    other, old = permuted(target)
+    other, old = permute(target)
     for domain, count in counts(source).items():
         attribute = Attribute("x", domain, Kind.SCALAR, np.random.default_rng(0).random(count))
         one, two = (

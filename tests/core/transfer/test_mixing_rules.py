@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_normals
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.cut_mesh import cut_surface
 from zoomout_core.transfer.frames import (
     DOUBTED_WEIGHT,
     frames_of,
@@ -94,7 +94,7 @@ def test_samples_stand_for_equal_areas_of_the_faces_asked_for_and_weigh_by_confi
 def test_corners_are_moved_a_little_into_their_own_face() -> None:
     mapped = mapped_onto(MESH, MESH)
     corners = np.arange(0, len(MESH.corner_vertex), 7)
-    triangle, barycentric = mapped.nudged(corners)
+    triangle, barycentric = mapped.nudge(corners)
     np.testing.assert_array_equal(MESH.triangle_face[triangle], MESH.corner_face[corners])
     here = SurfaceMap(triangle, barycentric, MESH.triangles).interpolate(MESH.vertices)
     off = np.linalg.norm(here - MESH.vertices[MESH.corner_vertex[corners]], axis=1) * 20
@@ -113,7 +113,7 @@ def test_balls_hold_the_corners_of_faces_and_touch_the_farthest() -> None:
 
 def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     middle = MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
-    cut = cut_open(MESH, np.where(middle > 0.5, 1.0, 0.0)[MESH.corner_face][:, None])
+    cut = cut_surface(MESH, np.where(middle > 0.5, 1.0, 0.0)[MESH.corner_face][:, None])
     near = mapped_onto(MESH, MESH).near_border(cut)
     inner = (np.abs(MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3)[:, :, 1] - 0.5).max(axis=1) < 0.4) & (
         np.abs(middle - 0.5) < 0.4
@@ -124,10 +124,10 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     coarse = plate(2, 1)
     assert MappedTarget(MESH, coarse, nearest_map(coarse.vertices, MESH), np.ones(6)).near_border(cut).all()
     # One edge of the cut may be as long as all of it.
-    cut = cut_open(coarse, np.repeat([[0.0], [1.0]], 4, axis=0))
+    cut = cut_surface(coarse, np.repeat([[0.0], [1.0]], 4, axis=0))
     for unit in (1.0, 1000.0):
         source, target = (mesh.with_vertices(unit * mesh.vertices) for mesh in (coarse, MESH))
-        cut = cut_open(source, np.repeat([[0.0], [1.0]], 4, axis=0))
+        cut = cut_surface(source, np.repeat([[0.0], [1.0]], 4, axis=0))
         near = MappedTarget(source, target, nearest_map(target.vertices, source), np.ones(len(X))).near_border(cut)
         assert near[np.abs(middle - 0.5) < 0.035].all()
         assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()

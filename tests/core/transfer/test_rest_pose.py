@@ -2,16 +2,16 @@
 """The pose that a target stands in is found along its map to a rigged source, and made better on one body."""
 
 import numpy as np
-from bent_tube import PARENTS, bent, posed, tube, weights_of
+from bent_tube import PARENTS, bend, pose_surface, tube, weights_of
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.bone_fit import Pose
-from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
-from zoomout_core.transfer.skinning import moved, skinning_matrices
-from zoomout_core.tuning import retuned
+from zoomout_core.transfer.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
+from zoomout_core.tuning import retune
 
 SOFT = ((40, 0, 20), (30, 10, 0))
 
@@ -34,17 +34,17 @@ def _mapped(source, target, still, shift=0.0, **match):
 def _errors(found, source, still):
     """How far bones take a target's vertices at rest from where they do."""
     weights = weights_of(still)
-    truth = moved(skinning_matrices(bent(*SOFT), weights), still)
-    return np.linalg.norm(moved(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
+    truth = transform_points(skinning_matrices(bend(*SOFT), weights), still)
+    return np.linalg.norm(transform_points(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
 
 
 def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices, shift=0.12)
-    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
-    with retuned(REST, rounds=0):
-        first = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    with retune(REST, rounds=0):
+        first = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)) < 0.5 * np.median(_errors(first, source, still.vertices))
     at_rest = found.mapped.points - still.vertices
     assert np.median(np.linalg.norm(at_rest, axis=1)) < 0.07
@@ -53,11 +53,11 @@ def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
 
 def test_the_source_may_stand_in_a_pose_of_its_own():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices)
-    waving = posed(source, bent((0, 50, 0), (-30, 0, 0)))
+    waving = pose_surface(source, bend((0, 50, 0), (-30, 0, 0)))
     seen = map_target(_Match(mapped.surface_map, np.ones(len(still.vertices))), waving, target)
-    found = posed_target(seen, source, weights_of(source.vertices), PARENTS)
+    found = find_pose(seen, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)) < 0.02
     assert found.mapped.source is source
 
@@ -65,35 +65,35 @@ def test_the_source_may_stand_in_a_pose_of_its_own():
 def test_another_body_is_read_along_the_map_alone():
     source, still = tube(), tube(13, 55, turned=0.4)
     stout = still.with_vertices(still.vertices * [1.5, 1.5, 1.0])
-    target = posed(stout, bent(*SOFT), weights_of(still.vertices))
+    target = pose_surface(stout, bend(*SOFT), weights_of(still.vertices))
     mapped = _mapped(source, target, still.vertices)
-    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.mapped.surface_map is mapped.surface_map
-    with retuned(REST, same_body=1.0):
-        taken = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    with retune(REST, same_body=1.0):
+        taken = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert taken.mapped.surface_map is not mapped.surface_map
 
 
 def test_vertices_are_not_read_far_from_where_the_map_has_them():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     mapped = _mapped(source, target, still.vertices)
     wrong = still.vertices[:, 2] < 0.3
     triangle = np.where(wrong, mapped.surface_map.triangle[~wrong][-1], mapped.surface_map.triangle)
     match = _Match(zo.SurfaceMap(triangle, mapped.surface_map.barycentric, source.triangles), np.ones(len(wrong)))
-    found = posed_target(map_target(match, source, target), source, weights_of(source.vertices), PARENTS)
+    found = find_pose(map_target(match, source, target), source, weights_of(source.vertices), PARENTS)
     np.testing.assert_array_equal(found.mapped.surface_map.triangle[wrong], triangle[wrong])
     assert found.mapped.confidence[wrong].max() < np.median(found.mapped.confidence[~wrong])
 
 
 def test_what_has_no_partner_does_not_count():
     source, still = tube(), tube(13, 55, turned=0.4)
-    target = posed(still, bent(*SOFT))
+    target = pose_surface(still, bend(*SOFT))
     alone = still.vertices[:, 2] > 4.5
     vertices = target.vertices.copy()
     vertices[alone] += [0, 3.0, 0]  # as a hat that only the target has
     mapped = _mapped(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
-    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
     assert not found.mapped.confidence[alone].any()
 
@@ -108,7 +108,7 @@ def test_a_target_at_rest_is_put_where_the_source_is():
     still = tube()
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     pose = _standing(2.0, turn, [3.0, 4, 5])
-    rest = aligned(still.with_vertices(pose.common(still.vertices)), pose)
+    rest = align(still.with_vertices(pose.common(still.vertices)), pose)
     np.testing.assert_allclose(rest.positions, still.vertices, atol=1e-9)
     np.testing.assert_allclose(rest.linear, np.broadcast_to(turn.T / 2, (656, 3, 3)), atol=1e-12)
     assert rest.smoothed == 0
@@ -118,7 +118,7 @@ def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
     still = tube()  # of a square root of area of about 4.5
     for shift, stays in ((0.08, True), (0.1, False)):
         target = still.with_vertices(still.vertices + shift * np.array([1.0, 0, 0]))
-        rest = aligned(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))
+        rest = align(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))
         assert np.array_equal(rest.positions, target.vertices) == stays
         np.testing.assert_allclose(rest.linear, np.broadcast_to(np.eye(3), (656, 3, 3)), atol=1e-12)
 
@@ -126,6 +126,6 @@ def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
 def test_a_target_that_stands_elsewhere_is_at_rest():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = still.with_vertices(2 * still.vertices + np.array([1.0, 0, 3]))
-    found = posed_target(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert found.pose.is_rest
-    np.testing.assert_allclose(aligned(target, found.pose).positions, still.vertices, atol=0.02)
+    np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02)

@@ -2,12 +2,12 @@
 """Bones move vertices as Blender's armatures do: by blended matrices, or by blended dual quaternions."""
 
 import numpy as np
-from bent_tube import bent, tube, weights_of
+from bent_tube import bend, tube, weights_of
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.skinning import moved, skinning_matrices
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
 
 BOTH = csr_array(np.array([[0.5, 0.5]]))
 
@@ -18,10 +18,10 @@ def _turned(*degrees, about="z", shift=(0, 0, 0)):
 
 
 def test_a_vertex_of_one_bone_goes_where_that_takes_it():
-    transforms, points = bent(scale=1.5), np.array([[0.1, 0.2, 0.5], [0.3, 0.1, 5.0]])
+    transforms, points = bend(scale=1.5), np.array([[0.1, 0.2, 0.5], [0.3, 0.1, 5.0]])
     alone = csr_array(np.array([[0.4, 0, 0], [0, 0, 3.0]]))  # weights need not sum to one
     for preserve_volume in (False, True):
-        found = moved(skinning_matrices(transforms, alone, preserve_volume=preserve_volume), points)
+        found = transform_points(skinning_matrices(transforms, alone, preserve_volume=preserve_volume), points)
         wanted = [transforms[i : i + 1](points[j : j + 1][None])[0, 0] for j, i in enumerate((0, 2))]
         np.testing.assert_allclose(found, wanted, atol=1e-12)
 
@@ -30,7 +30,7 @@ def test_a_vertex_without_weights_has_no_matrix():
     none = csr_array(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
     none.eliminate_zeros()
     for preserve_volume in (False, True):
-        matrices = skinning_matrices(bent(), none, preserve_volume=preserve_volume)
+        matrices = skinning_matrices(bend(), none, preserve_volume=preserve_volume)
         assert not matrices[0].any()
         assert matrices[1].any()
 
@@ -61,5 +61,5 @@ def test_dual_quaternions_are_blended_along_the_shorter_way():
 def test_weights_are_left_as_they_were():
     weights = weights_of(tube().vertices)
     before = weights.data.copy()
-    skinning_matrices(bent(), weights)
+    skinning_matrices(bend(), weights)
     np.testing.assert_array_equal(weights.data, before)

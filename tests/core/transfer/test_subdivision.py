@@ -11,7 +11,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import wrap
-from zoomout_core.transfer.wrapping.subdivision import _subdivided, limit_points
+from zoomout_core.transfer.wrapping.subdivision import _subdivide, limit_points
 
 CAGES = {
     "triangles": ball(1, count=40),
@@ -26,7 +26,7 @@ CAGES = {
 @pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES)
 def test_the_limit_is_that_of_the_subdivided_cage(cage: Surface) -> None:
     points = limit_points(cage)
-    _, subdivided, quads = _subdivided(cage)
+    _, subdivided, quads = _subdivide(cage)
     finer = Surface(subdivided @ cage.vertices, quads)
     again = limit_points(finer).limit[: len(finer.vertices)] @ finer.vertices
     np.testing.assert_allclose(points.limit @ cage.vertices, again, atol=1e-12)

@@ -2,13 +2,13 @@
 """A posed surface goes back to rest: exactly where skinning tells it, and smoothly elsewhere."""
 
 import numpy as np
-from bent_tube import bent, posed, tube, weights_of
+from bent_tube import bend, pose_surface, tube, weights_of
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.transfer.skinning import moved, skinning_matrices
-from zoomout_core.transfer.unpose import UNPOSE, unposed
-from zoomout_core.tuning import retuned
+from zoomout_core.transfer.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.unpose import UNPOSE, unpose
+from zoomout_core.tuning import retune
 
 SOFT = ((40, 0, 20), (30, 10, 0))
 
@@ -18,9 +18,9 @@ def _matrices(surface, transforms, weights=None):
 
 
 def test_skinning_is_undone_exactly():
-    surface, transforms = tube(), bent(*SOFT, scale=2.0)
-    target, matrices = posed(surface, transforms), _matrices(tube(), transforms)
-    rest = unposed(target, matrices, 2.0, np.ones(len(surface.vertices)))
+    surface, transforms = tube(), bend(*SOFT, scale=2.0)
+    target, matrices = pose_surface(surface, transforms), _matrices(tube(), transforms)
+    rest = unpose(target, matrices, 2.0, np.ones(len(surface.vertices)))
     np.testing.assert_allclose(rest.positions, surface.vertices, atol=1e-9)
     assert rest.smoothed == 0
     offsets = np.random.default_rng(0).standard_normal(surface.vertices.shape)
@@ -29,10 +29,10 @@ def test_skinning_is_undone_exactly():
 
 
 def test_the_targets_own_detail_is_kept():
-    surface, transforms = tube(), bent(*SOFT)
+    surface, transforms = tube(), bend(*SOFT)
     detailed = surface.with_vertices(surface.vertices * [1.2, 0.9, 1] + 0.02 * np.sin(9 * surface.vertices))
     weights = weights_of(surface.vertices)
-    rest = unposed(posed(detailed, transforms, weights), _matrices(surface, transforms), 1.0, np.ones(656))
+    rest = unpose(pose_surface(detailed, transforms, weights), _matrices(surface, transforms), 1.0, np.ones(656))
     np.testing.assert_allclose(rest.positions, detailed.vertices, atol=1e-9)
 
 
@@ -41,54 +41,54 @@ def _off(rest, surface, where):
 
 
 def test_where_weights_tear_the_surface_keeps_its_shape():
-    surface, transforms = tube(), bent(*SOFT)
+    surface, transforms = tube(), bend(*SOFT)
     weights = weights_of(surface.vertices).toarray()
     wrong = np.flatnonzero(np.abs(surface.vertices[:, 2] - 1.0) < 0.2)[:6]
     weights[wrong] = [0, 0, 1]
-    target = posed(surface, transforms)
-    rest = unposed(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
+    target = pose_surface(surface, transforms)
+    rest = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
     assert 6 <= rest.smoothed < 60
     assert _off(rest, surface, slice(None)) < 0.1
-    with retuned(UNPOSE, most_strain=1000.0):
-        torn = unposed(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
+    with retune(UNPOSE, max_strain=1000.0):
+        torn = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
     assert _off(torn, surface, slice(None)) > 1
 
 
 def test_where_the_map_is_in_doubt_the_surface_keeps_its_shape():
-    surface, transforms = tube(), bent(*SOFT)
-    target = posed(surface, transforms)
+    surface, transforms = tube(), bend(*SOFT)
+    target = pose_surface(surface, transforms)
     doubtful = surface.vertices[:, 2] < 0.7
     weights = weights_of(surface.vertices).toarray()
     weights[doubtful] = [0.3, 0.7, 0]
     confidence = np.where(doubtful, 0.0, 1.0)
-    rest = unposed(target, _matrices(surface, transforms, csr_array(weights)), 1.0, confidence)
+    rest = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, confidence)
     assert doubtful.sum() <= rest.smoothed < 1.5 * doubtful.sum()
     assert _off(rest, surface, ~doubtful) < 0.05
     assert _off(rest, surface, doubtful) < 0.35
-    sure = unposed(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
+    sure = unpose(target, _matrices(surface, transforms, csr_array(weights)), 1.0, np.ones(656))
     assert _off(sure, surface, doubtful) > 0.7
 
 
 def test_a_collapsed_blend_is_not_inverted():
-    surface, transforms = tube(), bent((0, 0, 178), (0, 0, 0))
-    target = posed(surface, transforms)
-    rest = unposed(target, _matrices(surface, transforms), 1.0, np.ones(656))
+    surface, transforms = tube(), bend((0, 0, 178), (0, 0, 0))
+    target = pose_surface(surface, transforms)
+    rest = unpose(target, _matrices(surface, transforms), 1.0, np.ones(656))
     assert rest.smoothed
     assert _off(rest, surface, slice(None)) < 0.6
-    with retuned(UNPOSE, least_extent=0.0, most_strain=1000.0):
-        blown = unposed(target, _matrices(surface, transforms) + 1e-3, 1.0, np.ones(656))
+    with retune(UNPOSE, min_extent=0.0, max_strain=1000.0):
+        blown = unpose(target, _matrices(surface, transforms) + 1e-3, 1.0, np.ones(656))
     assert np.abs(np.linalg.det(blown.linear)).max() > 10 * np.abs(np.linalg.det(rest.linear)).max()
 
 
 def test_loose_and_doubled_vertices_are_taken_along():
-    whole, transforms = tube(), bent(*SOFT)
+    whole, transforms = tube(), bend(*SOFT)
     corners = whole.vertices[whole.corner_vertex]  # each face has corners of its own, as exporters split them
     faces = np.split(np.arange(len(corners)), whole.face_start[1:-1])
     split = zo.Surface(np.concatenate([corners, [[0.1, 0.1, 1.0]]]), faces)
     weights = weights_of(split.vertices)
     confidence = np.where(split.vertices[:, 2] < 0.7, 0.0, 1.0)
-    target = posed(split, transforms)
-    rest = unposed(target, skinning_matrices(transforms, weights), 1.0, confidence)
+    target = pose_surface(split, transforms)
+    rest = unpose(target, skinning_matrices(transforms, weights), 1.0, confidence)
     np.testing.assert_allclose(rest.positions[-1], [0.1, 0.1, 1.0], atol=1e-9)
     of_vertex = np.zeros((len(whole.vertices), 3))
     of_vertex[whole.corner_vertex] = rest.positions[:-1]
@@ -96,10 +96,10 @@ def test_loose_and_doubled_vertices_are_taken_along():
 
 
 def test_a_vertex_without_weights_is_carried_by_its_surroundings():
-    surface, transforms = tube(), bent(*SOFT)
+    surface, transforms = tube(), bend(*SOFT)
     weights = weights_of(surface.vertices).toarray()
     weights[100] = 0
     matrices = skinning_matrices(transforms, csr_array(weights))
-    rest = unposed(posed(surface, transforms), matrices, 1.0, np.ones(656))
+    rest = unpose(pose_surface(surface, transforms), matrices, 1.0, np.ones(656))
     assert _off(rest, surface, 100) < 0.1
-    assert np.abs(moved(matrices, rest.positions)[100]).max() == 0
+    assert np.abs(transform_points(matrices, rest.positions)[100]).max() == 0

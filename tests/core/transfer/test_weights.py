@@ -8,7 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array
-from transfer_meshes import Sheet, identity, permuted, sheet, split_at_faces, true_map, tube
+from transfer_meshes import Sheet, identity, permute, sheet, split_at_faces, true_map, tube
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError
@@ -228,7 +228,7 @@ def test_the_identity_returns_the_weights(source: Sheet) -> None:
 
 def test_the_order_of_the_targets_vertices_only_reorders_the_rows(source: Sheet, target: Sheet) -> None:
     weights = scattered(len(source.parameters), 60, 4)
-    other, old = permuted(target)
+    other, old = permute(target)
     one, two = (skinned(weights, source, mesh) for mesh in (target, other))
     assert abs(two - one[old]).max() < 1e-12
 

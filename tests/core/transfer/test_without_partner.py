@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has no partner on the source is filled in from around it, whatever the kind of data, or left as it is."""
+"""What has no counterpart on the source is filled in from around it, whatever the kind of data, or left as it is."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from transfer_meshes import Sheet, sheet, torus
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend, map_target, transfer
-from zoomout_core.transfer.continuation import continued
+from zoomout_core.transfer.continuation import extrapolate_map
 
 
 @dataclass
 class Masked:
-    """A map that is sure of itself throughout, and wrong where there is no partner."""
+    """A map that is sure of itself throughout, and wrong where there is no counterpart."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray
@@ -138,7 +138,7 @@ def test_the_map_goes_on_from_the_nearest_place_and_stays_where_nothing_is_near(
     n = len(match.has_partner)
     doubled = SurfaceMap.from_vertices(np.tile(match.surface_map.vertex, 2), mesh.surface)
     has_partner = np.append(match.has_partner, np.zeros(n, dtype=bool))
-    found = continued(doubled, surface, has_partner)
+    found = extrapolate_map(doubled, surface, has_partner)
     np.testing.assert_array_equal(found.triangle[n:], doubled.triangle[n:])
     kept = np.flatnonzero(match.has_partner)
     np.testing.assert_array_equal(found.triangle[kept], doubled.triangle[kept])
@@ -147,7 +147,7 @@ def test_the_map_goes_on_from_the_nearest_place_and_stays_where_nothing_is_near(
     on = np.linalg.norm(mesh.surface.vertices[alone] - found.interpolate(mesh.surface.vertices)[alone], axis=1)
     assert (on <= 1.5 * apart.min(axis=1)).all()
     for everywhere in (np.ones(2 * n, dtype=bool), np.zeros(2 * n, dtype=bool)):
-        assert continued(doubled, surface, everywhere) is doubled
+        assert extrapolate_map(doubled, surface, everywhere) is doubled
 
 
 def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) -> None:
@@ -155,7 +155,7 @@ def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) 
     number = Attribute("it", Domain.POINT, Kind.SCALAR, slope)
     alone = ~match.has_partner
     smooth = transfer(number, match, mesh.surface, mesh.surface).values
-    nearest = continued(match.surface_map, mesh.surface, match.has_partner).interpolate(slope)
+    nearest = extrapolate_map(match.surface_map, mesh.surface, match.has_partner).interpolate(slope)
     off = [np.abs(values - slope)[alone].mean() for values in (smooth, nearest)]
     assert off[0] < 0.5 * off[1]
     # Whatever goes by confidence has none there.

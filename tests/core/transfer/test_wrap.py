@@ -16,11 +16,11 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
 from zoomout_core.runtime.progress import Cancelled, Progress
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer import Wrapped, reversed_match, wrap
-from zoomout_core.transfer.wrapping.feet import FEET
+from zoomout_core.transfer import Wrapped, reverse_match, wrap
 from zoomout_core.transfer.wrapping.fit import FIT
+from zoomout_core.transfer.wrapping.projections import PROJECTION
 from zoomout_core.transfer.wrapping.unfold import UNFOLD
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 
@@ -142,7 +142,7 @@ def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface
 
 
 def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
-    with retuned(UNFOLD, relaxations=0, retreats=0, releases=1):
+    with retune(UNFOLD, relaxations=0, retreats=0, releases=1):
         folded = wrap(noisy, source, target, smoothness=0.0)
     assert folded.turned_over > 0
     assert "folded over" in folded.notes[-1]
@@ -159,9 +159,9 @@ def test_faces_of_which_next_to_nothing_is_left_are_widened(
             (triangle_areas(found, target.triangles) / triangle_areas(target.vertices, target.triangles)).min()
         )
 
-    with retuned(UNFOLD, least_area=0.0):
+    with retune(UNFOLD, min_area=0.0):
         before = narrowest()
-    with retuned(UNFOLD, least_area=0.05):
+    with retune(UNFOLD, min_area=0.05):
         assert narrowest() > 3 * before
 
 
@@ -289,7 +289,7 @@ def test_units_and_places_do_not_matter(noisy: SurfaceMap, source: Surface, targ
 
 def test_the_match_turned_round_leads_back(source: Surface, target: Surface) -> None:
     there = mapped(target.vertices, source)
-    back = reversed_match(Given(there, np.full(700, 0.8)), source, target)
+    back = reverse_match(Given(there, np.full(700, 0.8)), source, target)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     true /= np.linalg.norm(true, axis=1)[:, None]
     found = back.surface_map.interpolate(target.vertices)
@@ -303,7 +303,7 @@ def test_the_match_turned_round_leads_back(source: Surface, target: Surface) -> 
 def test_the_match_of_a_mirrored_target_is_turned_round(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
-    back = reversed_match(mapped(plain.vertices, source), source, mirrored)
+    back = reverse_match(mapped(plain.vertices, source), source, mirrored)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9]) * [-1, 1, 1]
     true /= np.linalg.norm(true, axis=1)[:, None]
     assert np.linalg.norm(back.surface_map.interpolate(mirrored.vertices) - true, axis=1).mean() < 0.06
@@ -333,7 +333,7 @@ def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
         return float(np.linalg.norm(found.vertices - true, axis=1)[patch].mean())
 
     trusted = error()
-    with retuned(FIT, most_growth=100.0, most_stretch=100.0):
+    with retune(FIT, max_growth=100.0, max_stretch=100.0):
         assert trusted < error()
 
 
@@ -353,7 +353,7 @@ def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None
         return float(off(source.vertices, target.with_vertices(found)).max())
 
     drawn = reach()
-    with retuned(FEET, most_points=0):
+    with retune(PROJECTION, max_points=0):
         assert drawn < 0.5 * reach()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of two surfaces is matched: their main parts, or skins around all of their parts."""
+"""What of two surfaces is matched: their main parts, or hulls around all of their parts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
+from zoomout_core.matching.components.hulls import hull_of, main_part_coverage
 from zoomout_core.matching.components.main_parts import main_parts
-from zoomout_core.matching.components.skins import covered_by_main_part, skin_of
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import portion
@@ -18,12 +18,12 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class BodyTuning(Tuning, set_by="characters"):
-    """Which bodies are tried, by the part of the skin below which the main part lies.
+    """Which bodies are tried, by the part of the hull below which the main part lies.
 
     Attributes:
-        all_of_body: from here on only the main part is matched: a skin adds nothing, as to a body without its eyes.
+        all_of_body: from here on only the main part is matched: a hull adds nothing, as to a body without its eyes.
         whole_body: from here on the main part comes first, and other parts lie on it.
-        much_of_body: below this only the skin is matched; above, the main part may be more alike than skins that are
+        much_of_body: below this only the hull is matched; above, the main part may be more alike than hulls that are
             hair and skirts.
     """
 
@@ -59,15 +59,15 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
     if all(surface.working.component.max() == 0 for surface in surfaces):
         return [Bodies(*main_parts(source, target, seed), 1.0)]
     with portion(0.0, 0.6):
-        skins = for_each(skin_of, surfaces)
-    coverage = min(covered_by_main_part(*each) for each in zip(surfaces, skins, strict=True))
-    around = Bodies(skins[0], skins[-1], 1.0)
+        hulls = for_each(hull_of, surfaces)
+    coverage = min(main_part_coverage(*each) for each in zip(surfaces, hulls, strict=True))
+    around = Bodies(hulls[0], hulls[-1], 1.0)
     if coverage < BODIES.much_of_body:
         return [around]
     try:
         with portion(0.6, 1.0):
             main = Bodies(*main_parts(source, target, seed), coverage)
-    except MeshError:  # the skins are not too small
+    except MeshError:  # the hulls are not too small
         return [around]
     if coverage >= BODIES.all_of_body:
         return [main]
@@ -75,6 +75,6 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
 
 
 def tight_bodies(source: Surface, target: Surface) -> Bodies:
-    """Skins that part limbs which touch, for pairs that others match with doubt."""
-    skins = for_each(partial(skin_of, tight=True), (source, target))
-    return Bodies(skins[0], skins[1], 1.0)
+    """Hulls that part limbs which touch, for pairs that others match with doubt."""
+    hulls = for_each(partial(hull_of, tight=True), (source, target))
+    return Bodies(hulls[0], hulls[1], 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map of loose parts: along with the body, then onto their partners, onto other parts, or onto a whole crowd."""
+"""The map of loose parts: moved with the body, then onto their counterparts, other parts, or all parts together."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
-from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, paired
-from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, moved
+from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, pair_parts
+from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
 from zoomout_core.matching.pair import Pair
 
 # Smaller parts (size at unit area) move by one similarity: any bending would only be an error of the body's map.
@@ -25,10 +25,10 @@ MIN_DEFORMABLE_SIZE = 0.06
 SAME_PLACE_DISTANCE = 0.25
 # Weight of normals against positions, in sizes of the part, or in `BODY_MAP_ERROR` where that is smaller.
 NORMAL_WEIGHT = 0.35
-# Confidence in an exact fit to the part's partner, and in one to any other part.
-PARTNER_CONFIDENCE = 0.9
-NON_PARTNER_CONFIDENCE = 0.5
-# Misfit that halves the confidence in a partner.
+# Confidence in an exact fit to the part's counterpart, and in one to any other part.
+COUNTERPART_CONFIDENCE = 0.9
+OTHER_PART_CONFIDENCE = 0.5
+# Misfit that halves the confidence in a counterpart.
 HALF_CONFIDENCE_MISFIT = 0.5
 
 
@@ -49,8 +49,8 @@ class Image:
     trust: Floats
 
     @classmethod
-    def joined(cls, images: Sequence[Image]) -> Image:
-        """Several as one."""
+    def concatenate(cls, images: Sequence[Image]) -> Image:
+        """Concatenate images."""
         none = cls(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
         return cls(
             *(np.concatenate([getattr(image, field.name) for image in (none, *images)]) for field in fields(cls))
@@ -63,7 +63,7 @@ class ComponentMap:
 
     Attributes:
         image: of those that lie somewhere on the source.
-        paired: number of the target's parts that have a partner.
+        paired: number of the target's parts that have a counterpart.
         others: number of those that lie on other parts.
         alone: number of those that lie on none.
         left: number of the source's parts that nothing lies on,
@@ -93,25 +93,25 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     theirs = source.parts(source.points)
     if not theirs or not target.loose.any():
         lone = len(target.parts(target.points))
-        return ComponentMap(Image.joined([]), 0, 0, lone, len(theirs), np.flatnonzero(source.loose), 0)
-    points, normals, around = _carried(target, _motion(pair, source, target, body, confidence))
+        return ComponentMap(Image.concatenate([]), 0, 0, lone, len(theirs), np.flatnonzero(source.loose), 0)
+    points, normals, around = _carry(target, _motion(pair, source, target, body, confidence))
     ours = target.parts(points)
-    partners, misfit = paired(
+    counterparts, misfit = pair_parts(
         ours[:MAX_PAIRED_PARTS],
         theirs[:MAX_PAIRED_PARTS],
         target.members([of_target for _, of_target in pair.regions])[:MAX_PAIRED_PARTS],
         source.members([of_source for of_source, _ in pair.regions])[:MAX_PAIRED_PARTS],
     )
-    found, rest, met, others = [], ours[MAX_PAIRED_PARTS:], set(partners.values()), 0
+    found, rest, met, others = [], ours[MAX_PAIRED_PARTS:], set(counterparts.values()), 0
     for i, part in enumerate(ours[:MAX_PAIRED_PARTS]):
-        partner, strange = partners.get(i), np.isinf(misfit[i])
-        pieces = _pieces(part, partner, theirs[:MAX_PAIRED_PARTS], set(partners.values()), strange)
-        image = _onto_pieces(part, normals[part.vertices], pieces, partner, misfit[i], theirs, source)
+        counterpart, strange = counterparts.get(i), np.isinf(misfit[i])
+        pieces = _pieces(part, counterpart, theirs[:MAX_PAIRED_PARTS], set(counterparts.values()), strange)
+        image = _onto_pieces(part, normals[part.vertices], pieces, counterpart, misfit[i], theirs, source)
         if image is None:
             rest += [] if strange.any() else [part]
             continue
         found.append(image if part.size < MIN_DEFORMABLE_SIZE else _beside_body(image, around))
-        others += partner is None
+        others += counterpart is None
         met.update(pieces)
     among_all = _onto_all(rest, source)
     number = np.cumsum(np.arange(source.mesh.component.max() + 1) != source.body) - 1
@@ -119,11 +119,13 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
         met.update(number[source.mesh.component[source.mesh.triangles[image.triangle, 0]]].tolist())
         found.append(_beside_body(image, around))
     others += len(among_all)
-    alone = len(ours) - len(partners) - others
+    alone = len(ours) - len(counterparts) - others
     unpaired = max(len(ours), len(theirs)) - MAX_PAIRED_PARTS
     left = [part.vertices for number, part in enumerate(theirs) if number not in met]
     left_vertices = np.concatenate([np.zeros(0, dtype=np.int64), *left])
-    return ComponentMap(Image.joined(found), len(partners), others, alone, len(left), left_vertices, max(unpaired, 0))
+    return ComponentMap(
+        Image.concatenate(found), len(counterparts), others, alone, len(left), left_vertices, max(unpaired, 0)
+    )
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:
@@ -133,8 +135,8 @@ def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence
     return SimilarityField(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
 
 
-def _carried(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
-    """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh as the body takes its loose parts along."""
+def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
+    """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh, its loose parts moved with the body."""
     loose = np.flatnonzero(target.loose)
     before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
     after, turned_to, trust = motion.carry(before, turned_from)
@@ -144,23 +146,23 @@ def _carried(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Flo
     moments = Moments.of_products(share @ products(before, after))
     small = np.flatnonzero((np.sqrt(moments.spread) < MIN_DEFORMABLE_SIZE)[label])
     affine = affine_maps(moments, motion.handedness)[label[small]]
-    after[small], turned_to[small] = moved(affine, before[small], turned_from[small])
+    after[small], turned_to[small] = transform_points(affine, before[small], turned_from[small])
     everywhere = np.zeros((len(target.points), 7))
     everywhere[loose] = np.column_stack([after, turned_to, trust])
     return everywhere[:, :3], everywhere[:, 3:6], everywhere[:, 6]
 
 
 def _pieces(
-    part: Part, partner: int | None, theirs: Sequence[Part], partners: set[int], strange: Booleans
+    part: Part, counterpart: int | None, theirs: Sequence[Part], counterparts: set[int], strange: Booleans
 ) -> list[int]:
     """Numbers of the source's parts that one of the target's lies on.
 
-    Its partner and, where that is a piece of it only, the other pieces; or else what it is a piece of; never
+    Its counterpart and, where that is a piece of it only, the other pieces; or else what it is a piece of; never
     those that are strange to it.
     """
-    pieces = [] if partner is None else [partner]
+    pieces = [] if counterpart is None else [counterpart]
     for j, other in enumerate(theirs):
-        inside = j not in partners and not strange[j] and _lies_on(other, part)
+        inside = j not in counterparts and not strange[j] and _lies_on(other, part)
         if inside and not any(_lies_on(other, theirs[piece]) for piece in pieces):
             pieces.append(j)
     if not pieces:
@@ -180,7 +182,7 @@ def _onto_pieces(
     part: Part,
     normals: Floats,
     pieces: list[int],
-    partner: int | None,
+    counterpart: int | None,
     misfit: Floats,
     theirs: Sequence[Part],
     source: Side,
@@ -191,7 +193,7 @@ def _onto_pieces(
         part: of the target.
         normals: (n, 3) of its vertices, on the source.
         pieces: what it lies on.
-        partner: its partner among them, if it has one.
+        counterpart: its counterpart among them, if it has one.
         misfit: (q,) with each of the source's parts.
         theirs: the source's parts.
         source: that they are parts of.
@@ -199,21 +201,21 @@ def _onto_pieces(
     if not pieces:
         return None
     onto = [theirs[j] for j in pieces]
-    if pieces == [partner]:
-        most = PARTNER_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
-        return _onto(part, _drawn_to(part, onto[0]), normals, onto, source, most)[0]
-    image, residual = _onto(part, part.points, normals, onto, source, NON_PARTNER_CONFIDENCE)
-    return image if partner is not None or _fits(part, residual) else None
+    if pieces == [counterpart]:
+        most = COUNTERPART_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
+        return _onto(part, _correct_towards(part, onto[0]), normals, onto, source, most)[0]
+    image, residual = _onto(part, part.points, normals, onto, source, OTHER_PART_CONFIDENCE)
+    return image if counterpart is not None or _fits(part, residual) else None
 
 
-def _drawn_to(part: Part, partner: Part) -> Floats:
-    """(n, 3) a part's points without what is left of the body map's error, as far as its partner determines it.
+def _correct_towards(part: Part, counterpart: Part) -> Floats:
+    """(n, 3) a part's points, corrected by its counterpart for errors of the body's map.
 
-    A small one is moved to its partner's centre and size, a large one's boundary loops to those of its partner.
+    A small part takes its counterpart's centre and size, the boundary loops of a large one those of its counterpart.
     """
     if part.size < MIN_DEFORMABLE_SIZE:
-        return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
-    return loops_on_loops(part, partner)
+        return (part.points - part.centre) * (counterpart.size / max(part.size, 1e-12)) + counterpart.centre
+    return loops_on_loops(part, counterpart)
 
 
 def _onto(
@@ -260,7 +262,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
     ends = np.cumsum([len(part.vertices) for part in parts])
     split = (np.split(array, ends[:-1]) for array in (triangles[triangle], barycentric, residual))
     return [
-        Image(part.vertices, onto, at, _trust(NON_PARTNER_CONFIDENCE, off))
+        Image(part.vertices, onto, at, _trust(OTHER_PART_CONFIDENCE, off))
         for part, onto, at, off in zip(parts, *split, strict=True)
         if _fits(part, off)
     ]

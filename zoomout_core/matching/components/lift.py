@@ -15,10 +15,10 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS
 from zoomout_core.matching.components.shells import ShellMap, map_shells
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair, standing
 from zoomout_core.matching.proxy import Proxy
-from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
+from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import counted, message
@@ -32,31 +32,31 @@ class LiftedMap(NamedTuple):
     Attributes:
         surface_map: from the target to the source.
         confidence: (n_t,) in it.
-        partners: which vertices of the surfaces have one; those that no face uses count as such.
+        counterparts: which vertices of the surfaces have one; those that no face uses count as such.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
         notes: what a user should know about parts, a sentence each.
     """
 
     surface_map: SurfaceMap
     confidence: Floats
-    partners: Partners
+    counterparts: Counterparts
     placed: float
     notes: tuple[str, ...]
 
 
-def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
+def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -> LiftedMap:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:
         pair: the surfaces and their shapes.
         fit: of the target shape to the source shape.
         confidence: (n,) of the target shape's vertices.
-        partners: which vertices of the shapes' meshes have one.
+        counterparts: which vertices of the shapes' meshes have one.
     """
-    if pair.target_shape.proxy.full.is_skin:
-        return _from_shells(pair, map_shells(pair, fit, confidence, partners))
+    if pair.target_shape.proxy.full.is_hull:
+        return _from_shells(pair, map_shells(pair, fit, confidence, counterparts))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
-    between_parts = lifted_fit(fit, source, target, standing(pair))
+    between_parts = lift_fit(fit, source, target, standing(pair))
     loose = map_components(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of
@@ -77,15 +77,15 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> Lifted
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
     alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
     left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
-    both = Partners(
-        _on_surface(target, partners.target, ~alone),
-        _on_surface(source, partners.source, ~left),
+    both = Counterparts(
+        _on_surface(target, counterparts.target, ~alone),
+        _on_surface(source, counterparts.source, ~left),
     )
     return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, both, share, _notes(pair, loose))
 
 
 def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:
-    """(n,) which vertices of a surface have a partner.
+    """(n,) which vertices of a surface have a counterpart.
 
     Args:
         proxy: of the surface's main part.
@@ -109,13 +109,13 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     confidence = np.where(of >= 0, shells.confidence[near], 0)
     triangle = pair.source.working.triangle_of[shells.surface_map.triangle[near]]
     whole = SurfaceMap(triangle, shells.surface_map.barycentric[near], pair.source.triangles)
-    partners = Partners(
+    counterparts = Counterparts(
         *(
             np.where(surface.working.vertex_of >= 0, has_partner[surface.working.vertex_of], True)
-            for surface, has_partner in zip((pair.target, pair.source), shells.partners, strict=True)
+            for surface, has_partner in zip((pair.target, pair.source), shells.counterparts, strict=True)
         )
     )
-    return LiftedMap(whole, confidence, partners, 1 - shells.alone, _notes_on_shells(pair, shells))
+    return LiftedMap(whole, confidence, counterparts, 1 - shells.alone, _notes_on_shells(pair, shells))
 
 
 def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
@@ -157,7 +157,7 @@ def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
         smaller = ["The symmetry was detected on the main part, which is not the largest part."]
         return (
             *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
-            *_worded(
+            *_sentences(
                 (loose.paired, "{parts} mapped to their counterparts, or to themselves, by position, size and shape."),
                 (loose.others, "{parts} mapped to other parts at the same position."),
                 (loose.too_many, TOO_MANY),
@@ -176,7 +176,7 @@ def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
         for role, surface, shape in roles
         if _is_smaller(surface, shape)
     ]
-    worded = _worded(
+    worded = _sentences(
         (loose.paired, "{parts} paired with parts of the source by position, size and shape."),
         (loose.others, "{parts} of the target mapped to other parts of the source at the same position."),
         (loose.too_many, TOO_MANY),
@@ -194,7 +194,7 @@ def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
     return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
 
 
-def _worded(*told: tuple[int, str]) -> tuple[str, ...]:
+def _sentences(*told: tuple[int, str]) -> tuple[str, ...]:
     """Sentences about numbers of loose parts, of those that there are."""
     return tuple(
         message(text, parts=counted(count, "1 loose part", "{count} loose parts"), most=MAX_PAIRED_PARTS)

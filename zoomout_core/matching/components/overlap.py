@@ -20,14 +20,14 @@ class OverlapTuning(Tuning, set_by="characters"):
 
     Attributes:
         near: points lie over each other where their distance is less.
-        most_elsewhere: part of either surface's area that may lie over nothing: on pairs in one pose it was 0.05 at
+        max_elsewhere: part of either surface's area that may lie over nothing: on pairs in one pose it was 0.05 at
             most, and 0.18 at least on all others.
         stays: a map leaves a point in place that it moves by less.
         mostly: a map that leaves more than this part of the area in place leaves all of it there.
     """
 
     near: float = tuned(0.05, "longest extents", 0, 1)
-    most_elsewhere: float = tuned(0.06, "1", 0, 1)
+    max_elsewhere: float = tuned(0.06, "1", 0, 1)
     stays: float = tuned(0.1, "at unit area", 0, 1)
     mostly: float = tuned(0.85, "1", 0, 1)
 
@@ -46,7 +46,7 @@ def overlapping(pair: Pair) -> Floats | None:
     for shape, places, other, others in ((target, here, source, there), (source, there, target, here)):
         found = SurfaceMap(*closest_points(places, others, other.mesh.triangles, near), other.mesh.triangles)
         elsewhere = np.linalg.norm(found.interpolate(others) - places, axis=1) > near
-        if shape.basis.areas[elsewhere].sum() > OVERLAP.most_elsewhere * shape.basis.areas.sum():
+        if shape.basis.areas[elsewhere].sum() > OVERLAP.max_elsewhere * shape.basis.areas.sum():
             return None
     return here
 

@@ -2,7 +2,7 @@
 """Loose parts (eyes, teeth, buttons, clothes, hair): which of two surfaces belong together.
 
 A part has too little shape of its own for its spectrum to tell a left eye from a right one. The body's map
-does: it takes the parts of the target to the source, where partners lie in one place and are of one size; parts
+does: it takes the parts of the target to the source, where counterparts lie in one place and are of one size; parts
 that share a place, such as a coat and a shirt, differ in shape.
 """
 
@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.matching.components.skins import turned_outwards
+from zoomout_core.matching.components.hulls import orient_outwards
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -28,11 +28,11 @@ from zoomout_core.spectral.sampling import farthest_points
 MAX_PAIRED_PARTS = 300
 # Sample vertices by which parts are compared.
 SAMPLES_PER_PART = 32
-# Candidate partners of a part, by distance and size; only these are compared sample by sample.
-CANDIDATE_PARTNERS = 6
+# Candidate counterparts of a part, by distance and size; only these are compared sample by sample.
+CANDIDATE_COUNTERPARTS = 6
 # Expected error of the body's map at a part, at unit area.
 BODY_MAP_ERROR = 0.045
-# Largest misfit of partners in position, size and shape, in sizes of the part.
+# Largest misfit of counterparts in position, size and shape, in sizes of the part.
 MAX_MISFIT = 0.5
 # Weight of the difference in shape, that of the quantiles below, in the misfit.
 SHAPE_WEIGHT = 2.0
@@ -118,7 +118,7 @@ class Side:
         mesh: its working copy.
         points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
         areas: (n,) of the vertices, positive.
-        body_vertices: (b,) the mesh's vertex for each of the body's; none where the body is a skin around all parts.
+        body_vertices: (b,) the mesh's vertex for each of the body's; none where the body is a hull around all parts.
     """
 
     mesh: WorkingMesh
@@ -128,13 +128,13 @@ class Side:
 
     @classmethod
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
-        """A surface and its body: one of its parts, or the skin around it, whose frame is taken then."""
+        """A surface and its body: one of its parts, or the hull around it, whose frame is taken then."""
         mesh = surface.working
         areas = vertex_areas(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-9 * areas.mean())
-        if body.is_skin:
+        if body.is_hull:
             points = body.from_surface(mesh.to_surface(mesh.vertices))
-            return cls(turned_outwards(mesh, body), points, areas, np.zeros(0, dtype=np.int64))
+            return cls(orient_outwards(mesh, body), points, areas, np.zeros(0, dtype=np.int64))
         used = body.vertex_of >= 0
         body_vertices = np.empty(len(body.vertices), dtype=np.int64)
         body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
@@ -153,10 +153,10 @@ class Side:
     def parts(self, points: Floats) -> list[Part]:
         """The loose parts, the largest first, their vertices moved to the points (n, 3)."""
         mesh = self.mesh
-        triangles = _grouped(mesh.component[mesh.triangles[:, 0]])
+        triangles = _group(mesh.component[mesh.triangles[:, 0]])
         return [
             Part(mesh, inside, triangles[number], points[inside], self.areas[inside] / self.areas[inside].sum())
-            for number, inside in enumerate(_grouped(mesh.component))
+            for number, inside in enumerate(_group(mesh.component))
             if number != self.body
         ]
 
@@ -171,10 +171,10 @@ class Side:
         return inside if self.body < 0 else np.delete(inside, self.body, axis=0)
 
 
-def paired(
+def pair_parts(
     target: Sequence[Part], source: Sequence[Part], of_target: Booleans, of_source: Booleans
 ) -> tuple[dict[int, int], Floats]:
-    """Partners one to one.
+    """Counterparts one to one.
 
     Args:
         target: parts as the body carries them to the source.
@@ -190,7 +190,7 @@ def paired(
     relation = relation_of(of_target, of_source)
     misfit = np.where(np.isinf(relation), np.inf, 10 * MAX_MISFIT)
     possible = (rough <= 2 * MAX_MISFIT) & np.isfinite(relation)
-    possible &= rough <= np.sort(rough, axis=1)[:, :CANDIDATE_PARTNERS][:, -1:]
+    possible &= rough <= np.sort(rough, axis=1)[:, :CANDIDATE_COUNTERPARTS][:, -1:]
     close = possible & (rough <= MAX_MISFIT)
     contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
     for i, j in np.argwhere(possible):
@@ -221,7 +221,7 @@ def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
     return np.where(strangers, np.inf, factor)
 
 
-def _grouped(label: Integers) -> list[Integers]:
+def _group(label: Integers) -> list[Integers]:
     """The elements of each label, ascending."""
     order = np.argsort(label, kind="stable")
     return np.split(order, np.cumsum(np.bincount(label))[:-1])

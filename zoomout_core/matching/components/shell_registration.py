@@ -33,14 +33,14 @@ class ShellIcpTuning(Tuning, set_by="characters"):
         rounds: of iterated closest points.
         clearly_less: a start along principal axes is taken instead of the body's rotation where it leaves less than
             this part of the distances.
-        most_scale: factor by which a shell may be larger or smaller than the body's map has it.
+        max_scale: factor by which a shell may be larger or smaller than the body's map has it.
     """
 
     dense: int = tuned(320, "points", 48, 100_000)
     sparse: int = tuned(48, "points", 3, 48)
     rounds: int = tuned(12, "rounds", 1, 1000)
     clearly_less: float = tuned(0.8, "1", 0, 1)
-    most_scale: float = tuned(1.35, "1", 1, 100)
+    max_scale: float = tuned(1.35, "1", 1, 100)
 
 
 SHELL_ICP = ShellIcpTuning()
@@ -95,7 +95,7 @@ class Shells:
         return np.reshape(distance, points.shape[:2]), self.dense.reshape(-1, 3)[near].reshape(points.shape)
 
 
-def registered(
+def register_shells(
     target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handedness: float
 ) -> tuple[Similarities, Floats]:
     """Register shells of the target with shells of the source.
@@ -112,23 +112,23 @@ def registered(
         (q,) the similarities, and (q,) root mean square distances, both ways, that they leave.
     """
     start = prior[of_target]
-    scales = start.scale / SHELL_ICP.most_scale, start.scale * SHELL_ICP.most_scale
+    scales = start.scale / SHELL_ICP.max_scale, start.scale * SHELL_ICP.max_scale
     both, left = [], []
     along_axes = _along_axes(start.rotation, target.axes[of_target], source.axes[of_source], handedness)
     for rotation in (start.rotation, along_axes):
         centre = np.einsum("qij,qj->qi", rotation, target.centre[of_target]) * start.scale[:, None]
         motion = Similarities(start.scale, rotation, source.centre[of_source] - centre)
         for _ in range(SHELL_ICP.rounds):
-            here, there, _ = _partners(target, source, of_target, of_source, motion)
+            here, there, _ = _counterparts(target, source, of_target, of_source, motion)
             motion = procrustes(here, there, None, handedness, scales)
         both.append(motion)
-        left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
+        left.append(np.sqrt((_counterparts(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
     second = left[1] < SHELL_ICP.clearly_less * left[0]
     q = np.arange(len(of_target))
-    return Similarities.joined(both)[q + len(q) * second], np.where(second, left[1], left[0])
+    return Similarities.concatenate(both)[q + len(q) * second], np.where(second, left[1], left[0])
 
 
-def _partners(
+def _counterparts(
     target: Shells, source: Shells, of_target: Integers, of_source: Integers, motion: Similarities
 ) -> tuple[Floats, Floats, Floats]:
     """Points (q, 2s, 3) of target shells, the points (q, 2s, 3) of source shells nearest to them, and distances."""

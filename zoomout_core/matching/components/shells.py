@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the map between two skins to the map between the shells below them.
+"""From the map between two hulls to the map between the shells below them.
 
-The skins' map moves everything along. Where a shell of the target then has its like on the source, the two are
-registered by a similarity; all others lie on what of the source is nearest, outer parts on outer ones.
+The hulls' map moves all shells. A shell of the target with a counterpart on the source is registered with it by a
+similarity; all others take the nearest points of the source, outer parts those of outer ones.
 
-Lengths are at unit area of the skin.
+Lengths are at unit area of the hull.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side, relation_of
-from zoomout_core.matching.components.shell_registration import Shells, registered
+from zoomout_core.matching.components.shell_registration import Shells, register_shells
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.nonrigid_icp import Fit
@@ -39,39 +39,39 @@ AT_ONCE = 50_000
 
 @dataclass(frozen=True)
 class ShellTuning(Tuning, set_by="characters"):
-    """Which shells are each other's like, where the others lie, and how far that is trusted.
+    """Which shells are counterparts, where the others lie, and how far that is trusted.
 
     Attributes:
-        rivals: those nearest in place and size that a shell is registered to.
-        most_miss: what a pair may miss each other by.
-        most_move: how far a pair may be from where the body's map has it.
-        most_unlike: the factor by which the sizes of a pair may differ.
-        miss_cost: of a miss of `most_miss`.
-        move_cost: of a move of `most_move`.
+        rivals: number of candidates, nearest in place and size, that a shell is registered with.
+        max_miss: largest residual of the registration of a pair.
+        max_move: largest distance of a pair from its place by the body's map.
+        max_unlike: largest ratio of the sizes of a pair.
+        miss_cost: of a miss of `max_miss`.
+        move_cost: of a move of `max_move`.
         turn_cost: of a turn against the body's.
         scale_cost: of a scale against the body's, by its logarithm.
-        most_cost: of a pair, the sum of these.
+        max_cost: of a pair, the sum of these.
         normal_weight: the distance that a normal off by a right angle counts as.
-        outside: a vertex nearer to the skin is on the outside.
+        outside: a vertex nearer to the hull is on the outside.
         inner_reach: a vertex that is not on the outside lies on an inner part of the source if one is as near.
-        half_distance: where the source is as far from where the skins' map leads, half of the trust in that is left.
-        flush: a shell lies on its partner already where half of its vertices are nearer to it.
-        beside: what of a shell is farther from its partner lies where the body's map has it. Below 0.15 parts of robots
-            of other builds are taken from their partners.
+        half_distance: where the source is as far from where the hulls' map leads, half of the trust in that is left.
+        flush: a shell is on its counterpart already if half of its vertices are nearer to it.
+        beside: vertices farther from the counterpart of their shell stay where the body's map has them. Below 0.15,
+            parts of robots of other builds lose their counterparts.
         faded: what a landmark moves by less than this part of its own move stays.
         full_trust: in a pair whose edges keep their lengths.
         half_stretch: the mean change of length, relative, that leaves half of that.
     """
 
     rivals: int = tuned(6, "shells", 1, 300)
-    most_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)
-    most_move: float = tuned(0.17, "at unit area", 0, 1)
-    most_unlike: float = tuned(1.65, "1", 1, 10)
+    max_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)
+    max_move: float = tuned(0.17, "at unit area", 0, 1)
+    max_unlike: float = tuned(1.65, "1", 1, 10)
     miss_cost: float = tuned(1.0, "1", 0, 10)
     move_cost: float = tuned(1.2, "1", 0, 10)
     turn_cost: float = tuned(0.1, "1 / radian", 0, 10)
     scale_cost: float = tuned(1.0, "1", 0, 10)
-    most_cost: float = tuned(1.5, "1", 0, 10)
+    max_cost: float = tuned(1.5, "1", 0, 10)
     normal_weight: float = tuned(0.02, "at unit area", 0, 1)
     outside: float = tuned(0.02, "at unit area", 0, 1)
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)
@@ -93,7 +93,7 @@ class _Image:
     Attributes:
         triangle: (n,).
         barycentric: (n, 3).
-        distance: (n,) from where they were moved to, at unit area of the skin.
+        distance: (n,) from where they were moved to, at unit area of the hull.
     """
 
     triangle: Integers
@@ -108,45 +108,45 @@ class ShellMap:
     Attributes:
         surface_map: between the working meshes.
         confidence: (n,) of the target's working vertices.
-        partners: which vertices of the working meshes have one.
-        paired: number of the target's shells that are registered with their like.
+        counterparts: which vertices of the working meshes have one.
+        paired: number of the target's shells that are registered with their counterparts.
         alone: the part of the target's area for which nothing on the source is near where it is moved to.
         in_place: whether the two lie over each other, and stay there.
     """
 
     surface_map: SurfaceMap
     confidence: Floats
-    partners: Partners
+    counterparts: Counterparts
     paired: int
     alone: float
     in_place: bool
 
 
-def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_skins: Partners) -> ShellMap:
-    """Map the shells of two surfaces, given the map between their skins.
+def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts) -> ShellMap:
+    """Map the shells of two surfaces, given the map between their hulls.
 
     Args:
-        pair: the surfaces, and the skins' shapes.
-        fit: of the target's skin to the source's.
+        pair: the surfaces, and the hulls' shapes.
+        fit: of the target's hull to the source's.
         confidence: (n,) at the vertices of the target shape's mesh.
-        of_skins: which vertices of the shapes' meshes have a partner.
+        of_hulls: which vertices of the shapes' meshes have a counterpart.
     """
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence)
-    points, normals, around = _carried(motion, target.points, target.mesh.vertex_normals)
+    points, normals, around = _carry(motion, target.points, target.mesh.vertex_normals)
     kinds = tuple(_outside(side, shape) for side, shape in ((source, pair.source_shape), (target, pair.target_shape)))
     image = _beneath(points, normals, source, *kinds)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
-    has_partner = _have_partners(pair, points, image.distance, source, target, None if in_place else of_skins)
-    partners: list[tuple[int, int]] = []
+    has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
+    counterparts: list[tuple[int, int]] = []
     motions: list[Similarities] = []
     # A surface of one shell is a whole body, and a shell of the other one a piece of one.
     if min(len(ours), len(theirs)) > 1:
         most = MAX_PAIRED_PARTS
-        partners, motions = _partners(pair, motion, ours[:most], theirs[:most], source, target)
-    if partners:
+        counterparts, motions = _pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
+    if counterparts:
         shells = OrientedSurface(
             source.points,
             source.mesh.triangles,
@@ -154,9 +154,9 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_skins: Partners) -> 
             SHELLS.normal_weight,
             source.mesh.component[source.mesh.triangles[:, 0]],
         )
-    for (i, j), similarity in zip(partners, motions, strict=True):
+    for (i, j), similarity in zip(counterparts, motions, strict=True):
         part = ours[i]
-        onto, stretch = _onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
+        onto, stretch = _onto_counterpart(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
         on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
@@ -165,47 +165,45 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_skins: Partners) -> 
         has_partner.target[vertices] = has_partner.source[theirs[j].vertices] = True
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
-        surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
+        surface_map = _pin(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
     return ShellMap(
         surface_map,
         trust,
         has_partner,
-        len(partners),
+        len(counterparts),
         float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum()),
         in_place,
     )
 
 
-def _have_partners(
-    pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_skins: Partners | None
-) -> Partners:
+def _find_counterparts(
+    pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_hulls: Counterparts | None
+) -> Counterparts:
     """Which vertices of the working meshes lie near the other surface as the target is moved along.
 
     Args:
-        pair: the surfaces, and the skins' shapes.
+        pair: the surfaces, and the hulls' shapes.
         points: (n, 3) of the target's vertices, on the source.
         distance: (n,) from there to what of the source they lie on.
         source: with its shells.
         target: with its shells.
-        of_skins: which vertices of the skins have a partner, if these are what moves the target.
+        of_hulls: which vertices of the hulls have a counterpart, if these are what moves the target.
     """
     nearest = SurfaceMap(*closest_points(source.points, points, target.mesh.triangles), target.mesh.triangles)
     apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
-    near = Partners(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
-    if of_skins is None:
+    near = Counterparts(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
+    if of_hulls is None:
         return near
-    for side, shape, on_skin, found in (
-        (target, pair.target_shape, of_skins.target, near.target),
-        (source, pair.source_shape, of_skins.source, near.source),
+    for side, shape, on_hull, found in (
+        (target, pair.target_shape, of_hulls.target, near.target),
+        (source, pair.source_shape, of_hulls.source, near.source),
     ):
-        found &= on_skin[cKDTree(shape.proxy.vertices).query(side.points)[1]]
+        found &= on_hull[cKDTree(shape.proxy.vertices).query(side.points)[1]]
     return near
 
 
-def _pinned(
-    between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair
-) -> SurfaceMap:
-    """A map between working meshes, bent so that each landmark lands on its partner.
+def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair) -> SurfaceMap:
+    """A map between working meshes, bent so that each landmark lands on its counterpart.
 
     The displacements that this takes fade with a Gaussian of the distance on the target.
 
@@ -214,7 +212,7 @@ def _pinned(
         landmarks: (m, 3) places of the source and (m, 3) of the target, in the surfaces' frames and units.
         source: with its shells.
         target: with its shells.
-        pair: the surfaces, and the skins' shapes.
+        pair: the surfaces, and the hulls' shapes.
     """
     goals = pair.source_shape.proxy.full.from_surface(landmarks[0])
     vertex = np.asarray(cKDTree(target.points).query(pair.target_shape.proxy.full.from_surface(landmarks[1]))[1])
@@ -231,7 +229,7 @@ def _pinned(
 
 
 def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
-    """How the target's skin moves to the source's, in the frames of the skins, and whether it stays where it is."""
+    """How the target's hull moves to the source's, in the frames of the hulls, and whether it stays where it is."""
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
@@ -243,7 +241,7 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     return SimilarityField(target.vertices, places, confidence, basis), True
 
 
-def _carried(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+def _carry(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
     """`SimilarityField.carry` for any number of points."""
     pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
     places, turned, trust = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
@@ -290,10 +288,10 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
     return _Image(number, weights, distance)
 
 
-def _partners(
+def _pair_shells(
     pair: Pair, motion: SimilarityField, ours: list[Part], theirs: list[Part], source: Side, target: Side
 ) -> tuple[list[tuple[int, int]], list[Similarities]]:
-    """Shells that are each other's like, one to one, by number, and the similarities that register them."""
+    """Pair shells one to one: their numbers, and the similarities that register them."""
     here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
     there = Shells.of([(source.points, source.mesh.triangles[part.triangles]) for part in theirs])
     prior = _prior(here, motion)
@@ -308,45 +306,45 @@ def _partners(
             source.members([of_source for of_source, _ in pair.regions])[: len(theirs)],
         )
     )
-    rough = apart / SHELLS.most_move + unlike / np.log(SHELLS.most_unlike)
+    rough = apart / SHELLS.max_move + unlike / np.log(SHELLS.max_unlike)
     # On 13 pairs of characters these two limits changed no figure: they save up to half of the registrations.
-    rough[(unlike > np.log(SHELLS.most_unlike)) | (apart > SHELLS.most_move + size[:, None] / 2) | strangers] = np.inf
+    rough[(unlike > np.log(SHELLS.max_unlike)) | (apart > SHELLS.max_move + size[:, None] / 2) | strangers] = np.inf
     rivals = np.argsort(rough, axis=1, kind="stable")[:, : SHELLS.rivals]
     i, j = np.repeat(np.arange(len(ours)), rivals.shape[1]), rivals.ravel()
     possible = np.isfinite(rough[i, j])
     i, j = i[possible], j[possible]
     if not len(i):
         return [], []
-    found, miss = registered(here, there, i, j, prior, motion.handedness)
+    found, miss = register_shells(here, there, i, j, prior, motion.handedness)
     miss = miss / there.size[j]
     move = np.linalg.norm(found(here.centre[i][:, None])[:, 0] - images[i], axis=1)
     cosine = (np.einsum("qij,qij->q", found.rotation, prior.rotation[i]) - 1) / 2
     cost = (
-        SHELLS.miss_cost * miss / SHELLS.most_miss
-        + SHELLS.move_cost * move / SHELLS.most_move
+        SHELLS.miss_cost * miss / SHELLS.max_miss
+        + SHELLS.move_cost * move / SHELLS.max_move
         + SHELLS.turn_cost * np.arccos(np.clip(cosine, -1, 1))
         + SHELLS.scale_cost * np.abs(np.log(found.scale / prior.scale[i]))
     )
-    cost[(miss > SHELLS.most_miss) | (move > SHELLS.most_move)] = np.inf
-    table = np.full((len(ours), len(theirs)), 10 * SHELLS.most_cost)
-    table[i, j] = np.minimum(cost, 10 * SHELLS.most_cost)
+    cost[(miss > SHELLS.max_miss) | (move > SHELLS.max_move)] = np.inf
+    table = np.full((len(ours), len(theirs)), 10 * SHELLS.max_cost)
+    table[i, j] = np.minimum(cost, 10 * SHELLS.max_cost)
     number = np.zeros(table.shape, dtype=np.int64)
     number[i, j] = np.arange(len(i))
     assigned = np.column_stack(scipy.optimize.linear_sum_assignment(table)).tolist()
-    chosen = [(a, b) for a, b in assigned if table[a, b] <= SHELLS.most_cost]
+    chosen = [(a, b) for a, b in assigned if table[a, b] <= SHELLS.max_cost]
     return chosen, [found[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
 def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
     """How the body moves each of the target's shells as a whole."""
     flat = shells.sparse.reshape(-1, 3)
-    images = _carried(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
+    images = _carry(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
     return procrustes(shells.sparse, images, None, motion.handedness)
 
 
-def _onto_partner(
+def _onto_counterpart(
     part: Part,
-    partner: int,
+    counterpart: int,
     similarity: Similarities,
     scale: float,
     stays: bool,
@@ -355,16 +353,16 @@ def _onto_partner(
     source: Side,
     target: Side,
 ) -> tuple[_Image, float]:
-    """A shell's image on its partner, and by how much edges change their lengths; the better of two ways to place it.
+    """A shell's image on its counterpart, and the relative change of its edges' lengths, by the better of two motions.
 
     Stiff shells are placed by the similarity, those that bend by the body's map.
 
     Args:
         part: of the target, its points where the body's map moves them.
-        partner: number of its partner.
+        counterpart: number of its counterpart.
         similarity: that registers the one with the other.
         scale: of the body against the source's, by which lengths should change.
-        stays: whether the body stays in place, and with it a shell that lies on its partner there.
+        stays: whether the body stays in place, and with it a shell that lies on its counterpart there.
         normals: (n, 3) of all vertices of the target, where the body's map turns them.
         shells: of the source.
         source: that they are shells of.
@@ -376,7 +374,7 @@ def _onto_partner(
     lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     tried = []
     for places, facing in ((part.points, normals[part.vertices]), (similarity(rest[None])[0], turned)):
-        image = _Image(*shells.closest(places, facing, np.full(len(rest), partner)))
+        image = _Image(*shells.closest(places, facing, np.full(len(rest), counterpart)))
         corners = source.points[source.mesh.triangles[image.triangle]]
         on = np.einsum("nc,ncx->nx", image.barycentric, corners)
         change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)

@@ -88,7 +88,7 @@ class SimilarityField:
             rows = np.flatnonzero(share)
             if len(rows):
                 affine[rows] += share[rows, None] * (blend[rows] @ affine_maps(moments, self.handedness))
-        return *moved(affine, points, normals), blend @ self.trust
+        return *transform_points(affine, points, normals), blend @ self.trust
 
 
 def affine_maps(moments: Moments, handedness: float) -> Floats:
@@ -99,7 +99,7 @@ def affine_maps(moments: Moments, handedness: float) -> Floats:
     return np.hstack([found.linear.reshape(-1, 9), found.translation])
 
 
-def moved(affine: Floats, points: Floats, normals: Floats) -> tuple[Floats, Floats]:
+def transform_points(affine: Floats, points: Floats, normals: Floats) -> tuple[Floats, Floats]:
     """Points (q, 3) and directions (q, 3), each moved by an affine map of its own (q, 12)."""
     linear = affine[:, :9].reshape(-1, 3, 3)
     turned = np.einsum("qij,qj->qi", linear, normals)

@@ -18,7 +18,7 @@ from zoomout_core.maps.functional_map import resolvent_mask
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
-from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
+from zoomout_core.matching.scores import Disagreement, no_disagreement, scores_of, total_score
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -50,7 +50,7 @@ DESCRIPTORS = DescriptorTuning()
 def descriptor_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = nothing_known,
+    disagreement: Disagreement = no_disagreement,
     sides: tuple[int, ...] = (1, -1),
 ) -> list[Hypothesis]:
     """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it.

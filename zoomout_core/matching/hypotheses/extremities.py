@@ -24,7 +24,7 @@ from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, 
 from zoomout_core.matching.hypotheses.landmarks import anchored_hypothesis
 from zoomout_core.matching.landmark_features import LandmarkFeatures, landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
-from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
+from zoomout_core.matching.scores import Disagreement, no_disagreement, scores_of, total_score
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
@@ -110,7 +110,7 @@ class Extremities:
 def extremity_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = nothing_known,
+    disagreement: Disagreement = no_disagreement,
     sides: tuple[int, ...] | None = None,
     wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
 ) -> list[Hypothesis]:
@@ -130,7 +130,7 @@ def extremity_hypotheses(
 
 
 def more_extremity_hypotheses(
-    source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement = nothing_known
+    source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement = no_disagreement
 ) -> list[Hypothesis]:
     """Further maps, for where no map is likely: of more pairings, and of those of lesser tips.
 
@@ -315,7 +315,7 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
         size: how many pairs; the cost is the mean over the pairs plus the mean over all twos of them.
 
     Returns:
-        (p, size) elements of the first set, in rising order, and (p, size) their partners.
+        (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
     """
     a, b = single.shape
     width = EXTREMITIES.beam // (a * b)

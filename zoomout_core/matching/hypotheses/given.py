@@ -11,7 +11,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import checked_start
+from zoomout_core.maps.zoomout import check_start
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
 from zoomout_core.matching.pair import Pair, positions_of_part, surface_vertices
 from zoomout_core.spectral.eigenbasis import eigenbasis
@@ -56,7 +56,7 @@ def _given_vertices(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Integers
                 "The given map refers to triangles of a different source: give the source that it was computed for."
             )
         initial_map = initial_map.vertex
-    start = checked_start(initial_map, len(pair.source.vertices), len(pair.target.vertices))
+    start = check_start(initial_map, len(pair.source.vertices), len(pair.target.vertices))
     if start.ndim == 1:
         return start
     k_target, k_source = start.shape

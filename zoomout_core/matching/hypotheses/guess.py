@@ -58,7 +58,7 @@ def guess(
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    hypotheses = [*_guessed(pair, GUESSES, disagreement), *rotation_hypotheses(source, target)]
+    hypotheses = [*_guess(pair, GUESSES, disagreement), *rotation_hypotheses(source, target)]
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
@@ -71,13 +71,13 @@ def guess(
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scaled(LANDMARK_WEIGHT).and_those(anchors)
-    return _anchored(hypotheses, anchors)
+        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).and_those(anchors)
+    return _anchor(hypotheses, anchors)
 
 
 def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:
     """More hypotheses, for where those of `guess` lead to no map that is likely."""
-    return _anchored(_guessed(pair, MORE_GUESSES, disagreement), evidence.anchors(pair))
+    return _anchor(_guess(pair, MORE_GUESSES, disagreement), evidence.anchors(pair))
 
 
 def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
@@ -85,12 +85,12 @@ def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) 
     return replace(known, earlier=_images(pair, earlier), standing=_standing(pair))
 
 
-def _guessed(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
+def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
     shapes = pair.source_shape, pair.target_shape
     return list(chain.from_iterable(for_each(lambda make: make(*shapes, disagreement), guesses)))
 
 
-def _anchored(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:
+def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:
     """Hypotheses that known places hold in place to the end, whatever they begin with."""
     if anchors is None:
         return hypotheses

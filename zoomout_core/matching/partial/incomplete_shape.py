@@ -46,15 +46,15 @@ def at_scale(shape: ShapeAnalysis, scale: float) -> ShapeAnalysis:
     """A shape with all of its lengths multiplied by a factor."""
     if scale == 1:
         return shape
-    full = _scaled(shape.proxy.full, scale)
-    mesh = full if shape.proxy.mesh is shape.proxy.full else _scaled(shape.proxy.mesh, scale)
+    full = _scale(shape.proxy.full, scale)
+    mesh = full if shape.proxy.mesh is shape.proxy.full else _scale(shape.proxy.mesh, scale)
     proxy = replace(shape.proxy, full=full, mesh=mesh, vertices=shape.proxy.vertices * scale)
     basis = replace(shape.basis.at_area(scale**2), points=mesh.vertices)
     sampled = SampledBasis.of(basis, shape.sampled.samples)
     return ShapeAnalysis(proxy, shape.stiffness, basis, sampled, shape.distances * scale)
 
 
-def _scaled(mesh: WorkingMesh, scale: float) -> WorkingMesh:
+def _scale(mesh: WorkingMesh, scale: float) -> WorkingMesh:
     return replace(mesh, vertices=mesh.vertices * scale, scale=mesh.scale / scale)
 
 

@@ -41,7 +41,7 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
 LANDMARK_MAPS = LandmarkMapTuning()
 
 
-def extended(
+def extend_landmarks(
     landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
 ) -> Integers:
     """(d_t,) the place of the source for each place of the target, by distances to landmarks.

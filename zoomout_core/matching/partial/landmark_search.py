@@ -25,7 +25,7 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
         mean_distance: weight of the mean distance to all places, beside the distance to a cut, when the first landmark
             is chosen: it is a tip.
         near_cut: distance to a cut, relative to the square root of the shape's area, that is enough.
-        least_weight: of a place on a cut, when the others are chosen.
+        min_weight: of a place on a cut, when the others are chosen.
         region: share of the places of a shape that landmarks around one of them are among.
         places: of the source, that landmarks may be placed on.
         width: of the beam.
@@ -40,7 +40,7 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
 
     mean_distance: float = tuned(0.3, "1", 0, 10)
     near_cut: float = tuned(0.1, "1", 1e-6, 10)
-    least_weight: float = tuned(0.3, "1", 0, 1)
+    min_weight: float = tuned(0.3, "1", 0, 1)
     region: float = tuned(0.45, "1", 0.01, 1)
     places: int = tuned(200, "places", 10, 10_000)
     width: int = tuned(1000, "assignments", 1, 100_000)
@@ -66,7 +66,7 @@ def landmarks_of(target: IncompleteShape, count: int, around: int | None = None)
     """
     between, cut_distance = target.between, target.cut_distance
     scale = SEARCH.near_cut * np.sqrt(target.shape.basis.areas.sum())
-    weight = np.clip(cut_distance / scale, SEARCH.least_weight, 1)
+    weight = np.clip(cut_distance / scale, SEARCH.min_weight, 1)
     if around is None:
         remote = np.where(np.isfinite(cut_distance), cut_distance, 0)
         chosen = [int(np.argmax(remote + SEARCH.mean_distance * between.mean(axis=1)))]

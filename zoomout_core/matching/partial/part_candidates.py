@@ -13,7 +13,7 @@ import numpy as np
 from zoomout_core.arrays import Integers
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
-from zoomout_core.matching.partial.landmark_maps import extended
+from zoomout_core.matching.partial.landmark_maps import extend_landmarks
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
@@ -35,7 +35,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
         registered: maps that the part is bent by roughly, those that promise most.
         compared: of these, maps that it is bent by further.
         surroundings: Gaussian width of those that are turned together.
-        near_cut: what goes nearer to a cut of the whole may have no partner.
+        near_cut: what goes nearer to a cut of the whole may have no counterpart.
         facing: weight of the logarithm of the mean deviation of normals in what a map promises,
         bend: of the mean distance from turned surroundings,
         distance: of the mean change of geodesic distances,
@@ -106,11 +106,11 @@ def part_candidates(regions: Sequence[Region]) -> list[PartCandidate]:
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
     sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
     if is_small or not (part.is_fragment and whole.is_fragment):
-        return _from_landmarks(_searched, sets, regions)
+        return _from_landmarks(_search, sets, regions)
     with portion(0.0, 0.5):
-        there = _from_landmarks(_searched, sets, regions)
+        there = _from_landmarks(_search, sets, regions)
     with portion(0.5, 1.0):
-        back = _from_landmarks(_searched_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
+        back = _from_landmarks(_search_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
     found = sorted(there + back, key=lambda candidate: candidate.scores["fit"])
     return _differing(found, len(found))
 
@@ -123,7 +123,7 @@ def _from_landmarks(
         sifted = _sift(search, sets, regions)
     # Some have come to lie on the same places.
     with portion(0.8, 1.0):
-        compared = for_each(_compared, _differing(sifted, PART_CANDIDATES.compared))
+        compared = for_each(_register_finely, _differing(sifted, PART_CANDIDATES.compared))
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
@@ -134,7 +134,7 @@ def rough_candidates(regions: Sequence[Region], sets: Sequence[Integers]) -> lis
         regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
         sets: of landmarks that it is searched for by.
     """
-    return _sift(_searched, sets, regions)
+    return _sift(_search, sets, regions)
 
 
 def _sift(
@@ -143,16 +143,16 @@ def _sift(
     for region in regions:
         _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
 
-    def searched(task: tuple[Region, Integers]) -> list[_Found]:
+    def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task
         return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
-        found = sorted(chain(*for_each(searched, tasks)), key=lambda one: one.promise)
+        found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
     ahead = _differing(found, PART_CANDIDATES.registered)
     with portion(0.5, 1.0):
-        sifted = for_each(_sifted, ahead)
+        sifted = for_each(_register_coarsely, ahead)
     return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
 
 
@@ -174,18 +174,22 @@ def landmark_sets(part: IncompleteShape, regions: int) -> list[Integers]:
     return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in around)]
 
 
-def _searched(landmarks: Integers, region: Region) -> list[Integers]:
+def _search(landmarks: Integers, region: Region) -> list[Integers]:
     """(d_p,) the place of the whole for each place of the part, by landmarks on each of several places."""
     part, whole = region.part, region.whole
     placed = assignments(landmarks, region.unlike, part, whole)
-    return [extended(landmarks, placed[number], region.unlike, part, whole) for number in distinct(placed, whole)]
+    return [
+        extend_landmarks(landmarks, placed[number], region.unlike, part, whole) for number in distinct(placed, whole)
+    ]
 
 
-def _searched_back(landmarks: Integers, region: Region) -> list[Integers]:
+def _search_back(landmarks: Integers, region: Region) -> list[Integers]:
     """The same by landmarks of the whole on each of several places of the part."""
     part, whole = region.part, region.whole
     placed = assignments(landmarks, region.unlike.T, whole, part)
-    return [extended(placed[number], landmarks, region.unlike, part, whole) for number in distinct(placed, part)]
+    return [
+        extend_landmarks(placed[number], landmarks, region.unlike, part, whole) for number in distinct(placed, part)
+    ]
 
 
 def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> float:
@@ -200,7 +204,7 @@ def _promise(places: Integers, region: Region) -> float:
     """How little a map of places promises before the part is bent by it: the least is the best.
 
     The surroundings of each place are turned onto their images by a rotation, which fits that of a mirrored map ill.
-    What goes next to a cut of the whole may have no partner, and counts for nothing.
+    What goes next to a cut of the whole may have no counterpart, and counts for nothing.
     """
     part, whole = region.part, region.whole
     here, there = part.shape, whole.shape
@@ -229,14 +233,14 @@ def _promise(places: Integers, region: Region) -> float:
     return float(total - PART_CANDIDATES.within * np.log(share))
 
 
-def _sifted(one: _Found) -> PartCandidate:
+def _register_coarsely(one: _Found) -> PartCandidate:
     part, whole = one.region.part, one.region.whole
     registered = register_part(one.places, part, whole, PART_REGISTRATION.coarse)
     scores = {"promise": one.promise} | _fit(registered, part)
     return PartCandidate(one.region, _images(registered, part, whole), registered, scores)
 
 
-def _compared(one: PartCandidate) -> PartCandidate:
+def _register_finely(one: PartCandidate) -> PartCandidate:
     part, whole = one.region.part, one.region.whole
     registered = register_part(one.places, part, whole, PART_REGISTRATION.fine, one.registered)
     return PartCandidate(one.region, _images(registered, part, whole), registered, one.scores | _fit(registered, part))

@@ -14,7 +14,7 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import slanted_sizes
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import (
@@ -27,7 +27,7 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, fine_enough
-from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, nothing_known
+from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
@@ -51,7 +51,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
             people, both cut, 73 against 29).
         largest_ratio: of the scales of two shapes, beyond which their units differ: a hand is 7 to 10 times smaller
             than its body, and a foot 5 to 7.
-        residual: distance from the whole beyond which a place of the part has no partner.
+        residual: distance from the whole beyond which a place of the part has no counterpart.
         another_map: maps whose images are farther apart on average rival each other.
         rivalry: rate at which the odds of a rival fall with the lead in score.
         misfit: logarithm of the odds against a map whose fit is 0.
@@ -77,7 +77,7 @@ PART_MATCH = PartMatchTuning()
 def may_be_part(pair: Pair) -> bool:
     """Whether pieces may be missing on either shape of a pair."""
     shapes = pair.source_shape, pair.target_shape
-    if any(shape.proxy.full.is_skin for shape in shapes):
+    if any(shape.proxy.full.is_hull for shape in shapes):
         return False
     return any(np.isfinite(IncompleteShape(shape).cut_distance).any() for shape in shapes)
 
@@ -121,7 +121,7 @@ def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return (target, source) if is_target else (source, target)
 
 
-def match_part(pair: Pair, disagreement: Disagreement = nothing_known) -> list[Candidate]:
+def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list[Candidate]:
     """Candidates for a pair in one unit, the most likely first.
 
     Args:
@@ -148,12 +148,12 @@ class PartFit:
     Attributes:
         fit: from the target's mesh to the source's.
         back: from the source's mesh to the target's.
-        partners: which of their vertices have one.
+        counterparts: which of their vertices have one.
     """
 
     fit: Fit
     back: SurfaceMap
-    partners: Partners
+    counterparts: Counterparts
 
 
 def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
@@ -162,15 +162,15 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     part, whole = part_of(pair)
     region = candidate.part_match.region
     in_region = register_part(candidate.part_match.places, region.part, region.whole, NONRIGID_SCHEDULE)
-    registered = region.carried(in_region)
+    registered = region.carry(in_region)
     residual = PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
     on_part, of_whole = _on_part(registered, part, whole, residual)
     of_whole &= region.contains
     if part is pair.target_shape:
         fit = Fit(registered.closest, registered.positions, registered.rotations, of_part)
-        return PartFit(fit, on_part, Partners(of_part, of_whole))
-    return PartFit(Fit.unfitted(on_part), registered.closest, Partners(of_whole, of_part))
+        return PartFit(fit, on_part, Counterparts(of_part, of_whole))
+    return PartFit(Fit.of_map(on_part), registered.closest, Counterparts(of_whole, of_part))
 
 
 def _on_part(
@@ -178,7 +178,7 @@ def _on_part(
 ) -> tuple[SurfaceMap, Booleans]:
     """The closest points of a bent part to the vertices of the whole, and (n,) whether these are near."""
     positions, normals = whole.mesh.vertices, whole.mesh.vertex_normals
-    found = Surroundings.bent(part, registered.positions, registered.normals).closest(positions, normals)
+    found = Surroundings.deform(part, registered.positions, registered.normals).closest(positions, normals)
     distance = np.linalg.norm(found.interpolate(registered.positions) - positions, axis=1)
     facing = np.einsum("nx,nx->n", found.interpolate(registered.normals), normals) > 0
     return found, (distance < residual) & facing
@@ -188,7 +188,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     """The map of a part as one of the pair; how sure it is, its rivals will tell."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
-    bent = one.region.carried(one.registered).positions[part.search.samples]
+    bent = one.region.carry(one.registered).positions[part.search.samples]
     still = whole.mesh.vertices[whole.search.samples]
     from_target, onto_source = (still, bent) if part is source else (bent, still)
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part bent onto a whole by a rough map of its samples, and what the fit says about the map.
+"""Registration of a part with a whole by a rough map of its samples, and the scores of the map by the fit.
 
-The part alone is drawn, since most of the whole has no partner. A map that is right bends it little, and leaves normals
-that agree; one that leads to another limb has to bend, stretch or turn it over.
+Only the part is deformed, since most of the whole has no counterpart. A correct map bends it little, and normals agree;
+one to another limb must bend, stretch or fold it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class RegisteredPart:
         residual: (n,) distance to these.
         agreement: (n,) cosine between the normals.
         is_near: (n,) whether they are near the image of the nearest place, along the whole.
-        on_cut: (n,) whether the closest point is on a cut of the whole: what is beyond that has no partner.
+        on_cut: (n,) whether the closest point is on a cut of the whole: what is beyond that has no counterpart.
         strain: mean distance, relative to their own, between where neighbouring nodes put each other, where these are
             not on a cut.
     """
@@ -113,7 +113,7 @@ def register_part(
     place, is_cut = here.voronoi_cell, whole.cut_distance_of_vertices == 0
     around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there, is_cut)
     graph = bend(rest, normals, start, around, limit, here, levels, is_part=True)
-    positions, turned, blends = graph.moved()
+    positions, turned, blends = graph.deform()
     turned = unit_vectors(turned)
     closest = around.closest(positions, turned)
     # The rough map may have been off by more; what has gone to a limb that touches, its neighbours have not.

@@ -20,7 +20,7 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_s
 from zoomout_core.matching.partial.landmark_search import landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices, fine_enough
+from zoomout_core.matching.registration.nonrigid_icp import fine_enough, min_vertices
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -126,7 +126,7 @@ class Region:
         """(q, 3) points given in the frame of the region, in that of the whole in the pair."""
         return self.of_whole.proxy.from_surface(self.whole.shape.proxy.to_surface(points))
 
-    def carried(self, registered: RegisteredPart) -> RegisteredPart:
+    def carry(self, registered: RegisteredPart) -> RegisteredPart:
         """A part that is bent onto the region, bent onto the whole, on the meshes and in the unit of the pair."""
         if self.vertex is None:
             return registered
@@ -180,7 +180,7 @@ def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
     """A part that nodes can be spread over."""
     if fine_enough(part):
         return part
-    mesh, _ = part.mesh.subdivided(fewest_vertices())
+    mesh, _ = part.mesh.subdivide(min_vertices())
     # Analyses are made at unit area.
     scale = float(np.sqrt(part.basis.areas.sum()))
     mesh = replace(mesh, vertices=mesh.vertices / scale, scale=mesh.scale * scale)
@@ -194,7 +194,7 @@ def _region(
     """The region of some vertices (n,) of the whole's mesh, which is made finer or coarser."""
     proxy = of_whole.proxy
     mesh, vertices = proxy.full.piece(inside[proxy.merged])
-    mesh, nearest = mesh.subdivided(fewest_vertices())
+    mesh, nearest = mesh.subdivide(min_vertices())
     shape = analyse(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
     region = IncompleteShape(at_scale(shape, mesh.scale / whole.shape.proxy.full.scale))
     return Region(part, region, of_part, of_whole, proxy.merged[vertices[nearest[shape.proxy.full_vertex]]])

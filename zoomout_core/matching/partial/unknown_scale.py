@@ -67,7 +67,7 @@ def match_at_unknown_scale(
     if not parts:
         return None
 
-    def placed(part: int, scale: float) -> tuple[Pair, list[Candidate]]:
+    def place_at_scale(part: int, scale: float) -> tuple[Pair, list[Candidate]]:
         unit, scales = max(scale, 1.0), [1.0, 1.0]
         scales[part] = scale
         source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, scales, strict=True))
@@ -80,12 +80,12 @@ def match_at_unknown_scale(
             found.append((*_rough_scale(shapes[part], shapes[1 - part]), part))
     _, scale, part = min(found)
     with portion(0.4, 0.55):
-        best = placed(part, scale)
+        best = place_at_scale(part, scale)
     if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
         return best
     for step, scale in enumerate(UNKNOWN_SCALE.small_scales):
         with portion(0.55 + 0.15 * step, 0.7 + 0.15 * step):
-            other = placed(part, scale)
+            other = place_at_scale(part, scale)
         best = max(best, other, key=lambda one: one[1][0].certainty)
     return best
 

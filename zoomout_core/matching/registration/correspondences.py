@@ -72,10 +72,10 @@ class Surroundings:
 
     @classmethod
     def of(cls, source: ShapeAnalysis) -> Surroundings:
-        return cls.bent(source, source.mesh.vertices, source.mesh.vertex_normals)
+        return cls.deform(source, source.mesh.vertices, source.mesh.vertex_normals)
 
     @classmethod
-    def bent(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
+    def deform(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
         """A shape whose vertices have other positions (n, 3) and unit normals (n, 3)."""
         places = _with_normals(positions, normals)
         return cls(source, places, cKDTree(places), EmbeddedSurface(positions, source.neighbourhoods))
@@ -99,11 +99,11 @@ class GeodesicLimit:
         self._first, self._is_cut = first, is_cut
         self._marks = source.distances[:BOUND_SAMPLES].T.astype(np.float32)
 
-    def exceeds_geodesic_limit(self, vertex: Integers, partner: Integers) -> Booleans:
+    def exceeds_geodesic_limit(self, vertex: Integers, counterpart: Integers) -> Booleans:
         """(q,) for pairs of a vertex of the target and one of the source."""
-        apart = np.abs(self._marks[partner] - self._marks[self._first[vertex]]).max(axis=1)
+        apart = np.abs(self._marks[counterpart] - self._marks[self._first[vertex]]).max(axis=1)
         beyond = np.asarray(apart > MAX_GEODESIC_DISTANCE)
-        return beyond if self._is_cut is None else beyond | self._is_cut[partner]
+        return beyond if self._is_cut is None else beyond | self._is_cut[counterpart]
 
 
 def residuals(
@@ -133,15 +133,15 @@ def residuals(
     found = around.closest(positions[here.vertex], normals[here.vertex])
     back = cKDTree(_with_normals(positions, normals)).query(around.places[there.vertex])[1]
     vertex = np.concatenate([here.vertex, back])
-    partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
-    partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
-    partner_normal = unit_vectors(partner_normal)
+    counterpart = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
+    counterpart_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
+    counterpart_normal = unit_vectors(counterpart_normal)
     beyond = limit.exceeds_geodesic_limit(vertex, np.concatenate([found.vertex, there.vertex]))
-    residual = partner - positions[vertex]
-    agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
+    residual = counterpart - positions[vertex]
+    agreement = np.einsum("qx,qx->q", normals[vertex], counterpart_normal)
     trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / ROBUST_SCALE) ** 2) ** 2
     trust = np.where(beyond, MIN_WEIGHT, np.maximum(trust, MIN_WEIGHT))
-    across = partner_normal[:, :, None] * partner_normal[:, None]
+    across = counterpart_normal[:, :, None] * counterpart_normal[:, None]
     weight = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
     return vertex, residual, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * weight
 

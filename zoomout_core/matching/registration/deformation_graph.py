@@ -20,7 +20,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
 # the time and is exact enough where the next step begins from closest points found anew. The second, relative to the
 # mean of the diagonal, keeps a node in place that no residual depends on.
-DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
+DAMPING, MIN_DIAGONAL = 1e-5, 1e-9
 # Nodes that move each vertex.
 NODES_PER_VERTEX = 5
 # Weight of the squared difference in rotation of neighbouring nodes against that in position, in area / radian^2.
@@ -118,7 +118,7 @@ class DeformationGraph:
         away = self.rest[vertex, None] - self.rest[self.nodes.vertex][near]
         return np.einsum("qcij,qcj->qci", self.rotations[near], away)
 
-    def moved(self) -> tuple[Floats, Floats, Floats]:
+    def deform(self) -> tuple[Floats, Floats, Floats]:
         """(n, 3) all vertices, (n, 3) their normals, and (n, 3, 3) their rotations."""
         near, weight = self.nodes.near, self.nodes.weight
         positions = np.zeros_like(self.rest)
@@ -153,7 +153,7 @@ class DeformationGraph:
         )
         matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
         diagonal = matrix.diagonal()
-        matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + LEAST_DIAGONAL * diagonal.mean()
+        matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + MIN_DIAGONAL * diagonal.mean()
         factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
         change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
         moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())

@@ -23,10 +23,10 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import spectral_distance
 from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, align
-from zoomout_core.matching.proxy import Proxy, carried
+from zoomout_core.matching.proxy import Proxy, carry
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
-from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
 from zoomout_core.runtime.progress import advance, portion
 
 # The fraction of the progress of a fit that the rounds take.
@@ -93,20 +93,20 @@ class Fit:
     fits: Booleans
 
     @classmethod
-    def unfitted(cls, surface_map: SurfaceMap) -> Fit:
+    def of_map(cls, surface_map: SurfaceMap) -> Fit:
         """A map alone."""
         n = len(surface_map.triangle)
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def fewest_vertices() -> int:
+def min_vertices() -> int:
     """How many vertices the nodes of the schedule need."""
     return VERTICES_PER_NODE * max(level.nodes for level in NONRIGID_SCHEDULE)
 
 
 def fine_enough(*shapes: ShapeAnalysis) -> bool:
     """Whether meshes have the vertices that the nodes of the schedule need."""
-    return all(len(shape.mesh.vertices) >= fewest_vertices() for shape in shapes)
+    return all(len(shape.mesh.vertices) >= min_vertices() for shape in shapes)
 
 
 def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
@@ -119,7 +119,7 @@ def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
         mirrored: the map reverses the orientation.
     """
     if not fine_enough(source, target):
-        return Fit.unfitted(first)
+        return Fit.of_map(first)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
@@ -128,12 +128,12 @@ def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
     if aligned.facing(image_normals, source, target) is not aligned:
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
-    still, placed = unmoved(first, rest, normals, around, limit, target)
+    still, placed = rigid_vertices(first, rest, normals, around, limit, target)
     positions = np.where(still[:, None], placed, aligned.positions)
     with portion(0.0, BENDING):
         graph = bend(rest, normals, positions, around, limit, target, NONRIGID_SCHEDULE)
     advance(BENDING)
-    positions, turned, blends = graph.moved()
+    positions, turned, blends = graph.deform()
     found = around.closest(positions, turned)
     facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
     fits = (
@@ -169,7 +169,7 @@ def bend(
         limit: on correspondences.
         target: the shape that is bent.
         levels: the schedule; not empty.
-        is_part: places of the source may have no partner, so that they do not draw the target.
+        is_part: places of the source may have no counterpart, so that they do not draw the target.
     """
     graph = None
     for i, (count, sliding, stiffness, rounds) in enumerate(levels):
@@ -182,7 +182,7 @@ def bend(
             goal = positions
         for j in range(rounds):
             advance((i + j / rounds) / len(levels))
-            positions, turned, _ = graph.moved()
+            positions, turned, _ = graph.deform()
             if sliding == 1:
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
                 motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
@@ -194,7 +194,7 @@ def bend(
     return graph
 
 
-def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
+def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
     """A fit of proxies as a map between the parts that these were decimated from.
 
     Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
@@ -208,7 +208,7 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surf
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
-    place, images = target.place, carried(fit.surface_map, source, target)
+    place, images = target.place, carry(fit.surface_map, source, target)
     fits = fit.fits[target.mesh.triangles[place.triangle]].all(axis=1)
     on = SurfaceMap(place.triangle[fits], place.barycentric[fits], place.source_triangles)
     (centre, size), (image_centre, image_size) = target.frame, source.frame
@@ -220,13 +220,13 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surf
     found = source.closest(settled)
     at_rest = (settled != goal).any(axis=1)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
-    found = _replaced(found, loose, source.closest(goal[loose]))
+    found = _replace(found, loose, source.closest(goal[loose]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > MAX_LIFT_DISTANCE
     elsewhere &= loose | ~at_rest
-    return _replaced(found, elsewhere, source.closest(images[elsewhere]))
+    return _replace(found, elsewhere, source.closest(images[elsewhere]))
 
 
-def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMap:
+def _replace(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMap:
     """A map with other images for some vertices (n,)."""
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
     triangle[at], barycentric[at] = by.triangle, by.barycentric

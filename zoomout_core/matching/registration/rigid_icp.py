@@ -42,7 +42,7 @@ FADE_FACTOR = 1.5
 SAME_SURFACE_SHARE = 0.9
 
 
-def unmoved(
+def rigid_vertices(
     first: SurfaceMap,
     rest: Floats,
     normals: Floats,

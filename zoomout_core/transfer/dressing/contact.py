@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is worn stays outside of the skin, and of what is worn beneath it, by the distance that it had."""
+"""Contact: worn objects keep their distance from the skin, and from layers beneath them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.tuning import Tuning, tuned
@@ -23,27 +23,27 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ContactTuning(Tuning, set_by="dress"):
-    """How what is worn is kept out of the skin.
+    """How worn objects are kept out of the skin.
 
     Attributes:
-        reach: distance from the skin up to which a place is looked at,
-        layer_reach: and from what is worn beneath.
-        most_margin: distance from the skin that is kept, at most.
-        least_margin: and at least.
-        mended: how deep in the skin a place may have been to be brought out of it, where it is of a soft thing.
-        facing: least cosine between the way to the skin and its normal from which on the side is known.
+        reach: largest distance from the skin at which a place is tested,
+        layer_reach: and from a layer beneath.
+        max_margin: largest distance from the skin that is kept,
+        min_margin: and the smallest.
+        mended: largest depth in the skin, before, of a place of a soft object that is pushed out of it.
+        facing: smallest cosine between the way to the skin and its normal at which the side is known.
         spread: length over which a push is spread.
-        firmness: what a push counts for beside staying.
-        rounds: of looking and pushing, at most.
-        settled: what may be missing of a margin.
-        fine: length of edges that are so short that their ends are looked at alone.
-        looked_at: distance from the margin beyond which a place is not looked at again.
+        firmness: weight of a push against staying.
+        rounds: the most rounds of testing and pushing.
+        settled: the part of a margin that may be missing.
+        fine: length of edges below which only their ends are tested.
+        looked_at: distance from the margin beyond which a place is not tested again.
     """
 
     reach: float = tuned(0.08, "at unit area", 0, 1)
     layer_reach: float = tuned(0.02, "at unit area", 0, 1)
-    most_margin: float = tuned(0.01, "at unit area", 0, 1)
-    least_margin: float = tuned(0.001, "at unit area", 0, 1)
+    max_margin: float = tuned(0.01, "at unit area", 0, 1)
+    min_margin: float = tuned(0.001, "at unit area", 0, 1)
     mended: float = tuned(0.01, "at unit area", 0, 1)
     facing: float = tuned(0.5, "1", 0, 1)
     spread: float = tuned(0.01, "at unit area", 1e-6, 1)
@@ -55,13 +55,13 @@ class ContactTuning(Tuning, set_by="dress"):
 
 
 CONTACT = ContactTuning()
-# A push has faded at so many times the length over which it is spread.
+# Range of a push, over the length over which it is spread.
 PUSHED = 6.0
 # Guard against division by zero.
 SMALLEST = 1e-300
 
 
-class Skin:
+class SidedSurface:
     """A surface with two sides.
 
     Args:
@@ -91,76 +91,76 @@ class Skin:
 
 
 class Barrier(NamedTuple):
-    """What something is not to enter.
+    """A surface that a worn object must not enter.
 
     Attributes:
         before: as it was.
         after: as it is.
-        is_layer: whether it is something else that is worn: then what is beneath it, or far from it, is free.
+        is_layer: whether it is another worn object; then places beneath it, or far from it, are free.
     """
 
-    before: Skin
-    after: Skin
+    before: SidedSurface
+    after: SidedSurface
     is_layer: bool = False
 
 
 class _Bounds(NamedTuple):
-    """Places that are to stay on their side of a barrier.
+    """Places that must stay on their side of a barrier.
 
     Attributes:
         skin: the barrier, as it is.
         which: (b,) the places.
-        margin: (b,) how far off they are to stay.
+        margin: (b,) the distance that they must keep.
     """
 
-    skin: Skin
+    skin: SidedSurface
     which: Integers
     margin: Floats
 
     @classmethod
     def of(cls, barrier: Barrier, places: Floats, growth: Floats, gap: float) -> _Bounds:
-        """Those of places (p, 3) as they were, whose surroundings grow (p,)."""
+        """Bounds of those of places (p, 3), before, that are near a barrier, with surroundings that grow (p,)."""
         off, _, known = barrier.before.sides(places)
         lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
         which = np.flatnonzero(known & (off > lowest) & (off < highest))
-        least = 0.0 if barrier.is_layer else max(CONTACT.least_margin, gap)
-        margin = np.clip(off[which] * growth[which], least, max(CONTACT.most_margin, least))
+        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
+        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
         return cls(barrier.after, which, margin)
 
     def near(self, places: Floats) -> _Bounds:
-        """Those places, of all (p, 3) as they are, that may come to be on the other side."""
+        """The bounds of those of all places (p, 3), now, that may change sides."""
         off, _, _ = self.skin.sides(places[self.which])
         some = off < self.margin + CONTACT.looked_at
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def among(self, chosen: Booleans) -> _Bounds:
-        """Those of chosen places, of all (p,)."""
+        """The bounds of chosen places, of all (p,)."""
         some = chosen[self.which]
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
-        """(v,) places, of all (p, 3), that have come too near, and (v, 3) how far they are to move."""
+        """(v,) those of all places (p, 3) that are too near, and (v, 3) how they must move."""
         off, normals, known = self.skin.sides(places[self.which])
         missing = self.margin - off
         some = known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
         return self.which[some], missing[some, None] * normals[some]
 
 
-def held_off(
+def push_out(
     form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float, soft: Integers
 ) -> tuple[Floats, int]:
-    """Push a soft form smoothly out of what it was outside of.
+    """Push a soft form smoothly out of barriers that it was outside of.
 
     Args:
         form: at rest.
         positions: (n, 3) where it is.
         growth: (n,) how much larger its surroundings are.
-        barriers: what it is not to enter.
-        gap: how far off it is to stay at least.
+        barriers: surfaces that it must not enter; the first is the skin.
+        gap: the smallest distance that it keeps.
         soft: its points that are pushed.
 
     Returns:
-        (n, 3) positions, and how many places are still in the skin, the first of the barriers.
+        (n, 3) positions, and how many places are still in the skin.
     """
     probes = form.probes(soft, CONTACT.fine)
     if len(form.between(soft)):
@@ -178,17 +178,17 @@ def held_off(
         there = touched[:, free]
         matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
         loads = there.T @ (weights[:, None] * pushes)
-        positions[free] += factorised(matrix).solve(np.asfortranarray(loads))
-        # Places that have not moved are where they were found to be right.
+        positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
+        # Places that have not moved keep their margins.
         is_free = np.isin(np.arange(len(positions)), free)
         moving = [each.among(probes @ is_free > 0) for each in bounds]
     return positions, _wrong(bounds, probes @ positions)
 
 
-def held_off_as_a_whole(
+def push_out_rigidly(
     form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float
 ) -> tuple[Floats, int]:
-    """`held_off` for what is rigid: it is moved and turned as a whole."""
+    """`push_out` by a rigid motion of the whole form."""
     probes = form.probes(np.arange(len(form.rest)), CONTACT.fine)
     bounds = _bounds(barriers, probes, form, positions, growth, gap)
     for _ in range(CONTACT.rounds):
@@ -210,10 +210,10 @@ def _around(points: Floats, chosen: Integers) -> Integers:
     return np.flatnonzero(np.isfinite(distance))
 
 
-def _beside(skin: Skin, positions: Floats, triangles: Integers) -> csr_array:
-    """(p, n) what gives of positions (n, 3) those on triangles (m, 3) that vertices of the skin are beside.
+def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_array:
+    """(p, n) the matrix that interpolates positions (n, 3) at the points of triangles (m, 3) nearest to skin vertices.
 
-    There the skin may come through a triangle that is larger than what it has of detail.
+    There the skin may pass through a triangle that is coarser than its detail.
     """
     search = OrientedSurface(positions, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
     triangle, barycentric, distance = search.closest(skin.vertices, np.zeros_like(skin.vertices))
@@ -230,7 +230,7 @@ def _bounds(
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:
-    """(v,) places, of all (p, 3), that have come too near, some several times, and (v, 3) how far they are to move."""
+    """(v,) those of all places (p, 3) that are too near, some several times, and (v, 3) how they must move."""
     found = [each.pushes(places) for each in bounds]
     return np.concatenate([which for which, _ in found]), np.concatenate([pushes for _, pushes in found])
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Dress: what belongs to a source (clothes, hair, eyes, teeth, props) on the body of a target.
 
-The source's body is given the target's shape along the match. What is worn follows: the space around the body moves
-with it, what is soft keeps its form there as far as it is stiff, what is solid turns and grows as a whole, and nothing
-is pushed into the skin that was outside of it.
+The source's body is given the target's shape along the match. Worn objects follow: the space around the body moves with
+it, soft objects keep their form as far as they are stiff, solid ones turn and grow as a whole, and nothing that was
+outside of the skin is pushed into it.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
-from zoomout_core.transfer.dressing.contact import Barrier, Skin, held_off, held_off_as_a_whole
+from zoomout_core.transfer.dressing.contact import Barrier, SidedSurface, push_out, push_out_rigidly
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
-from zoomout_core.transfer.frames import turned_gradients
+from zoomout_core.transfer.frames import turn_gradients
 from zoomout_core.transfer.rules import Match
-from zoomout_core.transfer.wrapping.wrap import reversed_match, wrap
+from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
 from zoomout_core.tuning import Tuning, tuned
 
 # How something is carried: soft parts keep their form as far as they are stiff, rigid things turn and grow as a whole;
@@ -123,7 +123,7 @@ def dress(
 def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
     """(n_s, 3) the source's vertices where it has the target's shape."""
     with portion(0, TURNED_ROUND):
-        turned = reversed_match(result, source, target)
+        turned = reverse_match(result, source, target)
     with portion(TURNED_ROUND, 1):
         return wrap(turned, target, source).vertices
 
@@ -155,10 +155,10 @@ def carry(
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
     with stage(STAGE):
-        return _carried(body, shape, skin, carried, how, stiffness, gap)
+        return _carry(body, shape, skin, carried, how, stiffness, gap)
 
 
-def _carried(
+def _carry(
     body: Surface,
     shape: Floats,
     skin: Surface,
@@ -169,7 +169,7 @@ def _carried(
 ) -> Dressed:
     following = Following(body, shape)
     advance(0.1)
-    barriers = [Barrier(_skin(body, following.unit), _skin(skin, following.unit_after))]
+    barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
     advance(0.2)
     fits = []
     for number, (each, manner) in enumerate(zip(carried, manners, strict=True), start=1):
@@ -177,16 +177,18 @@ def _carried(
         advance(0.2 + 0.3 * number / len(carried))
     stuck = 0
     found: dict[int, tuple[Floats, Floats]] = {}
-    # From the skin outwards: what lies beneath is a barrier for what lies above.
+    # From the skin outwards: each layer is a barrier for those above it.
     order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
     for done, number in enumerate(order, start=1):
         fit = fits[number]
-        positions, wrong = fit.held_off(barriers, gap / following.unit_after)
+        positions, wrong = fit.push_out(barriers, gap / following.unit_after)
         stuck += wrong
         found[number] = fit.of_vertices(positions, following)
         if done < len(order) and fit.is_layer:
             triangles = fit.facing_away(barriers[0].before)
-            barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
+            barriers.append(
+                Barrier(SidedSurface(fit.form.rest, triangles), SidedSurface(positions, triangles), is_layer=True)
+            )
         advance(0.5 + 0.5 * done / len(order))
     notes = (message("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
@@ -230,7 +232,7 @@ class _Fit:
         """Points of no solid part."""
         return np.setdiff1d(np.arange(len(self.form.rest)), np.concatenate([[], *self.parts]))
 
-    def facing_away(self, skin: Skin) -> Integers:
+    def facing_away(self, skin: SidedSurface) -> Integers:
         """(m, 3) its triangles, wound so that each connected component faces away from the skin."""
         corners, first = self.form.triangles.copy(), self.form.triangles[:, 0]
         middles = self.form.rest[corners].mean(axis=1)
@@ -239,12 +241,12 @@ class _Fit:
         corners[inward] = corners[inward, ::-1]
         return corners
 
-    def held_off(self, barriers: Sequence[Barrier], gap: float) -> tuple[Floats, int]:
-        """(n, 3) positions out of the skin, by a gap, and how many places are still in it."""
+    def push_out(self, barriers: Sequence[Barrier], gap: float) -> tuple[Floats, int]:
+        """(n, 3) positions at a gap from the skin, and how many places are still in it."""
         if self.is_rigid:
-            return held_off_as_a_whole(self.form, self.positions, self.motion.growth, barriers, gap)
+            return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, gap)
         soft = self.soft
-        positions, wrong = held_off(self.form, self.positions, self.motion.growth, barriers, gap, soft)
+        positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, gap, soft)
         return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
 
     def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats]:
@@ -261,19 +263,19 @@ class _Fit:
 
 
 def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
-    """(n, 3) positions near where the body takes them, whose edges are those at rest, turned and grown."""
+    """(n, 3) positions near where the body takes them, with the edges at rest, turned and scaled."""
     length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
     pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-    gradients = (turned_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+    gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
     return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
 
 
-def _skin(surface: Surface, unit: float) -> Skin:
-    """A surface, in a unit, wound outwards."""
+def _sided_surface(surface: Surface, unit: float) -> SidedSurface:
+    """A surface in a unit, wound outwards."""
     triangles, working = surface.triangles.copy(), surface.working
     inward = working.triangle_of[working.flipped]
     triangles[inward] = triangles[inward, ::-1]
-    return Skin(surface.vertices / unit, triangles)
+    return SidedSurface(surface.vertices / unit, triangles)
 
 
 def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Textures baked anew: the source's images in the target's own atlas, read texel by texel along the map.
+"""Texture baking: the source's images in the target's own atlas, read texel by texel along the map.
 
 A texel of the target's atlas is a place on the target, which lies on the source, in one island of the source's
 atlas. There the image is read between the four nearest texels, of which those that other islands own, or none, do not
@@ -23,7 +23,7 @@ from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import chart_of
 
-# Pairs of a texel and a triangle that are looked at together, and texels that are read together: bounds the memory.
+# Pairs of a texel and a triangle that are tested together, and texels that are read together: bounds the memory.
 BLOCK = 1 << 19
 READ_TOGETHER = 1 << 15
 # Whoever reads between four texels sees none that is farther from the place than this many texels.
@@ -222,10 +222,10 @@ def _near(
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
     first = low.astype(np.int64)
     columns, rows = np.maximum(high - low + 1, 0).astype(np.int64).T
-    row_triangle, row = _counted(first[:, 1], rows)
+    row_triangle, row = _expand_counts(first[:, 1], rows)
     ends = np.cumsum(columns[row_triangle])
     for block in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends // BLOCK)) + 1):
-        owner, x = _counted(first[row_triangle[block], 0], columns[row_triangle[block]])
+        owner, x = _expand_counts(first[row_triangle[block], 0], columns[row_triangle[block]])
         triangle, y = row_triangle[block][owner], row[block][owner]
         a, b, c = places[triangle].transpose(1, 2, 0)
         ab, ac, offset = b - a, c - a, np.stack([x, y]) + 0.5 - a
@@ -234,7 +234,7 @@ def _near(
         yield x, y, triangle, weights, np.hypot(*offset)
 
 
-def _counted(first: Integers, count: Integers) -> tuple[Integers, Integers]:
-    """Rows of consecutive numbers, one after another: (q,) the row of each, and (q,) the numbers."""
+def _expand_counts(first: Integers, count: Integers) -> tuple[Integers, Integers]:
+    """Expand ranges of consecutive numbers: (q,) the range of each number, and (q,) the numbers."""
     row = np.repeat(np.arange(len(count)), count)
     return row, first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)

@@ -10,7 +10,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_open
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_surface
 
 # Slope of UVs that are continued beyond a border, at most, over the mean of their island.
 MAX_SLOPE = 4.0
@@ -62,7 +62,7 @@ class Chart:
 
 def chart_of(source: Surface, uv: Floats) -> Chart:
     """Cut the source (its corners have UVs (c, 2)) at its real seams, and measure its islands."""
-    cut = cut_open(source, uv)
+    cut = cut_surface(source, uv)
     count = int(cut.island.max()) + 1
     area = np.bincount(cut.triangle_island, triangle_areas(source.vertices, source.triangles), minlength=count)
     covered = np.bincount(cut.triangle_island, np.abs(signed_areas(uv[source.triangle_corners])), minlength=count)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of transferred UVs a user should look at: faces that are flipped, degenerate or stretched."""
+"""Faults of transferred UVs: flipped, degenerate and stretched faces."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
     area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
     expected = chart.density[island] ** 2 * area * source.area / target.area
     degenerate = np.abs(covered) < MIN_UV_AREA * expected
-    flipped = _flipped(chart, mapped, seed, signed) & ~degenerate
+    flipped = _flipped_faces(chart, mapped, seed, signed) & ~degenerate
 
     around_face, around_seed = face_edges(target), source.triangle_corners[seed][:, [[0, 1], [1, 2], [2, 0]]]
     in_space = edge_lengths(source.vertices[source.corner_vertex], around_seed).sum(axis=1)
@@ -62,7 +62,7 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
     return flipped, degenerate, (long | short) & ~degenerate
 
 
-def _flipped(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
+def _flipped_faces(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
     """(f,) which faces of the target, whose triangles cover UV areas (m,), are turned against the source at the seeds.
 
     Where the source's UVs fold without a seam, a seed may lie over the fold; then the middle of the face decides,

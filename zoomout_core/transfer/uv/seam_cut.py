@@ -21,7 +21,7 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut_mesh import CutSurface, cut_open, ragged
+from zoomout_core.transfer.cut_mesh import CutSurface, cut_surface, expand_ranges
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
 
@@ -63,8 +63,8 @@ class SeamCut:
     surface_map: SurfaceMap
     left: int
 
-    def applied(self, target: Surface) -> Surface:
-        """The target, cut open: new vertices after its own, further parts of divided faces after its faces."""
+    def apply(self, target: Surface) -> Surface:
+        """Cut the target: new vertices come after its own, further parts of divided faces after its faces."""
         first, second = (target.vertices[self.edge[:, i]] for i in range(2))
         on_edges = first + self.fraction[:, None] * (second - first)
         within = np.einsum("hc,hcx->hx", self.weights, target.vertices[self.corners])
@@ -107,7 +107,7 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
         uv: of the source, with values (c, 2) at its corners.
         mapped: the target on the source.
     """
-    cut = cut_open(mapped.source, np.asarray(uv.values, dtype=np.float64))
+    cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
     edge = _edges_of(np.flatnonzero(mapped.near_border(cut)), mapped)
     crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]
     edge = edge[crossing]
@@ -125,7 +125,7 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     kept = ~on_seam[edge].any(axis=1)
     edge, fraction = edge[kept], fraction[kept]
     around = _crossings_around(mapped, edge, on_seam)
-    face, ends = _divided(mapped, around)
+    face, ends = _divide_faces(mapped, around)
     meetings = _meetings(cut, mapped, around)
     junctions = SurfaceMap.from_vertices(meetings.vertex, mapped.source)
     surface_map = SurfaceMap(
@@ -151,7 +151,7 @@ def _edges_of(faces: Integers, mapped: MappedTarget) -> Integers:
     """(e, 2) the vertices of the edges of some faces of the target, each edge once, the smaller number first."""
     target = mapped.target
     start, end = target.face_start[faces], target.face_start[faces + 1]
-    _, corner = ragged(faces, start, end, np.arange(len(target.corner_vertex)))
+    _, corner = expand_ranges(faces, start, end, np.arange(len(target.corner_vertex)))
     ends = np.sort(target.corner_vertex[np.stack([corner, _next_corner(corner, mapped)], axis=1)], axis=1)
     ends = np.unique(ends, axis=0)
     return np.asarray(ends[ends[:, 0] != ends[:, 1]])
@@ -226,7 +226,7 @@ def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -
     return _Around(face, steps[order], place[order], first, np.diff(first, append=len(face)))
 
 
-def _divided(mapped: MappedTarget, around: _Around) -> tuple[Integers, Integers]:
+def _divide_faces(mapped: MappedTarget, around: _Around) -> tuple[Integers, Integers]:
     """The faces that the seam divides straight, and the two places that each is divided between."""
     pair = around.first[around.number == 2]
     length = 2 * np.diff(mapped.target.face_start)[around.face[pair]]
@@ -295,7 +295,7 @@ def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integ
     target = mapped.target
     order = np.argsort(target.triangle_face, kind="stable")
     start, end = (np.searchsorted(target.triangle_face[order], face, side) for side in ("left", "right"))
-    owner, triangle = ragged(np.arange(len(face)), start, end, order)
+    owner, triangle = expand_ranges(np.arange(len(face)), start, end, order)
     corners = target.triangles[triangle]
     a, b, c = mapped.points[corners].transpose(1, 0, 2)
     weights, off = closest_on_triangles(points[owner], a, b, c)
@@ -308,7 +308,7 @@ def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay within the face."""
     target = mapped.target
     start, end = target.face_start[face], target.face_start[face + 1]
-    owner, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
+    owner, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
     here = target.vertices[target.corner_vertex[corner]] - point[owner]
     there = target.vertices[target.corner_vertex[_next_corner(corner, mapped)]] - point[owner]
     normal = np.cross(here, there)

@@ -14,7 +14,7 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.cut_mesh import CutSurface, ragged
+from zoomout_core.transfer.cut_mesh import CutSurface, expand_ranges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import Candidates
 from zoomout_core.transfer.uv.chart import Chart
@@ -60,7 +60,7 @@ def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
     target, cut = mapped.target, chart.cut
     near = mapped.near_border(cut)
     safe = np.flatnonzero(~near)
-    face, seed, middle, share = _sampled_sheets(cut, mapped, np.flatnonzero(near))
+    face, seed, middle, share = _sample_sheets(cut, mapped, np.flatnonzero(near))
     face, share = np.concatenate([safe, face]), np.concatenate([np.ones(len(safe)), share])
     order = np.argsort(face, kind="stable")
     first_vertex = target.corner_vertex[target.face_start[safe]]
@@ -75,7 +75,7 @@ def _read(
     """The corners of each candidate's face on its sheet: looked for where the face is near a border, else known."""
     target, cut, face = mapped.target, chart.cut, candidates.face
     start, end = target.face_start[face], target.face_start[face + 1]
-    candidate, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
+    candidate, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
     vertex = target.corner_vertex[corner]
     triangle, barycentric = mapped.surface_map.triangle[vertex], mapped.surface_map.barycentric[vertex]
     gap = np.zeros(len(vertex))
@@ -90,9 +90,7 @@ def _read(
     return Sheets(candidates, seed, np.cumsum(end - start) - (end - start), uv, gap)
 
 
-def _sampled_sheets(
-    cut: CutSurface, mapped: MappedTarget, faces: Integers
-) -> tuple[Integers, Integers, Floats, Floats]:
+def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tuple[Integers, Integers, Floats, Floats]:
     """The sheets that samples of some faces of the target fall onto.
 
     Returns:

@@ -17,7 +17,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, joined_groups
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, label_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import VOTE_WEIGHT, elect
 from zoomout_core.transfer.uv.chart import Chart, chart_of
@@ -36,7 +36,7 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
     sheets = sheets_of(chart, mapped)
     first, second = mapped.adjacent
-    chosen = _elected(sheets, chart, mapped)
+    chosen = _elect(sheets, chart, mapped)
     corner = np.arange(len(target.corner_vertex))
     row = sheets.rows(chosen[target.corner_face], corner, target)
     agree = _agree(
@@ -48,15 +48,15 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         first,
         second,
     )
-    uv = _shared(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
+    uv = _share_corners(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
     notes = fault_notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
     return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
 
 
-def _elected(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
+def _elect(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
     """(f,) the candidate that each face takes, so that the seams on the target are short."""
     target = mapped.target
-    first, second = sheets.candidates.contested(*mapped.adjacent, target.corner_face)
+    first, second = sheets.candidates.contested_edges(*mapped.adjacent, target.corner_face)
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
     return elect(
         sheets.candidates,
@@ -88,9 +88,9 @@ def _agree(
     return agree
 
 
-def _shared(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
+def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
     """(c, 2) UVs, where joined corners that are one, or lie beyond a border, have what the nearest of them has."""
-    group = joined_groups(len(uv), first.ravel(), second.ravel())
+    group = label_groups(len(uv), first.ravel(), second.ravel())
     nearest = np.empty(group.max() + 1, dtype=np.int64)
     nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each, which is the nearest if it has no gap
     others = np.flatnonzero(gap[nearest[group]] > 0)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -27,7 +27,7 @@ def cage_of(
 ) -> Floats:
     """(n_t, 3) vertices of a cage whose limit surface lies where vertices at some positions would.
 
-    Least squares over points of the limit at vertices, edges and faces, beside how far the cage moves.
+    Least squares of distances of the limit's points at vertices, edges and faces, regularised by the cage's motion.
 
     Args:
         mapped: the target, which is the cage, on the source.
@@ -42,17 +42,17 @@ def cage_of(
     pull = csc_array(points.limit.T @ diags_array(np.maximum(points.limit @ weight, 0)))
     fair = csc_array(FAIRNESS_WEIGHT * _differences(cage) + MOTION_WEIGHT * diags_array(np.ones(n)))
     limit_pins = Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions)
-    system = PinnedSystem(factorised(pull @ points.limit + fair), limit_pins)
+    system = PinnedSystem(factorise(pull @ points.limit + fair), limit_pins)
     flat, found, at = points.flat @ positions, positions, triangle[points.near]
     for _ in range(PROJECTION_ROUNDS):
         at, barycentric, _ = mapped.whole.walk(at, points.limit @ found)
-        feet = np.einsum("qc,qcx->qx", barycentric, source.vertices[source.triangles[at]])
-        found = system.solve(pull @ (flat + detail * (feet - flat)) + fair @ positions)
+        projections = np.einsum("qc,qcx->qx", barycentric, source.vertices[source.triangles[at]])
+        found = system.solve(pull @ (flat + detail * (projections - flat)) + fair @ positions)
     return found
 
 
 def _differences(cage: Surface) -> csr_array:
-    """(n, n) what gives the sum of squared differences between vertices and the means of their neighbours."""
+    """(n, n) the quadratic form that sums squared differences between vertices and the means of their neighbours."""
     graph = edge_graph(cage.vertices, cage.triangles)
     graph.data[:] = 1
     count = np.asarray(graph.sum(axis=1)).ravel()

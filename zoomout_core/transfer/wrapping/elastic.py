@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target as an elastic skin: its edges, turned and scaled, hold against what draws its vertices elsewhere.
+"""The target as an elastic mesh: its edges, turned and scaled, resist the goals that attract its vertices.
 
 As-rigid-as-possible surface modelling (Sorkine and Alexa 2007), with rotations that are averaged along the surface, and
 with scales that are given. Positions are those of the target's working mesh, at unit area of the source.
@@ -19,13 +19,13 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
-# What draws a vertex that nothing draws, so that parts of which this is true of all vertices have a place.
-LEAST_PULL = 1e-6
+# Smallest weight of a goal: parts without any goal would leave the system singular.
+MIN_PULL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Pins:
-    """Places of the working mesh that must come to given positions.
+    """Places of the working mesh that must reach given positions.
 
     Attributes:
         matrix: (p, n) barycentric coordinates of the places.
@@ -40,8 +40,8 @@ class Pins:
         """The corners of the places."""
         return np.unique(self.matrix.indices)
 
-    def met(self, positions: Floats) -> Floats:
-        """(n, 3) positions of which only the places' corners are moved, as little as it takes."""
+    def enforce(self, positions: Floats) -> Floats:
+        """(n, 3) positions that meet the pins: only corners of the places move, as little as possible."""
         if not len(self.positions):
             return positions
         missing = self.positions - self.matrix @ positions
@@ -50,12 +50,12 @@ class Pins:
 
 
 def no_pins(n: int) -> Pins:
-    """None, for a working mesh of n vertices."""
+    """Pins of a working mesh of n vertices without any."""
     return Pins(csr_array((0, n)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class RestMesh:
     """The target's working mesh at rest, and how it is to be scaled.
 
     Attributes:
@@ -79,8 +79,8 @@ class Skin:
     averaging: ScreenedSmoothing
 
     @classmethod
-    def of(cls, frames: Frames, averaged_over: float) -> Skin:
-        """That of a target of which frames at all vertices are known.
+    def of(cls, frames: Frames, averaged_over: float) -> RestMesh:
+        """The rest mesh of a target with frames at all vertices.
 
         Args:
             frames: of the target's working mesh.
@@ -94,8 +94,8 @@ class Skin:
         return cls(*shape, stiffness, areas, scales, np.sign(turns), averaging)
 
     def loads(self, rotations: Floats) -> Floats:
-        """(n, 3) what the stiffness makes of positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
-        # As `turned_gradients` makes them, which takes many times as long to put together.
+        """(n, 3) the stiffness applied to positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
+        # The same as `turn_gradients`, without the assembly of its matrix, which takes many times as long.
         turns = self.scales[:, None, None] * rotations
         turned = np.einsum("nij,nj->ni", turns, self.rest)
         around = (self.stiffness @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
@@ -104,11 +104,11 @@ class Skin:
 
 
 class PinnedSystem:
-    """A sparse symmetric positive definite system, whose solutions meet pins.
+    """A sparse symmetric positive definite system whose solutions satisfy pins.
 
     Args:
         factors: of its (n, n) matrix.
-        pins: what must be met.
+        pins: hard constraints of the solutions.
     """
 
     def __init__(self, factors: SuperLU, pins: Pins) -> None:
@@ -119,47 +119,49 @@ class PinnedSystem:
             self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
 
     def _free(self, loads: Floats) -> Floats:
-        """(n, d) solutions for loads (n, d), whatever is pinned."""
+        """(n, d) solutions for loads (n, d), without the pins."""
         return np.asarray(self._factors.solve(np.asfortranarray(loads)))
 
     def solve(self, loads: Floats) -> Floats:
-        """(n, 3) solutions for loads (n, 3), moved as little, by the system, as it takes to meet the pins."""
+        """(n, 3) solutions for loads (n, 3) that meet the pins with the least energy."""
         free = self._free(loads)
         return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
 
 
 class Elastic:
-    """The linear system of a skin whose vertices are drawn somewhere.
+    """The linear system of an elastic mesh whose vertices are attracted by goals.
 
     Args:
-        skin: the skin.
-        pull: (n,) how much each vertex is drawn, in [0, 1].
-        length: over which edges hold against that, at unit area.
-        pins: what must be met, however the rest is drawn.
+        rest_mesh: the mesh at rest.
+        pull: (n,) the weight of each vertex's goal, in [0, 1].
+        length: over which edges resist that, at unit area.
+        pins: hard constraints.
     """
 
-    def __init__(self, skin: Skin, pull: Floats, length: float, pins: Pins) -> None:
-        self._skin = skin
-        self._smoothing = ScreenedSmoothing.of(np.maximum(pull, LEAST_PULL) * skin.areas, skin.stiffness, length)
+    def __init__(self, rest_mesh: RestMesh, pull: Floats, length: float, pins: Pins) -> None:
+        self._rest_mesh = rest_mesh
+        self._smoothing = ScreenedSmoothing.of(
+            np.maximum(pull, MIN_PULL) * rest_mesh.areas, rest_mesh.stiffness, length
+        )
         self._system = PinnedSystem(self._smoothing.factors, pins)
-        self._averaging = self._smoothing if length > skin.averaging.length else skin.averaging
+        self._averaging = self._smoothing if length > rest_mesh.averaging.length else rest_mesh.averaging
 
-    def solve(self, feet: Floats, loads: Floats) -> Floats:
-        """(n, 3) positions that are drawn to feet (n, 3), while edges hold: `Skin.loads`."""
-        return self._system.solve(self._smoothing.loads(feet, loads))
+    def solve(self, goals: Floats, loads: Floats) -> Floats:
+        """(n, 3) positions attracted by goals (n, 3), with edges that resist, see `RestMesh.loads`."""
+        return self._system.solve(self._smoothing.loads(goals, loads))
 
     def turns(self, positions: Floats) -> Floats:
-        """(n, 3, 3) how the skin has turned where it is at positions (n, 3), on average around each vertex."""
-        skin = self._skin
-        products = products_of_gradients(skin.stiffness, positions, skin.rest)
-        # Nothing of a flat patch says how its normals turn, but they themselves.
-        size = skin.areas * skin.scales * skin.handedness
-        normals = vertex_normals(positions, skin.corners)
-        products += size[:, None, None] * normals[:, :, None] * skin.normals[:, None, :]
+        """(n, 3, 3) rotations from rest to positions (n, 3), averaged around each vertex."""
+        rest_mesh = self._rest_mesh
+        products = products_of_gradients(rest_mesh.stiffness, positions, rest_mesh.rest)
+        # Edges of a flat patch do not determine the rotation of its normals, so these are added.
+        size = rest_mesh.areas * rest_mesh.scales * rest_mesh.handedness
+        normals = vertex_normals(positions, rest_mesh.corners)
+        products += size[:, None, None] * normals[:, :, None] * rest_mesh.normals[:, None, :]
         averaged = self._averaging.solve(products.reshape(-1, 9)).reshape(-1, 3, 3)
-        sense = skin.handedness[:, None, None]
+        sense = rest_mesh.handedness[:, None, None]
         return sense * rotations_of_blends(sense * averaged)
 
-    def spread(self, values: Floats) -> Floats:
-        """Values (n, d), smoothed as far as vertices are drawn, and going on where they are not."""
+    def smooth(self, values: Floats) -> Floats:
+        """Values (n, d), smoothed where vertices have goals, and extrapolated where they have none."""
         return self._smoothing.smooth(values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts, such as eyes and teeth: they go along with what is around them, turned and scaled as a whole."""
+"""Loose parts, such as eyes and teeth, follow their surroundings as similar images of themselves."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
 
 
 def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
-    """(n, 3) positions in which loose parts go along with the others, at unit area of the source.
+    """(n, 3) positions in which loose parts follow their surroundings, at unit area of the source.
 
-    A part turns as its surroundings do: images do not tell how a ball is turned. Where it lies, and how large it is,
-    its images say if they can be trusted.
+    A part turns as its surroundings do, because images do not determine the rotation of a ball. Trusted images
+    determine its place and size.
     """
     working, rest = fit.working, fit.working.vertices
     loose = moves_as_a_whole(working, fit.weight)
@@ -43,15 +43,17 @@ def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
     for part in np.split(order, np.flatnonzero(np.diff(working.component[order])) + 1):
         near = tree.query(rest[part], min(NEIGHBOURS, len(whole)))[1]
         near = whole[np.unique(near)]
-        motion = procrustes(rest[near], positions[near], handedness=fit.skin.handedness[part[0]])
-        trust, areas = fit.trust[part] * fit.skin.areas[part], fit.skin.areas[part]
+        motion = procrustes(rest[near], positions[near], handedness=fit.rest_mesh.handedness[part[0]])
+        trust, areas = fit.trust[part] * fit.rest_mesh.areas[part], fit.rest_mesh.areas[part]
         if trust.sum() >= MIN_TRUSTED_SHARE * areas.sum():
-            motion = _placed(motion, Moments.between(rest[part], fit.feet.images[part], trust), fit.feet.images[part])
+            motion = _place(
+                motion, Moments.between(rest[part], fit.projections.images[part], trust), fit.projections.images[part]
+            )
         positions[part] = motion(rest[part])
     return positions
 
 
-def _placed(motion: Similarities, own: Moments, images: Floats) -> Similarities:
+def _place(motion: Similarities, own: Moments, images: Floats) -> Similarities:
     """A motion with its own turn that brings a part to the middle of its images, and to their size."""
     spread = np.einsum("nx,nx->", images - own.image, images - own.image) / len(images)
     scale = np.sqrt(spread / np.maximum(own.spread, 1e-300))

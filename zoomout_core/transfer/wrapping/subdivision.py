@@ -36,14 +36,19 @@ def limit_points(cage: Surface) -> LimitPoints:
 
     Borders are smooth curves; creases are not regarded. A vertex of no face stays where it is.
     """
-    flat, subdivided, quads = _subdivided(cage)
+    flat, subdivided, quads = _subdivide(cage)
     near = np.arange(flat.shape[0])
     near[quads[:, 1:].ravel()] = np.repeat(quads[:, 0], 3)
     return LimitPoints(csr_array(_limit(quads, len(near)) @ subdivided), flat, near)
 
 
-def _subdivided(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
-    """Vertices, middles of edges and of faces, the same of the subdivided mesh, and its quads (c, 4), one a corner."""
+def _subdivide(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
+    """Subdivide once.
+
+    Returns:
+        Matrices of the vertices, middles of edges and middles of faces, before and after, and quads (c, 4), one for
+        each corner.
+    """
     n, corners, f = len(cage.vertices), cage.corner_vertex, len(cage.face_start) - 1
     count = len(corners)
     following = face_edges(cage)[:, 1]
@@ -82,7 +87,7 @@ def _subdivided(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
 
 
 def _limit(quads: Integers, count: int) -> csr_array:
-    """(count, count) what brings the vertices of a mesh of quads (q, 4) onto the limit surface."""
+    """(count, count) the matrix that moves the vertices of a mesh of quads (q, 4) onto the limit surface."""
     sides = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
     edges, edge_of = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     on_border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) != 2]

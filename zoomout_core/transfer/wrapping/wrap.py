@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wrap: the source's shape on the target's topology, through a map between them, and the other way round."""
+"""Wrap: the source's shape on the target's topology, along a map between them; and the inverse of a match."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from zoomout_core.runtime.progress import Progress, advance, listening, portion,
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.transfer.wrapping.cage import cage_of
 from zoomout_core.transfer.wrapping.elastic import Pins
-from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import Fit
 from zoomout_core.transfer.wrapping.loose_parts import moves_as_a_whole, with_loose_parts
+from zoomout_core.transfer.wrapping.projections import PROJECTION
 from zoomout_core.transfer.wrapping.unfold import Unfolding
 
 # Parts of the progress that reading the map, fitting and unfolding take, in [0, 1].
 READ, FITTED, UNFOLDED = 0.15, 0.75, 0.97
-# Part of it after which a match is turned round.
+# Part of the progress of `reverse_match` that wrapping takes.
 TURNED_ROUND = 0.9
 STAGE = "Wrapping"
 
@@ -71,8 +71,8 @@ def wrap(
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
-    Vertices lie on the source, edges flow evenly, and no face turns over. What has no partner on the source keeps its
-    form and moves along with its surroundings; loose parts, such as eyes and teeth, turn and grow as a whole.
+    Vertices lie on the source, edges flow evenly, and no face turns over. Parts without a counterpart on the source
+    keep their form and follow their surroundings; loose parts, such as eyes and teeth, turn and grow as a whole.
 
     Args:
         result: the match, or only its map, of each target vertex to a point of the source.
@@ -104,7 +104,7 @@ def wrap(
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
     source, target = as_surface(source), as_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
-    weight = _checked_mask(mask, len(target.vertices))
+    weight = _check_mask(mask, len(target.vertices))
     mapped = replace(mapped, confidence=mapped.confidence * weight)
     if mapped.has_partner is not None:
         weight = weight * mapped.has_partner
@@ -113,7 +113,7 @@ def wrap(
             "No part of the target can be wrapped, because no vertex has both a partner and a weight in the mask: "
             "change the mask, or match again."
         )
-    # Only a match knows, not a map.
+    # A bare map does not have it.
     given: Booleans | None = getattr(result, "source_has_partner", None)
     given = np.ones(len(source.vertices), dtype=bool) if given is None else given
     places = _places_of_landmarks(landmarks, source, target)
@@ -131,20 +131,20 @@ def wrap(
         if detail < 1:
             form = fit.form()
             found = form + detail * (found - form)
-        turned_over = int(unfolding.turned_over(found).sum())
-        found = unit * _on_surface(fit, pins.met(with_loose_parts(fit, found)), target)
+        turned_over = int(unfolding.turned_triangles(found).sum())
+        found = unit * _on_surface(fit, pins.enforce(with_loose_parts(fit, found)), target)
         if subdivided:
             number = target.working.vertex_of
             on_source = np.where(moves_as_a_whole(fit.working, fit.weight), 0.0, fit.weight)[number]
             on_source[number < 0] = 0
             at_limit = _pins(places, places[0], len(found), 1.0)
-            found = cage_of(mapped, found, fit.feet.triangle[number], on_source, detail, at_limit)
+            found = cage_of(mapped, found, fit.projections.triangle[number], on_source, detail, at_limit)
     return Wrapped(found, turned_over, _notes(fit, turned_over))
 
 
 @dataclass(frozen=True, eq=False)
 class ReversedMatch:
-    """A match the other way round: of each source vertex to a point of the target; see `MatchResult`."""
+    """The inverse of a match, from each source vertex to a point of the target; see `MatchResult`."""
 
     surface_map: SurfaceMap
     confidence: Floats
@@ -152,8 +152,8 @@ class ReversedMatch:
     source_has_partner: Booleans | None
 
 
-def reversed_match(result: Match | SurfaceMap, source: Surface, target: Surface) -> ReversedMatch:
-    """The match the other way round, from the source to the target.
+def reverse_match(result: Match | SurfaceMap, source: Surface, target: Surface) -> ReversedMatch:
+    """Invert a match: the map from the source to the target.
 
     Each vertex of the source takes the closest point of the target, wrapped onto it, next to normals that agree.
 
@@ -181,7 +181,7 @@ def _nearest_on(wrapped: Floats, result: Match | SurfaceMap, source: Surface, ta
     inwards = np.zeros(len(target.triangles), dtype=bool)
     inwards[working.triangle_of] = (np.bincount(component, agreement) < 0)[component]
     unit = np.sqrt(source.area)
-    search = OrientedSurface(wrapped / unit, target.triangles, inwards, FEET.normal_weight)
+    search = OrientedSurface(wrapped / unit, target.triangles, inwards, PROJECTION.normal_weight)
     triangle, barycentric, _ = search.closest(source.vertices / unit, _vertex_normals(source))
     return SurfaceMap(triangle, barycentric, target.triangles)
 
@@ -191,7 +191,7 @@ def _vertex_normals(surface: Surface) -> Floats:
     return surface.working.vertex_normals[surface.working.vertex_of]
 
 
-def _checked_mask(mask: ArrayLike | None, count: int) -> Floats:
+def _check_mask(mask: ArrayLike | None, count: int) -> Floats:
     if mask is None:
         return np.ones(count)
     weight = np.asarray(mask, dtype=np.float64)
@@ -243,15 +243,15 @@ def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Fl
 
 
 def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
-    """(n_t, 3) positions of all vertices of the target; one that no face uses goes along with the nearest other."""
+    """(n_t, 3) positions of all vertices of the target; a vertex of no face follows the nearest other one."""
     number = target.working.vertex_of
     found = positions[number]
     unused = np.flatnonzero(number < 0)
     if len(unused):
         places = target.working.from_surface(target.vertices[unused])
-        near = np.asarray(cKDTree(fit.skin.rest).query(places)[1])
-        offset = np.einsum("nij,nj->ni", fit.turns[near], places - fit.skin.rest[near])
-        found[unused] = positions[near] + fit.skin.scales[near, None] * offset
+        near = np.asarray(cKDTree(fit.rest_mesh.rest).query(places)[1])
+        offset = np.einsum("nij,nj->ni", fit.turns[near], places - fit.rest_mesh.rest[near])
+        found[unused] = positions[near] + fit.rest_mesh.scales[near, None] * offset
     return found
 
 

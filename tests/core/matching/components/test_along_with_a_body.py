@@ -9,7 +9,7 @@ from creatures import creature
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Moments, products
-from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, moved
+from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 
 MADE = creature(500)
@@ -36,7 +36,7 @@ def test_a_similarity_of_patches_is_found_exactly(sense: float) -> None:
     assert moments.handedness == sense
     np.testing.assert_allclose(moments.scale(sense), 1.3)
     points, normals = np.ones((9, 3)), np.tile([0.0, 0, 1], (9, 1))
-    carried, turned = moved(affine_maps(moments, sense), points, normals)
+    carried, turned = transform_points(affine_maps(moments, sense), points, normals)
     np.testing.assert_allclose(carried, points @ linear.T + [1, 2, 3])
     np.testing.assert_allclose(turned, normals @ (TURN * [sense, 1, 1]).T)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts lie on their partners, on pieces and wholes in their place, or on nothing, and are counted so."""
+"""Loose parts lie on their counterparts, on pieces and wholes in their place, or on nothing, and are counted so."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loose_parts import mapped, pair_around_body, part_of, sheet
+from loose_parts import map_parts, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
-    _carried,
-    _drawn_to,
+    _carry,
+    _correct_towards,
     _lies_on,
     _onto,
     _onto_pieces,
@@ -44,7 +44,7 @@ def thirds(rod: Surface) -> list[Surface]:
 
 
 def counts(pair: Any) -> tuple[int, ...]:
-    found = mapped(pair)
+    found = map_parts(pair)
     return found.paired, found.others, found.alone, found.left, found.too_many
 
 
@@ -68,11 +68,11 @@ def test_parts_after_one_that_is_alone_have_their_images_and_what_is_left_is_nam
         return np.flatnonzero(np.isin(component, np.arange(component.max() + 1)[numbers]))
 
     pair = pair_around_body(EYES, [ROD, *EYES])
-    found = mapped(pair)
+    found = map_parts(pair)
     np.testing.assert_array_equal(np.sort(found.image.vertices), vertices_of_parts(pair.target, slice(2, None)))
     assert len(found.left_vertices) == 0
     pair = pair_around_body([ROD, *EYES], EYES)
-    np.testing.assert_array_equal(mapped(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
+    np.testing.assert_array_equal(map_parts(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
 
 
 def test_pieces_of_a_whole_lie_on_it_and_it_on_them() -> None:
@@ -166,10 +166,10 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
 
 
 def test_a_small_part_takes_its_partners_centre_and_size_and_a_large_one_stays() -> None:
-    small, partner = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
-    np.testing.assert_allclose(_drawn_to(small, partner), partner.points, atol=1e-9)
+    small, counterpart = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
+    np.testing.assert_allclose(_correct_towards(small, counterpart), counterpart.points, atol=1e-9)
     large = part_of(ball(0.2))
-    np.testing.assert_array_equal(_drawn_to(large, part_of(ball(0.25))), large.points)
+    np.testing.assert_array_equal(_correct_towards(large, part_of(ball(0.25))), large.points)
 
 
 def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends() -> None:
@@ -180,7 +180,7 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
         return points * [1, 1, 0.5] + [0, 0, 1], normals, np.full(len(points), 0.7)
 
     motion: Any = SimpleNamespace(carry=carry, handedness=1.0)
-    points, normals, trust = _carried(side, motion)
+    points, normals, trust = _carry(side, motion)
     small = side.mesh.component == 1
     np.testing.assert_allclose(points[~small], carry(side.points, side.points)[0][~small])
     centred = [p[small] - p[small].mean(axis=0) for p in (points, side.points)]
@@ -218,15 +218,15 @@ def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
 
 
 def test_parts_that_are_not_alone_are_trusted_more_if_they_have_a_partner() -> None:
-    whole = mapped(pair_around_body([ROD], [ROD])).image.trust
-    pieces = mapped(pair_around_body([ROD], thirds(ROD))).image.trust
+    whole = map_parts(pair_around_body([ROD], [ROD])).image.trust
+    pieces = map_parts(pair_around_body([ROD], thirds(ROD))).image.trust
     assert whole.min() > 0.85
     assert 0.4 < pieces.min() < pieces.max() < 0.75
 
 
 def test_a_large_part_is_trusted_as_the_body_around_it_and_a_small_one_for_itself() -> None:
     pair = pair_around_body([*EYES, ROD], [*EYES, ROD])
-    sure, unsure = mapped(pair).image, mapped(pair, 0.25).image
+    sure, unsure = map_parts(pair).image, map_parts(pair, 0.25).image
     on_eye = np.abs(pair.target.working.to_surface(pair.target.working.vertices)[sure.vertices, 2]) < 0.1
     np.testing.assert_allclose(unsure.trust[on_eye], sure.trust[on_eye])
     np.testing.assert_allclose(unsure.trust[~on_eye], 0.5 * sure.trust[~on_eye])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skins around bodies: what lies below them, which way open shells face, and what stands for a surface."""
+"""Hulls around bodies: what lies below them, which way open shells face, and what stands for a surface."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.components import bodies
 from zoomout_core.matching.components.bodies import find_bodies, tight_bodies
+from zoomout_core.matching.components.hulls import _principal_axes, hull_of, main_part_coverage, orient_outwards
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import advance
@@ -29,35 +29,35 @@ def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), co
     return spheres.ball(radius, centre, count=count)
 
 
-# --- what lies below a skin -------------------------------------------------------------------------------------
+# --- what lies below a hull -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("radius", "low", "high"), [(0.99, 0.99, 1.0), (0.93, 0.9, 1.0), (0.7, 0.0, 0.01)])
 def test_a_main_part_lies_below_the_skin_where_it_is_near(radius: float, low: float, high: float) -> None:
-    skin = ball().working  # of unit area, so that a radius is 0.28
+    hull = ball().working  # of unit area, so that a radius is 0.28
     both = Surface.joined([ball(radius), ball(0.05, (1.05, 0, 0))])
-    assert low <= covered_by_main_part(both, skin) <= high
+    assert low <= main_part_coverage(both, hull) <= high
 
 
 def test_only_the_largest_part_counts_as_a_main_part() -> None:
-    skin = ball().working
+    hull = ball().working
     half = ball(0.99)
     upper = half.triangles[half.vertices[half.triangles][:, :, 2].min(axis=1) > 0]
     lower = half.triangles[half.vertices[half.triangles][:, :, 2].max(axis=1) < -0.3]
     both = Surface.joined([Surface(half.vertices, upper), Surface(half.vertices, lower)])
-    assert 0.3 < covered_by_main_part(both, skin) < 0.7
+    assert 0.3 < main_part_coverage(both, hull) < 0.7
 
 
 # --- which way open shells face -----------------------------------------------------------------------------------
 
 
 def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
-    skin = ball().working
+    hull = ball().working
     plate = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
     inside = ball(0.3)
     for corners in ([[0, 2, 3], [0, 3, 1]], [[0, 3, 2], [0, 1, 3]]):
         both = Surface.joined([inside, Surface(plate, corners)])
-        mesh = turned_outwards(both.working, skin)
+        mesh = orient_outwards(both.working, hull)
         centre = mesh.vertices[mesh.oriented_triangles].mean(axis=1)
         a, b, c = mesh.vertices[mesh.oriented_triangles].transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
@@ -68,7 +68,7 @@ def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
 
 
 def test_open_shells_all_around_face_away_from_the_skin() -> None:
-    skin = ball().working
+    hull = ball().working
     square = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
     turns = Rotation.from_rotvec(
         np.pi / 2 * np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0], [0, 3, 0]])
@@ -78,16 +78,16 @@ def test_open_shells_all_around_face_away_from_the_skin() -> None:
     ]
     flipped = [Surface(plate.vertices, plate.triangles[:, ::-1]) for plate in plates]
     for both in (plates, flipped):
-        mesh = turned_outwards(Surface.joined([ball(0.3), *both]).working, skin)
+        mesh = orient_outwards(Surface.joined([ball(0.3), *both]).working, hull)
         a, b, c = mesh.to_surface(mesh.vertices)[mesh.oriented_triangles].transpose(1, 0, 2)
         assert (np.einsum("mx,mx->m", np.cross(b - a, c - a), a) > 0).all()
 
 
 def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() -> None:
-    skin = ball().working
-    inwards = replace(skin, flipped=~skin.flipped)
+    hull = ball().working
+    inwards = replace(hull, flipped=~hull.flipped)
     mesh = Surface.joined([ball(0.9), ball(0.2, (0.6, 0, 0))]).working
-    np.testing.assert_array_equal(turned_outwards(mesh, inwards).flipped, mesh.flipped)
+    np.testing.assert_array_equal(orient_outwards(mesh, inwards).flipped, mesh.flipped)
 
 
 def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() -> None:
@@ -95,15 +95,15 @@ def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() ->
     needle = ball(1.0, count=600)
     surface = Surface(np.vstack([needle.vertices * [1, 0.05, 0.05], [[0, 0, 3]]]), needle.triangles)
     for tight, voxel, least, most in ((False, 2 / 128, -0.8, -0.2), (True, 2 / 192, -0.2, 0.5)):
-        skin = skin_of(surface, tight)
-        found = skin.to_surface(skin.vertices)
+        hull = hull_of(surface, tight)
+        found = hull.to_surface(hull.vertices)
         middle = np.abs(found[:, 0]) < 0.5
         below = 0.05 * np.sqrt(1 - found[middle, 0] ** 2) - np.linalg.norm(found[middle, 1:], axis=1)
         assert least < np.median(below) / voxel < most
-        assert skin.is_skin
-        assert skin.vertex_of[-1] == -1 < skin.vertex_of[:-1].min()
-        assert len(skin.triangle_of) == 0
-        near = np.linalg.norm(found[skin.vertex_of[:-1]] - surface.vertices[:-1], axis=1)
+        assert hull.is_hull
+        assert hull.vertex_of[-1] == -1 < hull.vertex_of[:-1].min()
+        assert len(hull.triangle_of) == 0
+        near = np.linalg.norm(found[hull.vertex_of[:-1]] - surface.vertices[:-1], axis=1)
         assert near.max() < 3 * voxel
 
 
@@ -132,7 +132,7 @@ def test_principal_axes_turn_with_the_surface() -> None:
 
 
 def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = False) -> list[str]:
-    """What is tried, in order, for a surface of two parts, the larger of which lies below so much of the skin."""
+    """What is tried, in order, for a surface of two parts, the larger of which lies below so much of the hull."""
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
     def main_parts(*_: object) -> tuple[str, str]:
@@ -140,8 +140,8 @@ def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = Fal
             raise MeshError("too small")
         return "main", "main"
 
-    monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
-    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: covered)
+    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: covered)
     monkeypatch.setattr(bodies, "main_parts", main_parts)
     return [str(one.source) for one in find_bodies(surface, surface, 0)]
 
@@ -160,15 +160,15 @@ def test_a_main_part_that_is_too_small_leaves_the_skin(monkeypatch) -> None:
 def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypatch) -> None:
     surfaces = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     covered = {id(surfaces[0]): 0.95, id(surfaces[1]): 0.6}
-    monkeypatch.setattr(bodies, "skin_of", lambda *_: SimpleNamespace())
-    monkeypatch.setattr(bodies, "covered_by_main_part", lambda surface, _: covered[id(surface)])
+    monkeypatch.setattr(bodies, "hull_of", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(bodies, "main_part_coverage", lambda surface, _: covered[id(surface)])
     for pair in (surfaces, surfaces[::-1]):
         tried = find_bodies(pair[0], pair[1], 0)
         assert [one.coverage for one in tried] == [1.0, 0.6]
 
 
 def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> None:
-    monkeypatch.setattr(bodies, "skin_of", lambda *_: pytest.fail("a skin was made"))
+    monkeypatch.setattr(bodies, "hull_of", lambda *_: pytest.fail("a skin was made"))
     one, other = ball(count=100), ball(2.0, count=80)
     (found,) = find_bodies(one, other, 0)
     assert found.coverage == 1
@@ -177,8 +177,8 @@ def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> 
 
 def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) -> None:
     pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
-    monkeypatch.setattr(bodies, "skin_of", lambda surface, tight=False: (surface is pair[0], tight))
-    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.3)
+    monkeypatch.setattr(bodies, "hull_of", lambda surface, tight=False: (surface is pair[0], tight))
+    monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.3)
     (around,) = find_bodies(pair[0], pair[1], 0)
     assert around == ((True, False), (False, False), 1.0)
     assert tight_bodies(pair[0], pair[1]) == ((True, True), (False, True), 1.0)
@@ -192,8 +192,8 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
         advance(1.0)
         return "main", "main"
 
-    monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
-    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.95)
+    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.95)
     monkeypatch.setattr(bodies, "main_parts", main_parts)
     fractions = fractions_of(lambda: find_bodies(surface, surface, 0))
     assert fractions == sorted(fractions)

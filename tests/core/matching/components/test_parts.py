@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts find their partners, bend with the body, and are reported where they have none."""
+"""Loose parts find their counterparts, bend with the body, and are reported where they have none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from clothes import (
     Piece,
     ball,
     bodice,
-    dressed,
+    dress,
     shell,
     shirt,
     skin_normals,
@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.main_parts import main_parts
-from zoomout_core.matching.components.parts import Part, paired
+from zoomout_core.matching.components.parts import Part, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.creatures import at_rest
@@ -75,9 +75,9 @@ Match = tuple[zo.MatchResult, Clothed, Clothed]
 def torn() -> Match:
     """A shirt that is in three pieces on the target; a hat that the source, and a button that the target has not."""
     worn = [shell("shirt", shirt(), 0.03, 700, 21), shell("trousers", trousers, 0.03, 700, 22)]
-    source = dressed([*eyes(1), *worn, ball("button", BUTTON, 0.04, 0.1, 60, 9)], 2500, 0)
+    source = dress([*eyes(1), *worn, ball("button", BUTTON, 0.04, 0.1, 60, 9)], 2500, 0)
     worn = [*in_pieces(31), shell("trousers", trousers, 0.03, 600, 35)]
-    target = dressed([*eyes(5), *worn, ball("hat", TOP, 0.1, 0.4, 60, 8)], 2200, 1, 0.7)
+    target = dress([*eyes(5), *worn, ball("hat", TOP, 0.1, 0.4, 60, 8)], 2200, 1, 0.7)
     return zo.match(source.surface, target.surface), source, target
 
 
@@ -85,8 +85,8 @@ def torn() -> Match:
 def sewn() -> Match:
     """The same the other way: pieces on the source; and so much hair on both that nobody can pair it."""
     buttons = [ball("button", BUTTON, 0.12, 0.1, 60, seed) for seed in (6, 7)]
-    source = dressed([*in_pieces(31), buttons[0], *hair(350, 1)], 2500, 0)
-    target = dressed([shell("shirt", shirt(), 0.03, 700, 21), buttons[1], *hair(400, 2)], 2200, 1, 0.5)
+    source = dress([*in_pieces(31), buttons[0], *hair(350, 1)], 2500, 0)
+    target = dress([shell("shirt", shirt(), 0.03, 700, 21), buttons[1], *hair(400, 2)], 2200, 1, 0.5)
     return zo.match(source.surface, target.surface), source, target
 
 
@@ -171,7 +171,7 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
 def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:
     """A suit is nearly as large as its wearer, and much like it."""
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
-    source, target = dressed(whole[:1], 1200, 0), dressed(whole[1:], 1000, 1, 0.9)
+    source, target = dress(whole[:1], 1200, 0), dress(whole[1:], 1000, 1, 0.9)
     sizes = [surface.surface.working.part(0)[0].scale for surface in (source, target)]
     assert [part.scale for part in main_parts(source.surface, target.surface, 0)] == sizes
 
@@ -224,10 +224,10 @@ def test_regions_decide_between_parts_in_one_place() -> None:
     ours = [part_of(sphere(0.1))]
     theirs = [part_of(sphere(0.1), 0.005), part_of(sphere(0.1), -0.02)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
-    assert paired(ours, theirs, *none)[0] == {0: 0}
+    assert pair_parts(ours, theirs, *none)[0] == {0: 0}
     named = np.array([[True, False]]), np.array([[False, True], [True, False]])
-    assert paired(ours, theirs, *named)[0] == {0: 1}
-    assert paired(ours, theirs[:1], named[0], named[1][:1])[0] == {}
+    assert pair_parts(ours, theirs, *named)[0] == {0: 1}
+    assert pair_parts(ours, theirs[:1], named[0], named[1][:1])[0] == {}
 
 
 def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
@@ -238,9 +238,9 @@ def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
     halves = Surface(points, triangles[~crossing | (points[triangles, 2].min(axis=1) > 0.09)])
     ours, theirs = [part_of(Surface(points, triangles))], [part_of(halves), part_of(Surface(points, triangles), 0.005)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
-    assert paired(ours, theirs, *none)[0] == {0: 1}
+    assert pair_parts(ours, theirs, *none)[0] == {0: 1}
     # Alone in its place it need not be of the same shape.
-    assert paired(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
+    assert pair_parts(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
 
 
 def test_hems_that_belong_together_are_brought_together() -> None:

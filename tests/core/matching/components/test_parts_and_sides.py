@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a part is measured by, which parts a side has, and who is whose partner."""
+"""What a part is measured by, which parts a side has, and who is whose counterpart."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from loose_parts import BODY, RADIUS, part_of, sheet
 
 from zoomout_core.matching.components.parts import Part, Side, relation_of
-from zoomout_core.matching.components.parts import paired as paired_in_regions
+from zoomout_core.matching.components.parts import pair_parts as paired_in_regions
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
@@ -19,7 +19,7 @@ EYES = [ball(0.04, (0.35, 0, 0)), ball(0.03, (-0.35, 0, 0))]
 
 
 def paired(ours: list[Part], theirs: list[Part]) -> dict[int, int]:
-    """Partners, where no regions are given."""
+    """Counterparts, where no regions are given."""
     return paired_in_regions(ours, theirs, np.zeros((len(ours), 0), bool), np.zeros((len(theirs), 0), bool))[0]
 
 
@@ -101,12 +101,12 @@ def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() 
 
 def test_a_skin_is_no_part_so_that_all_are_loose() -> None:
     surface = Surface.joined([*EYES, ball(0.1)])
-    skin = replace(BODY.working, is_skin=True)
-    side = Side.of(surface, skin)
+    hull = replace(BODY.working, is_hull=True)
+    side = Side.of(surface, hull)
     assert side.body == -1
     assert side.loose.all()
     assert len(side.parts(side.points)) == len(side.members([])) == 3
-    np.testing.assert_allclose(side.points, skin.from_surface(side.mesh.to_surface(side.mesh.vertices)))
+    np.testing.assert_allclose(side.points, hull.from_surface(side.mesh.to_surface(side.mesh.vertices)))
 
 
 def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
@@ -115,7 +115,7 @@ def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
     surface = Surface(np.vstack([joined.vertices, lone]), joined.triangles)
     first = len(BODY.vertices)
     half = np.arange(first, first + 30)
-    for body, skipped in ((surface.working.part(0)[0], 1), (replace(BODY.working, is_skin=True), 0)):
+    for body, skipped in ((surface.working.part(0)[0], 1), (replace(BODY.working, is_hull=True), 0)):
         members = partial(Side.of(surface, body).members)
         larger = members([np.arange(first, first + 60), half, np.append(half, first + 30), np.array([first + 120])])
         np.testing.assert_array_equal(larger[-2], [True, False, True, False])
@@ -126,14 +126,14 @@ def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
 
 
 def test_all_vertices_count_as_members() -> None:
-    side = Side.of(Surface.joined(EYES), replace(BODY.working, is_skin=True))
+    side = Side.of(Surface.joined(EYES), replace(BODY.working, is_hull=True))
     for first in (0, 60):
         members = side.members([first + np.arange(31), first + np.arange(30)])
         assert members[:, 0].sum() == 1
         assert not members[:, 1].any()
 
 
-# --- partners -------------------------------------------------------------------------------------------------------
+# --- counterparts -----------------------------------------------------------------------------------------
 
 
 def test_regions_favour_what_they_share_and_part_what_they_do_not() -> None:
@@ -184,8 +184,8 @@ def test_a_part_among_many_finds_its_own() -> None:
 def test_misfits_are_infinite_for_strangers_alone() -> None:
     ours, theirs = balls((0, 0, 0), (0.5, 0, 0)), balls((0, 0, 0), (0.5, 0, 0))
     named = np.array([[True, False], [False, True]])
-    partners, misfit = paired_in_regions(ours, theirs, named, named)
-    assert partners == {0: 0, 1: 1}
+    counterparts, misfit = paired_in_regions(ours, theirs, named, named)
+    assert counterparts == {0: 0, 1: 1}
     np.testing.assert_array_equal(np.isinf(misfit), ~np.eye(2, dtype=bool))
     np.testing.assert_allclose(np.diag(misfit), 0, atol=1e-9)
     unnamed = paired_in_regions(ours, theirs, named[:, :0], named[:, :0])[1]

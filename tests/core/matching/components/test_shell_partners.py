@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shells import _beneath, _partners
+from zoomout_core.matching.components.shells import _beneath, _pair_shells
 from zoomout_core.mesh.surface import Surface
 
 WHERE = directions(150, 0)
@@ -61,7 +61,7 @@ def paired(
     ]
     n = len(WHERE)
     pair: Any = SimpleNamespace(regions=[(n * j + np.arange(n), n * i + np.arange(n)) for i, j in regions])
-    chosen, _ = _partners(pair, motion, *parts, sides[1], sides[0])
+    chosen, _ = _pair_shells(pair, motion, *parts, sides[1], sides[0])
     return {numbers[0][i]: numbers[1][j] for i, j in chosen}
 
 

@@ -12,7 +12,7 @@ from loose_parts import egg
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.matching.components.shell_registration import Shells, registered
+from zoomout_core.matching.components.shell_registration import Shells, register_shells
 
 RADII = np.array([[1.0, 0.6, 0.3], [0.5, 0.45, 0.9], [0.2, 0.8, 0.7]])
 
@@ -32,11 +32,11 @@ def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
     off = Rotation.from_rotvec(0.4 * directions(3, 1)).as_matrix()
     prior = Similarities(np.ones(3), off @ turns, truth.translation + 0.1)
     number = np.arange(3)
-    found, left = registered(target, source, number, number, prior, handed)
+    found, left = register_shells(target, source, number, number, prior, handed)
     places = target.sparse
     assert np.linalg.norm(found(places) - truth(places), axis=2).mean() < 0.15
     assert (left < 0.12).all()
-    _, stranger = registered(target, source, number, (number + 1) % 3, prior, handed)
+    _, stranger = register_shells(target, source, number, (number + 1) % 3, prior, handed)
     assert (stranger > left).all()
 
 

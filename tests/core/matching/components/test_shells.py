@@ -15,19 +15,19 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.components.bodies import BODIES, find_bodies
-from zoomout_core.matching.components.skins import SKINS, covered_by_main_part, skin_of, turned_outwards
+from zoomout_core.matching.components.hulls import HULLS, hull_of, main_part_coverage, orient_outwards
 from zoomout_core.matching.ranking import RANKING
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    """Coarser skins and fewer candidates, which these few parts are found with alike, in half the time."""
+    """Coarser hulls and fewer candidates, which these few parts are found with alike, in half the time."""
     with (
-        retuned(SKINS, resolution=96, tight_resolution=128),
-        retuned(RANKING, direct=(2, 4), mirrored=(1, 2)),
+        retune(HULLS, resolution=96, tight_resolution=128),
+        retune(RANKING, direct=(2, 4), mirrored=(1, 2)),
     ):
         yield
 
@@ -73,9 +73,9 @@ def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
 
 
 def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> None:
-    skin = as_one_skin(STEP)
-    assert right_parts(zo.match(at_rest.surface, skin.surface), at_rest, skin) > 0.95
-    assert right_parts(zo.match(skin.surface, at_rest.surface), skin, at_rest) > 0.9
+    hull = as_one_skin(STEP)
+    assert right_parts(zo.match(at_rest.surface, hull.surface), at_rest, hull) > 0.95
+    assert right_parts(zo.match(hull.surface, at_rest.surface), hull, at_rest) > 0.9
 
 
 @pytest.mark.parametrize("eye", [False, True])
@@ -109,7 +109,7 @@ def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
 def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
     faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
-    with retuned(SKINS, resolution=64, tight_resolution=80):
+    with retune(HULLS, resolution=64, tight_resolution=80):
         result = zo.match(mannequin(None, 50).surface, Surface(np.vstack(heap), np.vstack(faces)), samples=400)
     assert result.certainty < 0.1
     assert "No reliable match" in result.notes[0]
@@ -188,7 +188,7 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
     # So that the torsos are tried as well, on which there is no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
-    with retuned(ATTEMPTS, sure=1.0), retuned(BODIES, much_of_body=0.0):
+    with retune(ATTEMPTS, sure=1.0), retune(BODIES, much_of_body=0.0):
         result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
@@ -215,19 +215,19 @@ def test_two_runs_agree_to_the_bit(stepped, at_rest: Mannequin, stepping: Manneq
 
 
 def test_a_body_that_lies_below_all_else_is_matched_itself() -> None:
-    skin = as_one_skin().surface
+    hull = as_one_skin().surface
     eye = 0.03 * directions(60, 1) + [0.04, -0.16, 1.72]
-    both = Surface.joined([skin, Surface(eye, ConvexHull(eye).simplices)])
-    assert covered_by_main_part(both, skin_of(both)) > 0.95
+    both = Surface.joined([hull, Surface(eye, ConvexHull(eye).simplices)])
+    assert main_part_coverage(both, hull_of(both)) > 0.95
     first, *others = find_bodies(both, both, 0)
-    assert not first.source.is_skin
+    assert not first.source.is_hull
     assert not others
 
 
 def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
-    assert covered_by_main_part(at_rest.surface, skin_of(at_rest.surface)) < 0.5
+    assert main_part_coverage(at_rest.surface, hull_of(at_rest.surface)) < 0.5
     first, *others = find_bodies(at_rest.surface, at_rest.surface, 0)
-    assert first.source.is_skin
+    assert first.source.is_hull
     assert not others
 
 
@@ -235,23 +235,23 @@ def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tri
     # Knees together.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
-    with retuned(ATTEMPTS, sure=1.0), retuned(SKINS, resolution=80, tight_resolution=120):
+    with retune(ATTEMPTS, sure=1.0), retune(HULLS, resolution=80, tight_resolution=120):
         result = zo.match(at_rest.surface, target.surface, k_final=60, samples=400)
     assert right_parts(result, at_rest, target) > 0.9
 
 
 def test_a_skin_tells_which_of_its_vertices_is_nearest_and_where_it_is(at_rest: Mannequin) -> None:
-    skin = skin_of(at_rest.surface)
-    on_skin = skin.to_surface(skin.vertices)[skin.vertex_of]
-    assert np.linalg.norm(on_skin - at_rest.surface.vertices, axis=1).mean() < 0.03
+    hull = hull_of(at_rest.surface)
+    on_hull = hull.to_surface(hull.vertices)[hull.vertex_of]
+    assert np.linalg.norm(on_hull - at_rest.surface.vertices, axis=1).mean() < 0.03
 
 
 def test_open_shells_are_wound_as_the_skin_around_them() -> None:
-    skin = as_one_skin().surface
+    hull = as_one_skin().surface
     plate = np.array([[x, -0.15, z] for x in (-0.1, 0.1) for z in (1.2, 1.4)])
     for corners in ([[0, 2, 3], [0, 3, 1]], [[0, 3, 2], [0, 1, 3]]):
-        both = Surface.joined([skin, Surface(plate, corners)])
-        mesh = turned_outwards(both.working, skin_of(both))
+        both = Surface.joined([hull, Surface(plate, corners)])
+        mesh = orient_outwards(both.working, hull_of(both))
         on_plate = mesh.component[mesh.triangles[:, 0]] == 1
         a, b, c = mesh.vertices[mesh.oriented_triangles[on_plate]].transpose(1, 0, 2)
         assert (np.cross(b - a, c - a)[:, 1] < 0).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a shell lies on its partner, which vertices are on the outside, and where landmarks take a map of shells."""
+"""How a shell lies on its counterpart, which vertices are on the outside, and where landmarks take a map of shells."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from zoomout_core.matching.components.shell_registration import Similarities
 from zoomout_core.matching.components.shells import (
     ShellMap,
     _beneath,
-    _onto_partner,
+    _onto_counterpart,
     _outside,
-    _partners,
-    _pinned,
+    _pair_shells,
+    _pin,
     map_shells,
 )
-from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
@@ -57,13 +57,13 @@ def laid(
     similarity: Similarities = STILL,
     scale: float = 1.0,
     stays: bool = False,
-    partner: int = 0,
+    counterpart: int = 0,
 ) -> tuple[np.ndarray, float]:
-    """Where the first shell of a target lies on its partner, and how its edges change, if the body's map moves it."""
+    """Where the body's map moves the first shell of a target on its counterpart, and how its edges change."""
     mesh, shells = source.mesh, looked_for(source)
     part = replace(target.parts(target.points)[0], points=moved)
-    image, stretch = _onto_partner(
-        part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
+    image, stretch = _onto_counterpart(
+        part, counterpart, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
     )
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
 
@@ -132,21 +132,21 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
 def test_a_shell_lies_on_its_partner_alone() -> None:
     both = side_of(ROD, ball(0.09, (0, 0, 0.05), radii=(3, 1, 0.5), count=200))
     at = both.points[both.mesh.component == 0]
-    for partner in (0, 1):
-        on, _ = laid(both, both, at, partner=partner)
-        assert set(np.round(np.abs(on[:, 2] - 0.05 * partner).max(), 3)[None]) <= {0.05, 0.045}
+    for counterpart in (0, 1):
+        on, _ = laid(both, both, at, counterpart=counterpart)
+        assert set(np.round(np.abs(on[:, 2] - 0.05 * counterpart).max(), 3)[None]) <= {0.05, 0.045}
 
 
 # --- which is whose like ------------------------------------------------------------------------------------------
 
 
-def partners(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
+def counterparts(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
     """Numbers by number, largest first, where the body stays, or grows."""
     motion: Any = SimpleNamespace(
         carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
     pair: Any = SimpleNamespace(regions=[])
-    return dict(_partners(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
+    return dict(_pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
 
 
 def number_of(source: Side, at: float) -> int:
@@ -164,61 +164,61 @@ def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearb
         source = side_of(
             ROD.with_vertices(blunt + np.array([0, 0.06 * sign, 0])), ROD.with_vertices(smooth - [0, 0.03 * sign, 0])
         )
-        assert partners(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
+        assert counterparts(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
 
 
 def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() -> None:
     for sign in (1, -1):
         near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
         source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
-        assert partners(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
+        assert counterparts(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
 
 
 @pytest.mark.parametrize("scale", [0.4, 2.5])
 def test_shells_may_grow_as_the_body_does(scale: float) -> None:
     target = side_of(ROD.with_vertices(ROD.vertices / scale))
-    assert partners(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
+    assert counterparts(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
 
 
 def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> None:
     far = [ROD.with_vertices(ROD.vertices + np.array([0.0, 0.1 + 0.009 * i, 0])) for i in range(8)]
     source = side_of(ROD.with_vertices(ROD.vertices * 1.05 - np.array([0, 0.01, 0])), *far)
-    assert partners(side_of(ROD), source) == {0: number_of(source, -0.01)}
+    assert counterparts(side_of(ROD), source) == {0: number_of(source, -0.01)}
 
 
 # --- the outside ----------------------------------------------------------------------------------------------------
 
 
 def skin_of(surface: Surface) -> ShapeAnalysis:
-    """The largest part of a surface as if it were a skin around all of it."""
+    """The largest part of a surface as if it were a hull around all of it."""
     shape = shape_of(surface, functions=100)
-    skin = replace(shape.mesh, is_skin=True)
-    return replace(shape, proxy=replace(shape.proxy, full=skin, mesh=skin))
+    hull = replace(shape.mesh, is_hull=True)
+    return replace(shape, proxy=replace(shape.proxy, full=hull, mesh=hull))
 
 
 def test_what_is_near_the_skin_is_on_the_outside() -> None:
     radius = (4 * np.pi) ** -0.5
-    skin = skin_of(ball(radius, count=1500))
+    hull = skin_of(ball(radius, count=1500))
     side = side_of(*(ball(radius - below, count=40) for below in (0.0, 0.01, 0.04, 0.2)))
-    np.testing.assert_array_equal(_outside(side, skin), side.mesh.component < 2)
+    np.testing.assert_array_equal(_outside(side, hull), side.mesh.component < 2)
 
 
 # --- all shells -----------------------------------------------------------------------------------------------------
 
 
-def map_of(source: Surface, target: Surface, trust: float = 0.8, on_skin: bool = True) -> ShellMap:
-    """The map of shells whose largest one stands for the skin, which goes to itself by number.
+def map_of(source: Surface, target: Surface, trust: float = 0.8, on_hull: bool = True) -> ShellMap:
+    """The map of shells whose largest one stands for the hull, which goes to itself by number.
 
     Args:
         source: the surface that the map lands on.
         target: the surface that it starts from.
-        trust: in the skin's map.
-        on_skin: whether the skins' vertices have partners.
+        trust: in the hull's map.
+        on_hull: whether the hulls' vertices have counterparts.
     """
     shapes = [skin_of(surface) for surface in (source, target)]
     pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
-    partners = Partners(*(np.full(len(shape.mesh.vertices), on_skin) for shape in shapes[::-1]))
-    return map_shells(pair, Fit.unfitted(identity(shapes[1])), np.full(len(partners.target), trust), partners)
+    counterparts = Counterparts(*(np.full(len(shape.mesh.vertices), on_hull) for shape in shapes[::-1]))
+    return map_shells(pair, Fit.of_map(identity(shapes[1])), np.full(len(counterparts.target), trust), counterparts)
 
 
 TRUNK = ball(0.3, radii=(1, 0.7, 1.6), count=150)
@@ -264,7 +264,7 @@ def test_a_shell_far_from_the_other_surface_has_no_partner_on_it(on_target: bool
     far = KNOB.with_vertices(KNOB.vertices - np.array([1.0, 0, 0]))
     longer, shorter = Surface.joined([TRUNK, HORN, far]), Surface.joined([TRUNK, HORN])
     source, target = (shorter, turned(longer)) if on_target else (longer, turned(shorter))
-    found = map_of(source, target).partners
+    found = map_of(source, target).counterparts
     # All shells but the third.
     np.testing.assert_array_equal(found.target, target.working.component < 2)
     np.testing.assert_array_equal(found.source, source.working.component < 2)
@@ -273,18 +273,18 @@ def test_a_shell_far_from_the_other_surface_has_no_partner_on_it(on_target: bool
 def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
     source = Surface.joined([TRUNK, KNOB])
     target = turned(Surface.joined([TRUNK, KNOB, HORN]))
-    found = map_of(source, target, on_skin=False)
+    found = map_of(source, target, on_hull=False)
     assert found.paired == 2
-    np.testing.assert_array_equal(found.partners.target, target.working.component != 1)
-    assert found.partners.source.all()
+    np.testing.assert_array_equal(found.counterparts.target, target.working.component != 1)
+    assert found.counterparts.source.all()
 
 
 def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None:
     source = Surface.joined([TRUNK, KNOB])
-    in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_skin=False)
+    in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_hull=False)
     assert in_place.in_place
     assert in_place.paired == 2
-    assert np.concatenate(in_place.partners).all()
+    assert np.concatenate(in_place.counterparts).all()
 
 
 @pytest.mark.parametrize(("trust", "of_body"), [(0.8, 0.8), (1.3, 1.0), (-0.3, 0.0)])
@@ -326,7 +326,7 @@ def test_landmarks_are_hit_and_what_is_far_from_them_stays() -> None:
     still = identity(SimpleNamespace(mesh=side.mesh))  # type: ignore[arg-type]
     for at, to in (([[0, 0, 0]], [[0.06, 0, 0]]), ([[0, 0, 0], [0.1, 0, 0]], [[0.02, 0.03, 0], [0.13, -0.02, 0]])):
         given, goals = np.array(at, dtype=float), np.array(to, dtype=float)
-        on = _pinned(still, (goals, given), side, side, pair).interpolate(side.points)
+        on = _pin(still, (goals, given), side, side, pair).interpolate(side.points)
         vertex = [int(np.argmin(np.linalg.norm(side.points - place, axis=1))) for place in given]
         np.testing.assert_allclose(on[vertex], goals, atol=1e-9)
         moved = np.linalg.norm(on - side.points, axis=1)

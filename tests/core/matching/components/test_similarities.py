@@ -15,10 +15,10 @@ from zoomout_core.matching.components.shell_registration import (
     SHELL_ICP,
     Shells,
     _along_axes,
-    _partners,
-    registered,
+    _counterparts,
+    register_shells,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 ONE = np.zeros(1, dtype=np.int64)
 
@@ -32,7 +32,7 @@ def laid(truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 
     """An egg laid on its image, and what that leaves."""
     points, corners = egg()
     others, other_corners = egg(seed=seed)
-    found, left = registered(
+    found, left = register_shells(
         Shells.of([(points, corners)]), Shells.of([(truth(others[None])[0], other_corners)]), ONE, ONE, prior, handed
     )
     return found, float(left[0])
@@ -58,7 +58,7 @@ def test_a_shell_far_from_the_origin_finds_its_image_though_it_grows(scale: floa
         np.array([scale]), Rotation.from_rotvec((0.4, 0.2, -0.3)).as_matrix()[None], np.array([[1.0, 2, 3]])
     )
     far = points + np.array([40.0, 0, 0])
-    found, left = registered(
+    found, left = register_shells(
         Shells.of([(far, corners)]), Shells.of([(truth(far[None])[0], corners)]), ONE, ONE, truth, 1
     )
     assert degrees_off(found, truth) < 1
@@ -72,8 +72,8 @@ def test_what_is_left_is_measured_on_the_source_in_both_directions(scale: float)
     still = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
     grown = Similarities(np.array([scale]), np.eye(3)[None], np.zeros((1, 3)))
     for one, other in ((corners, half), (half, corners)):
-        plain = registered(Shells.of([(points, one)]), Shells.of([(points, other)]), ONE, ONE, still, 1)[1]
-        large = registered(Shells.of([(points, one)]), Shells.of([(scale * points, other)]), ONE, ONE, grown, 1)[1]
+        plain = register_shells(Shells.of([(points, one)]), Shells.of([(points, other)]), ONE, ONE, still, 1)[1]
+        large = register_shells(Shells.of([(points, one)]), Shells.of([(scale * points, other)]), ONE, ONE, grown, 1)[1]
         np.testing.assert_allclose(large, scale * plain, rtol=1e-6)
 
 
@@ -90,7 +90,7 @@ def test_the_turn_of_the_body_is_kept_where_axes_tell_little_more() -> None:
         Shells.of([(where, ConvexHull(where).simplices)]) for where in (directions(n, n) for n in (200, 230))
     )
     prior = Similarities(np.ones(1), Rotation.from_rotvec([1.0, 0.5, 0.2]).as_matrix()[None], np.zeros((1, 3)))
-    found, _ = registered(ball, other, ONE, ONE, prior, 1)
+    found, _ = register_shells(ball, other, ONE, ONE, prior, 1)
     assert degrees_off(found, prior) < 15
 
 
@@ -117,7 +117,7 @@ def test_what_covers_a_part_of_a_shell_only_leaves_a_distance() -> None:
     half = corners[(points[corners][:, :, 0] < 0).all(axis=1)]
     whole, part = Shells.of([(points, corners)]), Shells.of([(points, half)])
     still = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
-    left = [registered(*pair, ONE, ONE, still, 1)[1][0] for pair in ((whole, part), (part, whole))]
+    left = [register_shells(*pair, ONE, ONE, still, 1)[1][0] for pair in ((whole, part), (part, whole))]
     assert min(left) > 0.1
     assert max(left) < 1.5 * min(left)
 
@@ -171,7 +171,9 @@ def test_what_is_left_is_left_by_the_motion_that_is_found() -> None:
     source = Shells.of([egg(seed=2), egg((0.2, 0.8, 0.7), 3)])
     ours, theirs = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     starts = Rotation.random(2, random_state=5).as_matrix()
-    with retuned(SHELL_ICP, rounds=1):
-        found, left = registered(target, source, ours, theirs, Similarities(np.ones(2), starts, np.zeros((2, 3))), 1)
-    distances = _partners(target, source, ours, theirs, found)[2]
+    with retune(SHELL_ICP, rounds=1):
+        found, left = register_shells(
+            target, source, ours, theirs, Similarities(np.ones(2), starts, np.zeros((2, 3))), 1
+        )
+    distances = _counterparts(target, source, ours, theirs, found)[2]
     np.testing.assert_allclose(left, np.sqrt((distances**2).mean(axis=1)))

@@ -28,7 +28,7 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 SOURCE, TARGET = creature(350), creature(320, seed=1)
 
@@ -173,7 +173,7 @@ def paired(guesses: list[Hypothesis]) -> set[str]:
 
 
 def test_more_pairings_are_tried_where_no_map_is_likely(shapes) -> None:
-    with retuned(EXTREMITIES, kept=2, kept_consistent=1, more=9, more_consistent=4, lesser_persistence=0.5):
+    with retune(EXTREMITIES, kept=2, kept_consistent=1, more=9, more_consistent=4, lesser_persistence=0.5):
         usual, more = extremity_hypotheses(*shapes), more_extremity_hypotheses(*shapes)
     assert len(usual) == 2
     assert 5 < len(more) <= 9 + 2
@@ -181,7 +181,7 @@ def test_more_pairings_are_tried_where_no_map_is_likely(shapes) -> None:
 
 def test_lesser_tips_are_paired_where_no_map_is_likely() -> None:
     # The head, the last of six tips, is none where so much persistence is asked for.
-    with retuned(EXTREMITIES, persistence=0.115, lesser_persistence=0.05, more=1, more_consistent=1):
+    with retune(EXTREMITIES, persistence=0.115, lesser_persistence=0.05, more=1, more_consistent=1):
         shapes = shape_of(SOURCE.surface), shape_of(TARGET.surface)
         assert [len(extremities(shape).vertices) for shape in shapes] == [5, 5]
         assert "5-5" not in paired(extremity_hypotheses(*shapes))

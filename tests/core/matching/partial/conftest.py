@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import pytest
-from pieces import PartAndWhole, analysed, lower_half
+from pieces import PartAndWhole, analyse_piece, lower_half
 
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 
@@ -12,6 +12,6 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_s
 @pytest.fixture(scope="session")
 def lower() -> PartAndWhole:
     part, whole = lower_half()
-    shapes = analysed(whole), analysed(part)
+    shapes = analyse_piece(whole), analyse_piece(part)
     scale = shapes[1].proxy.full.scale / shapes[0].proxy.full.scale
     return PartAndWhole(part, whole, IncompleteShape(at_scale(shapes[1], scale)), IncompleteShape(shapes[0]))

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 from creatures import creature, true_vertex
-from pieces import PartAndWhole, analysed, piece_of
+from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import grid_faces
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
@@ -29,7 +29,7 @@ def places(shape: IncompleteShape) -> Floats:
 
 
 def test_a_scaled_shape_has_all_lengths_scaled_and_lies_where_it_was() -> None:
-    shape = analysed(creature(400))
+    shape = analyse_piece(creature(400))
     twice = at_scale(shape, 2.0)
     assert at_scale(shape, 1.0) is shape
     np.testing.assert_allclose(twice.mesh.vertices, 2 * shape.mesh.vertices)
@@ -58,22 +58,22 @@ def test_cuts_are_borders_that_are_long_enough() -> None:
     middle = square.shape.mesh.vertices[:, :2].mean(axis=0)
     to_border = 0.5 - np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
     np.testing.assert_allclose(square.cut_distance, to_border, atol=1e-9)
-    with retuned(INCOMPLETE, loop=5.0):
+    with retune(INCOMPLETE, loop=5.0):
         assert np.isinf(IncompleteShape(grid_shape()).cut_distance).all()
-    assert np.isinf(IncompleteShape(analysed(creature(400))).cut_distance).all()
+    assert np.isinf(IncompleteShape(analyse_piece(creature(400))).cut_distance).all()
 
 
 def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
     made = creature(800)
-    assert not IncompleteShape(analysed(made)).is_fragment
-    pierced = IncompleteShape(analysed(piece_of(made, np.arange(len(made.directions)) != 0)))
+    assert not IncompleteShape(analyse_piece(made)).is_fragment
+    pierced = IncompleteShape(analyse_piece(piece_of(made, np.arange(len(made.directions)) != 0)))
     assert np.isfinite(pierced.cut_distance).all()
     assert not pierced.is_fragment
-    half = IncompleteShape(analysed(piece_of(made, made.directions[:, 2] < 0)))
+    half = IncompleteShape(analyse_piece(piece_of(made, made.directions[:, 2] < 0)))
     assert half.is_fragment
     # The share is of the shape's own area, in whatever unit it is.
     assert IncompleteShape(at_scale(half.shape, 0.2)).is_fragment
-    with retuned(INCOMPLETE, fragment=0.0):
+    with retune(INCOMPLETE, fragment=0.0):
         assert IncompleteShape(pierced.shape).is_fragment
 
 
@@ -81,7 +81,7 @@ def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
     made = creature(800)
     kept = made.directions[:, 2] < 0.4
     kept[np.argmax(made.directions @ [0, -1, 0])] = False  # and a hole in the belly
-    shapes = analysed(made), analysed(piece_of(made, kept))
+    shapes = analyse_piece(made), analyse_piece(piece_of(made, kept))
     whole, part = (IncompleteShape(at_scale(shape, shape.proxy.full.scale)) for shape in shapes)
     vertices = np.flatnonzero(kept)[part.shape.search.samples[: len(part.between)]]
     true = np.array([whole.shape.distances[:, v] for v in vertices])  # from the whole's places
@@ -124,7 +124,7 @@ def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWho
     assert np.mean(unlike < at_truth[:, None]) < 0.3
     np.testing.assert_allclose(unlike, unlikeness(whole, part).T, atol=1e-12)
     # Without knowing of the cut, places beside it are unlike themselves.
-    with retuned(INCOMPLETE, loop=10.0):
+    with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(part.shape)
         blind = unlikeness(unaware, whole)[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]
     near = part.cut_distance < 0.1
@@ -132,8 +132,8 @@ def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWho
 
 
 def test_where_cuts_reach_both_balls_nothing_is_known() -> None:
-    half = IncompleteShape(analysed(piece_of(made := creature(600), made.directions[:, 2] < 0.3)))
-    other = IncompleteShape(analysed(piece_of(made, made.directions[:, 2] > -0.3)))
+    half = IncompleteShape(analyse_piece(piece_of(made := creature(600), made.directions[:, 2] < 0.3)))
+    other = IncompleteShape(analyse_piece(piece_of(made, made.directions[:, 2] > -0.3)))
     on_cuts = np.ix_(half.cut_distance == 0, other.cut_distance == 0)
     assert unlikeness(half, other)[on_cuts].size > 0
     assert (unlikeness(half, other)[on_cuts] == 0).all()

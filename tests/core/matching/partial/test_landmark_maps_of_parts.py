@@ -11,21 +11,21 @@ import pytest
 from pieces import PartAndWhole
 
 from zoomout_core.matching.partial.incomplete_shape import unlikeness
-from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extended
+from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extend_landmarks
 from zoomout_core.matching.partial.landmark_search import landmarks_of
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 def test_true_landmarks_are_extended_to_all_places(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     unlike = unlikeness(part, whole)
     chosen, truth = landmarks_of(part, 7), lower.true_places()
-    place = extended(chosen, truth[chosen], unlike, part, whole)
+    place = extend_landmarks(chosen, truth[chosen], unlike, part, whole)
     samples, vertices = whole.shape.search.samples, part.shape.search.samples
     rough = lower.errors(samples[place], vertices[: len(place)])
     assert np.mean(rough) < 0.2
-    with retuned(LANDMARK_MAPS, rounds=0):
-        once = extended(chosen, truth[chosen], unlike, part, whole)
+    with retune(LANDMARK_MAPS, rounds=0):
+        once = extend_landmarks(chosen, truth[chosen], unlike, part, whole)
     assert not np.array_equal(once, place)
 
 
@@ -37,8 +37,8 @@ def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole, ro
     likes_next = 1 - np.roll(np.eye(len(every)), 1, axis=1)
     none = {"unlikeness": 0.0, "later_unlikeness": 0.0}
     for weights, expected in ((none, every), (none | {weight: 10.0}, np.roll(every, -1))):
-        with retuned(LANDMARK_MAPS, rounds=rounds, **weights):
-            np.testing.assert_array_equal(extended(chosen, chosen, likes_next, shape, shape), expected)
+        with retune(LANDMARK_MAPS, rounds=rounds, **weights):
+            np.testing.assert_array_equal(extend_landmarks(chosen, chosen, likes_next, shape, shape), expected)
 
 
 @pytest.mark.parametrize("rounds", [0, 1])
@@ -46,6 +46,6 @@ def test_of_places_near_each_other_the_likest_is_taken_in_every_round(rounds: in
     line: Any = SimpleNamespace(between=0.004 * np.abs(np.subtract.outer(np.arange(20), np.arange(20))))
     likes_next = 1 - np.roll(np.eye(20), 1, axis=1)
     first = LANDMARK_MAPS.unlikeness * (rounds == 0)
-    with retuned(LANDMARK_MAPS, rounds=rounds, unlikeness=first):
-        found = extended(np.array([0, 19]), np.array([0, 19]), likes_next, line, line)
+    with retune(LANDMARK_MAPS, rounds=rounds, unlikeness=first):
+        found = extend_landmarks(np.array([0, 19]), np.array([0, 19]), likes_next, line, line)
     np.testing.assert_array_equal(found[:-1], np.arange(1, 20))

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import PartAndWhole, analysed
+from pieces import PartAndWhole, analyse_piece
 
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, unlikeness
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> None:
@@ -21,7 +21,7 @@ def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> No
     chosen = landmarks_of(part, 8)
     assert len(set(chosen)) == 8
     assert part.cut_distance[chosen[0]] > 0.9 * part.cut_distance.max() - SEARCH.mean_distance
-    with retuned(SEARCH, least_weight=1.0):
+    with retune(SEARCH, min_weight=1.0):
         unaware = landmarks_of(part, 8)
     assert part.cut_distance[chosen].min() > part.cut_distance[unaware].min()
     apart = part.between[np.ix_(chosen, chosen)] + np.eye(8)
@@ -29,7 +29,7 @@ def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> No
 
 
 def test_a_shape_without_cuts_has_its_landmarks_at_tips() -> None:
-    whole = IncompleteShape(analysed(creature(500)))
+    whole = IncompleteShape(analyse_piece(creature(500)))
     first = landmarks_of(whole, 3)[0]
     assert whole.between[first].mean() > np.quantile(whole.between.mean(axis=1), 0.95)
     assert len(landmarks_of(whole, 10_000)) == len(whole.between)
@@ -44,7 +44,7 @@ def test_landmarks_around_a_place_are_in_the_region_around_it(lower: PartAndWhol
     every = landmarks_of(part, 10_000, around)
     assert np.mean(part.between[around] <= part.between[around, every].max()) == pytest.approx(SEARCH.region, abs=0.01)
     assert len(every) == pytest.approx(SEARCH.region * len(part.between), abs=1)
-    with retuned(SEARCH, region=1.0):
+    with retune(SEARCH, region=1.0):
         assert part.between[around, landmarks_of(part, 6, around)].max() > part.between[around, chosen].max()
 
 
@@ -68,7 +68,7 @@ def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAnd
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
     found = assignments(chosen, unlike, part, whole)
-    with retuned(SEARCH, doubt=1.0):
+    with retune(SEARCH, doubt=1.0):
         stubborn = assignments(chosen, unlike, part, whole)
     assert not np.array_equal(found[:20], stubborn[:20])
 
@@ -81,7 +81,7 @@ def test_of_assignments_that_agree_in_all_cells_one_is_kept(lower: PartAndWhole)
     cells = np.argmin(whole.between[: SEARCH.cells, :count], axis=0)[placed]
     assert len(np.unique(cells, axis=0)) == len(placed)
     assert len(placed) <= SEARCH.width
-    with retuned(SEARCH, width=20):
+    with retune(SEARCH, width=20):
         assert len(assignments(chosen, unlike, part, whole)) <= 20
 
 

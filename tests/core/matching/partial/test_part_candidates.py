@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from pieces import PartAndWhole, analysed, piece_of
+from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape
 from zoomout_core.matching.partial.part_candidates import (
@@ -14,17 +14,17 @@ from zoomout_core.matching.partial.part_candidates import (
     PartCandidate,
     _differing,
     _Found,
-    _sifted,
+    _register_coarsely,
     images_apart,
     landmark_sets,
     part_candidates,
 )
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module")
 def found(lower: PartAndWhole) -> list[PartCandidate]:
-    with retuned(PART_CANDIDATES, regions=2, registered=8, compared=3):
+    with retune(PART_CANDIDATES, regions=2, registered=8, compared=3):
         return part_candidates([lower.everywhere])
 
 
@@ -39,7 +39,7 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
     shaken = np.where(np.random.default_rng(0).random(len(true)) < 0.2, np.roll(true, 1), true)
     found = [_Found(0.0, region, places) for places in (true, shaken)]
     assert images_apart(*found) > PART_CANDIDATES.same_map
-    bent = [_sifted(each) for each in found]
+    bent = [_register_coarsely(each) for each in found]
     assert images_apart(*bent) < PART_CANDIDATES.same_map
     assert _differing(bent, 2) == bent[:1]
     assert _differing(found, 2) == found
@@ -47,9 +47,9 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
 
 
 def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
-    with retuned(PART_CANDIDATES, regions=1, registered=4, compared=1):
+    with retune(PART_CANDIDATES, regions=1, registered=4, compared=1):
         (alone,) = part_candidates([lower.everywhere])
-    roughly = _sifted(_Found(0.0, alone.region, alone.places)).registered
+    roughly = _register_coarsely(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
 
 
@@ -76,13 +76,13 @@ def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
     bent, rest = creature(1100, seed=1, bend=0.5, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
     made_part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)
     made_whole = piece_of(rest, rest.directions @ [0.87, -0.08, -0.49] > -0.24)
-    shapes = analysed(made_part), analysed(made_whole)
+    shapes = analyse_piece(made_part), analyse_piece(made_whole)
     has_partner = made_part.directions @ [0.87, -0.08, -0.49] > -0.14
     errors = {}
     for fragment in (INCOMPLETE.fragment, 100.0):
         with (
-            retuned(INCOMPLETE, fragment=fragment),
-            retuned(PART_CANDIDATES, regions=1, registered=4, compared=2),
+            retune(INCOMPLETE, fragment=fragment),
+            retune(PART_CANDIDATES, regions=1, registered=4, compared=2),
         ):
             pair = PartAndWhole(made_part, made_whole, *(IncompleteShape(shape) for shape in shapes))
             found = part_candidates([pair.everywhere])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts are matched to wholes and wholes to parts without a hint, and what has no partner is told."""
+"""Parts are matched to wholes and wholes to parts without a hint, and what has no counterpart is told."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from pieces import analysed, in_lower_half, lower_half
+from pieces import analyse_piece, in_lower_half, lower_half
 
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.region import REGION
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +38,9 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     """With doubt about the whole map in any case, no doubt about the part, and as few searches as do."""
     zo.forget_shapes()
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400, **given)
 
@@ -97,13 +97,13 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     assert overlap_of(result.has_partner, in_lower_half(whole)) > 0.85
     assert result.source_has_partner.mean() > 0.95
     assert any(f"About {result.share_without_partner:.0%} of the target" in note for note in result.notes)
-    # What has no partner does not count as turned over.
+    # What has no counterpart does not count as turned over.
     assert not any("flips" in note for note in result.notes)
 
 
 @cache
 def shape_of(surface: Surface) -> ShapeAnalysis:
-    return analysed(Creature(surface, surface.vertices))
+    return analyse_piece(Creature(surface, surface.vertices))
 
 
 def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:
@@ -135,11 +135,11 @@ def test_only_shapes_with_cuts_are_tried_and_those_that_can_be_bent(made: tuple[
     assert too_coarse(pair_of(whole.surface, coarse.surface))
     assert too_coarse(pair_of(coarse.surface, whole.surface))
     assert not too_coarse(pair_of(whole.surface, part.surface))
-    with retuned(REGION, small=1.0):  # which is made finer
+    with retune(REGION, small=1.0):  # which is made finer
         assert not too_coarse(pair_of(whole.surface, coarse.surface))
     pair = pair_of(whole.surface, part.surface)
-    skin = replace(pair.target_shape.proxy.full, is_skin=True)
-    around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=skin))
+    hull = replace(pair.target_shape.proxy.full, is_hull=True)
+    around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=hull))
     assert not may_be_part(replace(pair, target_shape=around))
 
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import true_vertex
-from pieces import PartAndWhole, analysed, piece_of
+from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Level
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 LEVELS = (*PART_REGISTRATION.coarse, *PART_REGISTRATION.fine)
 
@@ -51,7 +51,7 @@ def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> No
 
 
 def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
-    """Half of the whole has no partner; were it to draw the part, the borders of this would be stretched over it.
+    """Half of the whole has no counterpart; were it to draw the part, the borders of this would be stretched over it.
 
     The softer the part, and the more it is drawn along the surface, the farther: by 0.07 of these levels.
     """
@@ -89,7 +89,7 @@ def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
 def both_cut(lower: PartAndWhole) -> PartAndWhole:
     """The part, and a whole that lacks the feet that the part has."""
     made = piece_of(lower.made_whole, lower.made_whole.directions[:, 2] > -0.8)
-    whole = analysed(made)
+    whole = analyse_piece(made)
     unit = whole.proxy.full.scale / lower.whole.shape.proxy.full.scale
     return PartAndWhole(lower.made_part, made, lower.part, IncompleteShape(at_scale(whole, unit)))
 
@@ -122,7 +122,7 @@ def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndW
 
 def ignorant(shape: IncompleteShape) -> IncompleteShape:
     """The same shape, of which nothing seems to be missing."""
-    with retuned(INCOMPLETE, loop=10.0):
+    with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(shape.shape)
         assert np.isinf(unaware.cut_distance_of_vertices).all()
     return unaware

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What decides about parts: each term of what a map promises, which places have a partner, which maps are rivals."""
+"""Rules about parts: each term of the promise of a map, which places have a counterpart, which maps are rivals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates as candidates_module
 from zoomout_core.matching.partial import part_match
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
-from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extended
+from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extend_landmarks
 from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair, distinct, landmarks_of
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.part_candidates import (
     _fit,
     _Found,
     _promise,
-    _sifted,
+    _register_coarsely,
     part_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
@@ -43,7 +43,7 @@ from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import EVIDENCE_WEIGHTS
 from zoomout_core.runtime.progress import advance
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # --- maps from landmarks ------------------------------------------------------------------------------------
 
@@ -55,8 +55,8 @@ def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
     placed[-3:] = np.argmax(whole.between[chosen[-3:]], axis=1)
     right = []
     for most in (LANDMARK_MAPS.most, 100.0):
-        with retuned(LANDMARK_MAPS, rounds=0, most=most):
-            right.append(np.mean(extended(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
+        with retune(LANDMARK_MAPS, rounds=0, most=most):
+            right.append(np.mean(extend_landmarks(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
     assert right[0] > 0.98
     assert right[1] < 0.8
 
@@ -113,7 +113,7 @@ def at_mirror_images(pair: PartAndWhole) -> Integers:
 def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartAndWhole, term: str) -> None:
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
-        with retuned(PART_CANDIDATES, **{term: tried}):
+        with retune(PART_CANDIDATES, **{term: tried}):
             right, wrong = (_promise(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
         lead.append(wrong - right)
     assert lead[1] > lead[0] + 0.1 * weight
@@ -123,7 +123,7 @@ def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole)
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
     promises = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
-        with retuned(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
+        with retune(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
             promises.append(_promise(lower.true_places(), lower.everywhere))
     # Limbs bend, so that one rotation leaves a fifth more of the true map.
     assert promises[0] < promises[1] - np.log(1.2)
@@ -137,7 +137,7 @@ def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
 ) -> None:
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
-    with retuned(PART_CANDIDATES, **none | {term: 1.0}):
+    with retune(PART_CANDIDATES, **none | {term: 1.0}):
         promise = _promise(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
     assert promise == pytest.approx(np.log(floor), abs=1e-3)
 
@@ -149,7 +149,7 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
         """What a promise gains by doubt, if lengths on the whole were other ones by a factor."""
         whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
-            with retuned(SEARCH, doubt=doubt):
+            with retune(SEARCH, doubt=doubt):
                 known = unlike if of is part else np.zeros_like(whole.between)
                 promises.append(_promise(match, region_of(of, whole, known)))
         return promises[1] - promises[0]
@@ -173,11 +173,11 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     def promised(places: Integers, _: Region) -> float:
         return float(next(i for i, each in enumerate(maps) if each is places))
 
-    monkeypatch.setattr(candidates_module, "_searched", lambda *_: maps[::-1])
+    monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[::-1])
     monkeypatch.setattr(candidates_module, "_promise", promised)
-    monkeypatch.setattr(candidates_module, "_sifted", sifted)
-    monkeypatch.setattr(candidates_module, "_compared", lambda one: one)
-    with retuned(PART_CANDIDATES, regions=0, registered=3, compared=3):
+    monkeypatch.setattr(candidates_module, "_register_coarsely", sifted)
+    monkeypatch.setattr(candidates_module, "_register_finely", lambda one: one)
+    with retune(PART_CANDIDATES, regions=0, registered=3, compared=3):
         result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
     fractions = [0.0, *(report.fraction for report in reports), 1.0]
     assert fractions == sorted(fractions)
@@ -212,7 +212,7 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
     def from_landmarks(search: object, *_: object) -> list[PartCandidate]:
         for fraction in (0.0, 0.5, 1.0):
             advance(fraction)
-        return there if search is candidates_module._searched else back
+        return there if search is candidates_module._search else back
 
     monkeypatch.setattr(candidates_module, "landmark_sets", lambda *_: [])
     monkeypatch.setattr(candidates_module, "_from_landmarks", from_landmarks)
@@ -221,7 +221,7 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
     assert [one.scores["fit"] for one in result] == [1.0, 2.0, 4.0]
 
 
-# --- partners -----------------------------------------------------------------------------------------------
+# --- counterparts -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -276,15 +276,15 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
 
     monkeypatch.setattr(part_match, "register_part", lambda *_: made)
     found = fit_part(surface_and_shapes(lower), candidate(lower.everywhere, lower.true_places()))
-    np.testing.assert_array_equal(found.partners.target, ~(bad(0) | bad(1) | bad(2)))
-    np.testing.assert_array_equal(found.fit.fits, found.partners.target)
-    assert 0.2 < found.partners.source.mean() < 0.8
+    np.testing.assert_array_equal(found.counterparts.target, ~(bad(0) | bad(1) | bad(2)))
+    np.testing.assert_array_equal(found.fit.fits, found.counterparts.target)
+    assert 0.2 < found.counterparts.source.mean() < 0.8
     assert found.fit.surface_map is fitted.closest
     back = fit_part(surface_and_shapes(lower, False), candidate(lower.everywhere, lower.true_places()))
     assert back.back is fitted.closest
     np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
-    np.testing.assert_array_equal(back.partners.source, found.partners.target)
-    np.testing.assert_array_equal(back.partners.target, found.partners.source)
+    np.testing.assert_array_equal(back.counterparts.source, found.counterparts.target)
+    np.testing.assert_array_equal(back.counterparts.target, found.counterparts.source)
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])
@@ -302,7 +302,7 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
 def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the_whole(
     lower: PartAndWhole, part_is_target: bool
 ) -> None:
-    one = _sifted(_Found(0.0, lower.everywhere, lower.true_places()))
+    one = _register_coarsely(_Found(0.0, lower.everywhere, lower.true_places()))
     pair = surface_and_shapes(lower, part_is_target)
     found = _candidate(one, pair, lambda *_: {})
     assert not found.mirrored
@@ -338,7 +338,7 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
 
 def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = at_mirror_images(lower), lower.true_places()
-    made = [_sifted(_Found(0.0, lower.everywhere, places)) for places in maps]
+    made = [_register_coarsely(_Found(0.0, lower.everywhere, places)) for places in maps]
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     pair = surface_and_shapes(lower)
     first, second = match_part(pair)
@@ -394,7 +394,7 @@ def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWho
         whole.__dict__["cut_distance"] = np.where(on_cut, distance, 1.0)
         region = region_of(part, whole, unlike)
         promises.append([_promise(each, region) for each in (places, wrong)])
-        with retuned(PART_CANDIDATES, within=0.0):
+        with retune(PART_CANDIDATES, within=0.0):
             promises[-1].append(_promise(wrong, region))
     (_, unaware, _), (_, aware, without_share) = promises
     assert aware < unaware - 0.5

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from creatures import Creature, directions, true_vertex
-from pieces import analysed, piece_of
+from pieces import analyse_piece, piece_of
 from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -30,10 +30,10 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices
+from zoomout_core.matching.registration.nonrigid_icp import min_vertices
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
-from zoomout_core.tuning import retuned
+from zoomout_core.tuning import retune
 
 # Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
 FINGERS, LENGTHS = (
@@ -61,7 +61,7 @@ def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
     """The left hand of one mesh of the body, another mesh of it, and both in one unit."""
     other, body = two_handed(count, 1), two_handed(of_body, 0)
     hand = piece_of(other, other.directions[:, 0] > WRIST)
-    return hand, body, in_one_unit(Pair(body.surface, hand.surface, analysed(body), analysed(hand), 60, 20))
+    return hand, body, in_one_unit(Pair(body.surface, hand.surface, analyse_piece(body), analyse_piece(hand), 60, 20))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def regions(made: tuple[Creature, Creature, Pair]) -> list[Region]:
 
 @pytest.fixture(scope="module")
 def found(made: tuple[Creature, Creature, Pair]) -> list[Candidate]:
-    with retuned(REGION, small=0.15):
+    with retune(REGION, small=0.15):
         return match_part(made[2])
 
 
@@ -89,7 +89,7 @@ def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.n
 
 def placed(one: Candidate) -> SurfaceMap:
     assert one.part_match is not None
-    return one.part_match.region.carried(one.part_match.registered).closest
+    return one.part_match.region.carry(one.part_match.registered).closest
 
 
 def test_a_hand_is_found_on_the_right_side_and_is_sure(
@@ -99,7 +99,7 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
     # As usual parts are looked for, it is not.
-    with retuned(REGION, small=0.0), retuned(PART_CANDIDATES, regions=1):
+    with retune(REGION, small=0.0), retune(PART_CANDIDATES, regions=1):
         usual = match_part(made[2])
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
@@ -109,9 +109,9 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
 ) -> None:
     fit = fit_part(made[2], found[0])
     assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
-    assert fit.partners.target.mean() > 0.95
+    assert fit.counterparts.target.mean() > 0.95
     on_hand = made[1].directions[:, 0] > WRIST
-    both, either = fit.partners.source & on_hand, fit.partners.source | on_hand
+    both, either = fit.counterparts.source & on_hand, fit.counterparts.source | on_hand
     assert both.sum() > 0.8 * either.sum()
     # In the body's frame and unit.
     true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]
@@ -125,13 +125,13 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     pair = made[2]
     swapped = replace(pair, source=pair.target, target=pair.source)
     swapped = replace(swapped, source_shape=pair.target_shape, target_shape=pair.source_shape)
-    with retuned(REGION, small=0.15):
+    with retune(REGION, small=0.15):
         one = replace(found[0], functional_map=np.eye(60, 20))
         refined = dense_map(swapped, one)
     on_hand = made[1].directions[:, 0] > WRIST
     assert np.median(refined.confidence[on_hand]) > 0.5
     assert np.median(refined.confidence[~on_hand]) == 0
-    with retuned(REGION, small=0.0):
+    with retune(REGION, small=0.0):
         by_whole = dense_map(swapped, one).confidence
     assert np.median(by_whole[on_hand]) < 0.3
 
@@ -150,12 +150,12 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
         assert region.unit**2 * areas[0] == pytest.approx(part_of(pair)[0].basis.areas.sum())
         assert not region.is_everywhere
     for retuning in ({"most": 1}, {"apart": 10.0}):
-        with retuned(REGION, **retuning):
+        with retune(REGION, **retuning):
             assert len(find_regions(*part_of(pair))) == 1
-    with retuned(REGION, most=1, radius=2.5):
+    with retune(REGION, most=1, radius=2.5):
         (larger,) = find_regions(*part_of(pair))
     assert larger.contains.sum() > 1.5 * regions[0].contains.sum()
-    with retuned(REGION, most=1, vertices=300):
+    with retune(REGION, most=1, vertices=300):
         (coarser,) = find_regions(*part_of(pair))
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
@@ -163,13 +163,13 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
 def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
-    assert n < fewest_vertices()
-    with retuned(REGION, most=1):
+    assert n < min_vertices()
+    with retune(REGION, most=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
-        assert len(shape.mesh.vertices) >= fewest_vertices()
+        assert len(shape.mesh.vertices) >= min_vertices()
     np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
-    assert len(region.carried(bent_onto(region)).positions) == n
+    assert len(region.carry(bent_onto(region)).positions) == n
 
 
 def bent_onto(region: Region) -> RegisteredPart:
@@ -189,7 +189,7 @@ def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
 ) -> None:
     region, whole = regions[0], made[2].source_shape
     bent = bent_onto(region)
-    carried = region.carried(bent)
+    carried = region.carry(bent)
     assert region.vertex is not None
     np.testing.assert_allclose(carried.positions, whole.mesh.vertices[region.vertex[bent.closest.vertex]], atol=1e-12)
     np.testing.assert_allclose(carried.closest.interpolate(whole.mesh.vertices), carried.positions, atol=1e-6)

@@ -25,8 +25,8 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
-from zoomout_core.matching.scores import nothing_known
-from zoomout_core.tuning import retuned
+from zoomout_core.matching.scores import no_disagreement
+from zoomout_core.tuning import retune
 
 FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}
 
@@ -46,10 +46,10 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     zo.forget_shapes()
     part, whole = lower.made_part.surface, lower.made_whole.surface
     with (
-        retuned(ATTEMPTS, same_share=1.0),
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, **FEWER_SEARCHES),
-        retuned(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
+        retune(ATTEMPTS, same_share=1.0),
+        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_CANDIDATES, **FEWER_SEARCHES),
+        retune(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
     ):
         result = zo.match(whole, part.with_vertices(40 * part.vertices), k_final=60, samples=400)
     assert result.candidates[0].part_match is not None
@@ -57,14 +57,14 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     assert np.median(errors) < 0.05
     times = times_as_large(result.pair)
     assert 40 * times == pytest.approx(1, rel=0.15)
-    assert RESCALED.format(times) in result.notes
+    assert RESCALED.format(times=times) in result.notes
     assert OTHER_UNITS not in result.notes
 
 
 def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
-    with retuned(PART_CANDIDATES, **FEWER_SEARCHES), retuned(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
+    with retune(PART_CANDIDATES, **FEWER_SEARCHES), retune(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
         for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):
-            found = match_at_unknown_scale(pair_of(*shapes), lambda _: nothing_known)
+            found = match_at_unknown_scale(pair_of(*shapes), lambda _: no_disagreement)
             assert found is not None
             pair, candidates = found
             part, whole = (pair.target_shape, pair.source_shape)[:: 1 if is_target else -1]
@@ -74,7 +74,7 @@ def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
 
 
 def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> None:
-    assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: nothing_known) is None
+    assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: no_disagreement) is None
 
 
 def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
@@ -102,7 +102,7 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
     monkeypatch.setattr(unknown_scale, "match_part", placed)
     monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (-1.0, 0.5))
     source = lower.part if fragments == 2 else lower.whole
-    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: nothing_known)
+    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement)
     assert found is not None
     if fragments == 1:
         assert seen == pytest.approx(tried)

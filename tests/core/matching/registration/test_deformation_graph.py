@@ -88,7 +88,7 @@ def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
     )
     vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])
     bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3, False)
-    positions, _, _ = bending.moved()
+    positions, _, _ = bending.deform()
     np.testing.assert_allclose(positions[vertex] - places[vertex], np.tile(shift, (4, 1)), atol=1e-3)
     np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)
 
@@ -118,7 +118,7 @@ def test_nodes_that_are_turned_differently_come_to_agree(axis: int) -> None:
     bending.rotations[1] = Rotation.from_rotvec(turn).as_matrix()
     held = np.concatenate([[0], 2 + np.arange(4)])
     for _ in range(3):
-        step(bending, held, bending.rest[held] - bending.moved()[0][held])
+        step(bending, held, bending.rest[held] - bending.deform()[0][held])
     assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
 
 
@@ -128,7 +128,7 @@ def test_nodes_that_are_twisted_about_their_row_come_to_agree(axis: int) -> None
     bending.rotations[1] = Rotation.from_rotvec(0.2 * np.eye(3)[axis]).as_matrix()
     held = np.concatenate([[0], 2 + np.arange(4)])
     for _ in range(3):
-        step(bending, held, bending.rest[held] - bending.moved()[0][held])
+        step(bending, held, bending.rest[held] - bending.deform()[0][held])
     assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
 
 
@@ -151,7 +151,7 @@ def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: ShapeAnalysis) 
     turn, shift = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix(), np.array([0.3, 0.2, 0.1])
     bending = DeformationGraph.from_images(Nodes.on(shape, 40), rest, normals, rest @ turn.T + shift, shape.basis.areas)
     np.testing.assert_allclose(bending.rotations, np.tile(turn, (40, 1, 1)), atol=1e-9)
-    positions, turned, _ = bending.moved()
+    positions, turned, _ = bending.deform()
     np.testing.assert_allclose(positions, rest @ turn.T + shift, atol=1e-9)
     np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-9)
 

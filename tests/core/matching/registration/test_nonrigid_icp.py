@@ -18,7 +18,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lifted_fit
+from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lift_fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
@@ -164,7 +164,7 @@ def test_a_vertex_is_not_brought_to_what_is_far_from_where_its_stand_in_leads(an
     proxy = Proxy(part, part, part.vertices, np.arange(300))
     slid = Rotation.from_rotvec([0, 0, angle]).apply(part.vertices)
     fit = Fit(proxy.place, slid, np.tile(np.eye(3), (300, 1, 1)), part.vertices[:, 2] > 0)
-    found = lifted_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    found = lift_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
     belt = (part.vertices[:, 2] > 0.05) & (part.vertices[:, 2] < 0.15)
     off = np.linalg.norm(found - (slid if taken else part.vertices), axis=1)[belt]
     assert np.quantile(off, 0.9) < 3e-3
@@ -176,13 +176,13 @@ def test_goals_that_one_motion_tells_are_lifted_exactly() -> None:
     proxy = Proxy(part, part, part.vertices, np.arange(600))
     rough = part.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=part.vertices.shape)
     fit = Fit(proxy.place, rough, np.tile(np.eye(3), (600, 1, 1)), np.ones(600, dtype=bool))
-    found = lifted_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    found = lift_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
     np.testing.assert_allclose(found, part.vertices, atol=1e-4)
     # What has moved against the rest is laid where its stand-in leads.
     tip = part.vertices[:, 0] > 0.5 * part.vertices[:, 0].max()
     turn = Rotation.from_rotvec([0, 0.06, 0])
     moved = replace(fit, positions=np.where(tip[:, None], turn.apply(part.vertices), rough))
-    found = lifted_fit(moved, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    found = lift_fit(moved, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
     np.testing.assert_allclose(found[~tip], part.vertices[~tip], atol=2e-4)
     assert np.linalg.norm(found - part.vertices, axis=1)[tip].mean() > 0.008
 
@@ -230,10 +230,10 @@ def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
     still = Fit(itself, mesh.vertices, np.tile(np.eye(3), (len(corner), 1, 1)), np.ones(len(corner), dtype=bool))
     moved, unfitted = (
         np.linalg.norm(
-            lifted_fit(fit, shape.proxy, shape.proxy, part.vertices + 1).interpolate(part.vertices) - part.vertices,
+            lift_fit(fit, shape.proxy, shape.proxy, part.vertices + 1).interpolate(part.vertices) - part.vertices,
             axis=1,
         )
-        for fit in (still, Fit.unfitted(itself))
+        for fit in (still, Fit.of_map(itself))
     )
     assert moved.max() < 1e-6
     assert unfitted.mean() > 1e-4

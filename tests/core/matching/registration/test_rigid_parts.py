@@ -14,7 +14,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
-from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
 from zoomout_core.samples.spheres import ball
 
 TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
@@ -43,7 +43,7 @@ def still(
     corner = corner_at[vertex]
     first = SurfaceMap(corner // 3, np.eye(3)[corner % 3], source.mesh.triangles)
     rest, normals = target.mesh.vertices @ turn.T, target.mesh.vertex_normals @ turn.T
-    return unmoved(first, rest, normals, Surroundings.of(source), GeodesicLimit(first.vertex, source), target)
+    return rigid_vertices(first, rest, normals, Surroundings.of(source), GeodesicLimit(first.vertex, source), target)
 
 
 def test_a_turned_copy_has_not_moved(shape: ShapeAnalysis) -> None:

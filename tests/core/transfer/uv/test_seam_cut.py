@@ -35,7 +35,7 @@ def cut_of(source: Sheet, target: Sheet, layout: tuple[int, int]) -> tuple[Attri
     uv = Attribute("UVMap", Domain.CORNER, Kind.UV, atlas(source, *layout).uv)
     surface_map = true_map(source, *GRID, target.parameters)
     found = seam_cut(uv, MappedTarget(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
-    return uv, found, found.applied(target.surface)
+    return uv, found, found.apply(target.surface)
 
 
 def in_islands(points: Floats, layout: tuple[int, int]) -> Floats:
@@ -125,4 +125,4 @@ def test_a_source_without_seams_cuts_nothing(source: Sheet, target: Sheet) -> No
     surface_map = true_map(source, *GRID, target.parameters)
     found = seam_cut(uv, MappedTarget(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
     assert len(found.edge) == len(found.face) == found.left == 0
-    np.testing.assert_array_equal(found.applied(target.surface).corner_vertex, target.surface.corner_vertex)
+    np.testing.assert_array_equal(found.apply(target.surface).corner_vertex, target.surface.corner_vertex)

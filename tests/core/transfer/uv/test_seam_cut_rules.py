@@ -40,7 +40,7 @@ def test_a_face_with_the_middle_inside_is_divided_in_four() -> None:
     assert len(found.edge) == 4
     np.testing.assert_allclose(found.fraction, 0.5, atol=1e-3)
     assert [len(spokes) for spokes in found.spokes] == [4]
-    opened = found.applied(target)
+    opened = found.apply(target)
     np.testing.assert_allclose(opened.vertices[-1], [0.5, 0.5, 0], atol=1e-3)
     area = np.bincount(opened.triangle_face, triangle_areas(opened.vertices, opened.triangles))
     np.testing.assert_allclose(area, 0.25, atol=1e-3)
@@ -62,7 +62,7 @@ def test_a_point_next_to_an_edge_divides_no_face(column: float, divided: int, le
     found = cut_of(pair(column))
     assert len(found.meeting) == divided
     assert found.left == left
-    opened = found.applied(pair(column))
+    opened = found.apply(pair(column))
     area = np.bincount(opened.triangle_face, triangle_areas(opened.vertices, opened.triangles))
     assert area.sum() == pytest.approx(1)
     assert area.min() > 0.005

@@ -13,7 +13,7 @@ from transfer_meshes import (
     Sheet,
     globe,
     identity,
-    permuted,
+    permute,
     sheet,
     sphere,
     split_at_faces,
@@ -26,7 +26,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_open, edge_lengths
+from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_surface, edge_lengths
 
 GRID = (120, 80)
 
@@ -156,7 +156,7 @@ def test_seams_have_no_saw_teeth(source: Sheet, target: Sheet, layout: str) -> N
     jump = np.abs(uv[first] - uv[second]).max(axis=(1, 2)) > 0
     seams = edge_lengths(target.surface.vertices[target.surface.corner_vertex], first)[jump].sum()
     at_corners = source.surface.vertices[source.surface.corner_vertex]
-    true_seams = edge_lengths(at_corners, cut_open(source.surface, of.uv).border).sum() / 2
+    true_seams = edge_lengths(at_corners, cut_surface(source.surface, of.uv).border).sum() / 2
     assert seams < 1.3 * true_seams
 
 
@@ -255,14 +255,14 @@ def test_vertices_that_an_exporter_split_make_no_seam(source: Sheet) -> None:
     whole = transferred(of.uv, surface_map, source.surface, target.surface).values
     alone, _ = split_at_faces(source.surface)
     there = replace(surface_map, source_triangles=alone.triangles)
-    assert cut_open(alone, of.uv).island.max() + 1 == of.islands
+    assert cut_surface(alone, of.uv).island.max() + 1 == of.islands
     assert np.abs(transferred(of.uv, there, alone, target.surface).values - whole).max() < 1e-9
 
 
 def test_the_order_of_the_targets_vertices_does_not_matter(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     of = atlas(source, 6, 4)
-    other, _ = permuted(target)
+    other, _ = permute(target)
     one, two = (
         transferred(of.uv, true_map(source, *GRID, mesh.parameters), source.surface, mesh.surface).values
         for mesh in (target, other)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One skin around all that belongs to a body, where a character is made of many shells."""
+"""One hull around all that belongs to a body, where a character is made of many shells."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ CLOSED = 1e-6
 
 
 @dataclass(frozen=True)
-class SkinTuning(Tuning, set_by="characters"):
-    """How finely skins are sampled, and what of them a main part covers.
+class HullTuning(Tuning, set_by="characters"):
+    """How finely hulls are sampled, and what of them a main part covers.
 
     Attributes:
-        resolution: of a skin, along the longest extent.
-        tight_resolution: of a tight skin.
-        tight_inset: how far a tight skin lies below the outer sides of its voxels.
-        below: a main part lies below the skin where it is nearer than this: clothes and hair stand off a body by less.
-        skin_points: samples of the skin.
+        resolution: of a hull, along the longest extent.
+        tight_resolution: of a tight hull.
+        tight_inset: how far a tight hull lies below the outer sides of its voxels.
+        below: a main part lies below the hull where it is nearer than this: clothes and hair stand off a body by less.
+        hull_points: samples of the hull.
         main_points: samples of the main part.
     """
 
@@ -37,15 +37,15 @@ class SkinTuning(Tuning, set_by="characters"):
     tight_resolution: int = tuned(192, "voxels", 4, 1024)
     tight_inset: float = tuned(0.7, "voxels", 0, 4)
     below: float = tuned(0.05, "at unit area", 0, 1)
-    skin_points: int = tuned(2000, "points", 1, 1_000_000)
+    hull_points: int = tuned(2000, "points", 1, 1_000_000)
     main_points: int = tuned(20_000, "points", 1, 10_000_000)
 
 
-SKINS = SkinTuning()
+HULLS = HullTuning()
 
 
-def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
-    """One closed skin around a surface; `vertex_of` is the skin's vertex nearest to each of the surface's.
+def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
+    """One closed hull around a surface; `vertex_of` is the hull's vertex nearest to each of the surface's.
 
     Its grid is aligned with the surface's principal axes, so that it turns with the surface.
 
@@ -56,36 +56,36 @@ def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """
     mesh = surface.working
     axes = _principal_axes(mesh)
-    resolution, inset = (SKINS.tight_resolution, SKINS.tight_inset) if tight else (SKINS.resolution, 0.0)
+    resolution, inset = (HULLS.tight_resolution, HULLS.tight_inset) if tight else (HULLS.resolution, 0.0)
     vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles, resolution, inset)
-    skin, _ = Surface(vertices @ axes, triangles).working.part(0)
-    nearest = np.asarray(cKDTree(skin.vertices).query(skin.from_surface(mesh.vertices))[1])
+    hull, _ = Surface(vertices @ axes, triangles).working.part(0)
+    nearest = np.asarray(cKDTree(hull.vertices).query(hull.from_surface(mesh.vertices))[1])
     return replace(
-        skin,
+        hull,
         vertex_of=np.where(mesh.vertex_of >= 0, nearest[mesh.vertex_of], -1),
         triangle_of=np.zeros(0, dtype=np.int64),
-        scale=mesh.scale * skin.scale,
-        origin=mesh.to_surface(skin.origin),
-        is_skin=True,
+        scale=mesh.scale * hull.scale,
+        origin=mesh.to_surface(hull.origin),
+        is_hull=True,
     )
 
 
-def covered_by_main_part(surface: Surface, skin: WorkingMesh) -> float:
-    """The part of a skin's area, in [0, 1], below which the largest component of its surface lies."""
+def main_part_coverage(surface: Surface, hull: WorkingMesh) -> float:
+    """The part of a hull's area, in [0, 1], below which the largest component of its surface lies."""
     mesh = surface.working
     largest = mesh.triangles[mesh.component[mesh.triangles[:, 0]] == 0]
-    below, _ = surface_samples(mesh.vertices, largest, SKINS.main_points)
-    on_skin, _ = surface_samples(skin.vertices, skin.triangles, SKINS.skin_points)
-    distance = cKDTree(skin.from_surface(mesh.to_surface(below))).query(on_skin)[0]
-    return float(np.mean(distance < SKINS.below))
+    below, _ = surface_samples(mesh.vertices, largest, HULLS.main_points)
+    on_hull, _ = surface_samples(hull.vertices, hull.triangles, HULLS.hull_points)
+    distance = cKDTree(hull.from_surface(mesh.to_surface(below))).query(on_hull)[0]
+    return float(np.mean(distance < HULLS.below))
 
 
-def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:
-    """A surface's working mesh with its open components, which enclose nothing, wound as the skin around them is."""
+def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:
+    """A surface's working mesh with its open components, which enclose nothing, wound as the hull around them is."""
     triangles = mesh.oriented_triangles
-    near = cKDTree(skin.vertices).query(skin.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
+    near = cKDTree(hull.vertices).query(hull.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
     normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
-    agreement = np.bincount(component, np.einsum("mx,mx->m", normals, skin.vertex_normals[near]))
+    agreement = np.bincount(component, np.einsum("mx,mx->m", normals, hull.vertex_normals[near]))
     mean = segment_sum(normals, component)
     area = np.bincount(component, np.linalg.norm(normals, axis=1))
     inward = (np.linalg.norm(mean, axis=1) > CLOSED * area) & (agreement < 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where vertices of the target that is being wrapped belong on the source: their feet."""
+"""Projections of the target's vertices onto the source while it is wrapped."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class FeetTuning(Tuning, set_by="wrap"):
-    """How feet are sought, and how much they count.
+class ProjectionTuning(Tuning, set_by="wrap"):
+    """How vertices are projected, and the weights of their projections.
 
     Attributes:
-        normal_weight: the distance that counts as much as normals that differ by a unit vector.
-        robust_scale: of the weight 1 / (1 + (r / scale)^2)^2 of a foot at distance r (Geman and McClure 1987).
-        most_points: vertices of the source that draw what is nearest to them, at most.
-        facing: cosine of the angle between normals from which on a vertex goes all the way onto its foot.
+        normal_weight: the distance that is equivalent to normals that differ by a unit vector.
+        robust_scale: of the weight 1 / (1 + (r / scale)^2)^2 of a projection at distance r (Geman and McClure 1987).
+        max_points: the largest number of source vertices that attract the nearest vertex of the target.
+        facing: the smallest cosine between normals at which a vertex moves all the way to its projection.
     """
 
     normal_weight: float = tuned(0.03, "at unit area", 0, 10)
     robust_scale: float = tuned(0.1, "at unit area", 1e-6, 10)
-    most_points: int = tuned(20_000, "points", 0, 10_000_000)
+    max_points: int = tuned(20_000, "points", 0, 10_000_000)
     facing: float = tuned(0.5, "1", 1e-6, 1)
 
 
-FEET = FeetTuning()
+PROJECTION = ProjectionTuning()
 
 
-class Feet:
-    """The feet of the vertices of the target's working mesh, n in number, in the beginning where the map sends them.
+class Projections:
+    """Projections of the n vertices of the target's working mesh onto the source; they start at the map's images.
 
     Positions are at unit area of the source.
 
     Args:
         mapped: the target on the source.
-        given: (n_s,) which vertices of the source have something on the target.
+        given: (n_s,) which vertices of the source have a counterpart on the target.
 
     Attributes:
         images: (n, 3) where the map sends the vertices.
-        places: (n, 3) where their feet are.
-        triangle: (n,) the source's triangle that holds each foot.
+        places: (n, 3) their projections.
+        triangle: (n,) the source's triangle that contains each projection.
         outwards: (n,) 1 where normals of the source and of the target, as the map turns it, agree, else -1.
     """
 
@@ -61,7 +61,7 @@ class Feet:
         self._triangles, self._corners = source.triangles, working.oriented_triangles
         self._normals = source.working.vertex_normals[source.working.vertex_of]
         self._given = np.flatnonzero(given & (source.working.vertex_of >= 0))
-        step = max(1, -(-len(self._given) // max(1, FEET.most_points)))
+        step = max(1, -(-len(self._given) // max(1, PROJECTION.max_points)))
         self._given = self._given[::step]
         flipped = np.zeros(len(source.triangles), dtype=bool)
         flipped[source.working.triangle_of[source.working.flipped]] = True
@@ -77,68 +77,72 @@ class Feet:
 
     @property
     def normals(self) -> Floats:
-        """(n, 3) unit normals of the source at the feet."""
-        return unit_vectors(self._interpolated(self._normals))
+        """(n, 3) unit normals of the source at the projections."""
+        return unit_vectors(self._interpolate(self._normals))
 
     def walk(self, positions: Floats, some: Integers | slice = slice(None)) -> None:
-        """Move the feet of some vertices (s,) to where the source is closest to positions (s, 3), along its surface."""
-        self._put(*self._surface.walk(self.triangle[some], self._unit * positions)[:2], some)
+        """Project positions (s, 3) of some vertices (s,) by a descent along the source, from their last projections."""
+        self._place(*self._surface.walk(self.triangle[some], self._unit * positions)[:2], some)
 
     def jump(self, positions: Floats) -> None:
-        """Move the feet to where the source is closest to positions (n, 3), next to normals that agree."""
-        self._put(*self._search.closest(positions, self._outward_normals(positions))[:2])
+        """Project positions (n, 3) onto the closest points of the source whose normals agree."""
+        self._place(*self._search.closest(positions, self._outward_normals(positions))[:2])
 
-    def drawn(self, positions: Floats, image_pull: Floats) -> Floats:
-        """(n, 3) where vertices at positions (n, 3) are drawn.
+    def goals(self, positions: Floats, image_pull: Floats) -> Floats:
+        """(n, 3) goals of vertices at positions (n, 3).
 
-        That is to their feet and to what of the source they are nearest to, as far as these lie near and face the same
-        way, and to their images as far as is given (n,).
+        A goal is a weighted mean of the vertex's projection, of the source vertices to which it is the nearest, and of
+        its image. Projections and source vertices weigh less with distance, and where normals differ.
+
+        Args:
+            positions: (n, 3) of the vertices.
+            image_pull: (n,) weights of the images.
         """
         normals = self._outward_normals(positions)
         motion = self.places - positions
         weight = _agreement(motion, normals, self.normals)
         total, count = weight[:, None] * motion, np.ones(len(positions))
         if len(self._given):
-            rows = [np.hstack([x, FEET.normal_weight * n]) for x, n in ((positions, normals), self._sought)]
+            rows = [np.hstack([x, PROJECTION.normal_weight * n]) for x, n in ((positions, normals), self._attractors)]
             near = np.asarray(cKDTree(rows[0], balanced_tree=False, compact_nodes=False).query(rows[1])[1])
-            motion = self._sought[0] - positions[near]
-            weight = _agreement(motion, normals[near], self._sought[1])
+            motion = self._attractors[0] - positions[near]
+            weight = _agreement(motion, normals[near], self._attractors[1])
             total += segment_sum(weight[:, None] * motion, near, len(total))
             count += segment_sum(weight, near, len(total))
         total += image_pull[:, None] * (self.images - positions)
         return np.asarray(positions + total / (count + image_pull)[:, None])
 
     def with_images(self, image_pull: Floats) -> Floats:
-        """(n, 3) means of feet and images, which count as much as is given (n,)."""
+        """(n, 3) means of projections, of weight 1, and images, of weights (n,)."""
         return np.asarray((self.places + image_pull[:, None] * self.images) / (1 + image_pull)[:, None])
 
     def facing(self, normals: Floats) -> Floats:
-        """(n,) how far vertices with outward normals (n, 3) may go onto their feet, in [0, 1]."""
-        return np.clip(np.einsum("nx,nx->n", normals, self.normals) / FEET.facing, 0, 1)
+        """(n,) how far vertices with outward normals (n, 3) may move to their projections, in [0, 1]."""
+        return np.clip(np.einsum("nx,nx->n", normals, self.normals) / PROJECTION.facing, 0, 1)
 
     def _outward_normals(self, positions: Floats) -> Floats:
         return self.outwards[:, None] * vertex_normals(positions, self._corners)
 
     @cached_property
-    def _sought(self) -> tuple[Floats, Floats]:
-        """(g, 3) vertices of the source that draw what is nearest to them, and (g, 3) their normals."""
+    def _attractors(self) -> tuple[Floats, Floats]:
+        """(g, 3) vertices of the source that attract the nearest vertex of the target, and (g, 3) their normals."""
         return self._vertices[self._given], self._normals[self._given]
 
     @cached_property
     def _search(self) -> OrientedSurface:
-        return OrientedSurface(self._vertices, self._triangles, self._flipped, FEET.normal_weight)
+        return OrientedSurface(self._vertices, self._triangles, self._flipped, PROJECTION.normal_weight)
 
-    def _put(self, triangle: Integers, barycentric: Floats, some: Integers | slice = slice(None)) -> None:
+    def _place(self, triangle: Integers, barycentric: Floats, some: Integers | slice = slice(None)) -> None:
         places = self.places.copy()
         self.triangle[some], self._barycentric[some] = triangle, barycentric
         places[some] = np.einsum("qc,qcx->qx", barycentric, self._vertices[self._triangles[triangle]])
         self.places = places
 
-    def _interpolated(self, values: Floats) -> Floats:
+    def _interpolate(self, values: Floats) -> Floats:
         return np.asarray(np.einsum("nc,ncx->nx", self._barycentric, values[self._triangles[self.triangle]]))
 
 
 def _agreement(motion: Floats, normals: Floats, others: Floats) -> Floats:
     """(q,) weights of motions (q, 3) between places with unit normals (q, 3) and (q, 3)."""
-    robust = (1 + np.einsum("qx,qx->q", motion, motion) / FEET.robust_scale**2) ** -2
+    robust = (1 + np.einsum("qx,qx->q", motion, motion) / PROJECTION.robust_scale**2) ** -2
     return np.asarray(robust * np.clip(np.einsum("qx,qx->q", normals, others), 0, 1))
