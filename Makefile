@@ -27,10 +27,12 @@ test-core: ROOMS := core
 test-core: setup  ## run the core's tests, which need no Blender: nothing of it is fetched (ARGS for pytest)
 	$(PYTEST) tests/core $(ARGS)
 
-test: setup  ## run the tests (ARGS for pytest)
+test: setup  ## run the tests but the slow ones (ARGS for pytest)
 	$(PYTEST) $(ARGS)
 
-test-all: test test-blender-versions  ## run the tests, then the extension's in each version of Blender
+test-all: setup  ## run all tests, the slow ones too, then the extension's in each version of Blender
+	$(PYTEST) --slow $(ARGS)
+	$(BIN)/python tools/blender_versions.py
 
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
 	$(BIN)/python tools/blender_versions.py $(ARGS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from functools import wraps
 from hashlib import sha256
@@ -29,6 +29,33 @@ _results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
 MAX_RESULTS = 80
 # What a shape is known by.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slow", action="store_true", help="run slow tests, too")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers",
+        "slow(but=0): a quicker test has the essentials; run with --slow, as in `make test-all`, or if named by `::`. "
+        "The first `but` sets of parameters are run always.",
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--slow") or any("::" in argument for argument in config.args):
+        return
+    seen: Counter[str] = Counter()
+    chosen, left_out = [], []
+    for item in items:
+        slow = item.get_closest_marker("slow")
+        function = item.nodeid.partition("[")[0]
+        seen[function] += 1
+        is_left_out = slow is not None and seen[function] > slow.kwargs.get("but", 0)
+        (left_out if is_left_out else chosen).append(item)
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = chosen
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from creatures import creature, true_vertex
 
 import zoomout_core as zo
@@ -11,6 +12,7 @@ import zoomout_core as zo
 SOURCE, TARGET = creature(520), creature(480, seed=1)
 
 
+@pytest.mark.slow
 def test_more_functions_than_samples_or_than_are_resolved() -> None:
     result = zo.match(SOURCE.surface, TARGET.surface, k_final=1000, samples=20)
     truth = true_vertex(SOURCE, TARGET)
@@ -18,5 +20,6 @@ def test_more_functions_than_samples_or_than_are_resolved() -> None:
     assert len(result.use(1).confidence) == len(truth)
 
 
+@pytest.mark.slow
 def test_symmetries_by_more_functions_than_search_samples() -> None:
     assert zo.detect_symmetry(SOURCE.surface, k_final=450)[0].certainty > 0.5

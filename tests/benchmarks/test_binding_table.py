@@ -11,6 +11,8 @@ from benchmarks import binding
 from benchmarks.binding import cases, pictures
 from benchmarks.characters import game
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

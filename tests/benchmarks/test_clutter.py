@@ -17,6 +17,8 @@ from benchmarks import clutter
 from benchmarks.__main__ import main
 from zoomout_core.mesh.surface import Surface
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def animals(tmp_path_factory: pytest.TempPathFactory) -> Path:

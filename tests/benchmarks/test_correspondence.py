@@ -20,6 +20,8 @@ from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
 from benchmarks.datasets import TEMPLATE, PairOfParts, load_pair, pair_names, sets_in
 from zoomout_core.matching.scores import total_score
 
+pytestmark = pytest.mark.slow
+
 Tables = dict[str, list[dict]]
 
 

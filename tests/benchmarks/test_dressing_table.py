@@ -17,6 +17,8 @@ from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
+pytestmark = pytest.mark.slow
+
 
 def skin(radius: float = 1.0) -> dressing._Skin:
     return dressing._Skin(ball(radius, count=900, seed=2))

@@ -36,6 +36,8 @@ from benchmarks.generate.remeshing import REMESHINGS
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, unique_edges
 
+pytestmark = pytest.mark.slow
+
 
 class People(NamedTuple):
     template: Template

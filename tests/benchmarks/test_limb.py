@@ -12,6 +12,8 @@ from PIL import Image
 from benchmarks.transfer import picture
 from blender_addon.demo import Size
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_row_shows_a_limb_with_its_checker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(picture, "SAMPLES", 2)

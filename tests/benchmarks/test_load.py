@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from benchmarks.transfer import load
 from blender_addon.demo import Size
+
+pytestmark = pytest.mark.slow
 
 KEYS, GROUPS = 3, 40
 

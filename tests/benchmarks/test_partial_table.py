@@ -15,6 +15,8 @@ from benchmarks.__main__ import main
 from benchmarks.datasets import PairOfParts, part_names
 from zoomout_core.mesh.surface import Surface
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:

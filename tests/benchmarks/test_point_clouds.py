@@ -16,6 +16,8 @@ import zoomout_core as zo
 from benchmarks import discretisation, point_clouds
 from benchmarks.datasets import PairOfMeshes, load_pair
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -18,6 +18,8 @@ import zoomout_core as zo
 from benchmarks import datasets, refinement, starts
 from benchmarks.__main__ import main
 
+pytestmark = pytest.mark.slow
+
 QUICK = ("initial", "ICP")
 
 

@@ -11,6 +11,8 @@ import pytest
 from benchmarks import robustness
 from benchmarks.robustness.cases import clean, hard_meshes, malformed_files
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_verdict_says_whether_what_was_carried_is_right_and_whether_the_tool_knew() -> None:
     source, target = clean()

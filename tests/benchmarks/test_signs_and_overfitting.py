@@ -14,6 +14,8 @@ from benchmarks import overfitting, signs
 from benchmarks.signs import Ranked, distinct_rows, rows_of
 from zoomout_core.mesh.surface import Surface
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,8 @@ from creatures import creature
 from benchmarks import profile, scale, speed
 from benchmarks.__main__ import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def horses(tmp_path_factory: pytest.TempPathFactory) -> Path:

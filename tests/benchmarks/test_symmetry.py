@@ -15,6 +15,8 @@ from benchmarks.mirroring import by_position, in_order_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables(data: Path) -> Iterator[dict]:

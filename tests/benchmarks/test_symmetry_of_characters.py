@@ -14,6 +14,8 @@ from benchmarks.characters.mirrored import AT_REST, WORN, mirrored_bones, symmet
 from benchmarks.characters.skeleton import Skeleton
 from benchmarks.characters.truth import Rest
 
+pytestmark = pytest.mark.slow
+
 BONES = ("Body", "Arm.L", "Arm.R", "Leg.L", "Leg.R", "Head", "Tail", "Weapon.R")
 PARENT = (-1, 0, 0, 0, 0, 0, 0, 2)
 

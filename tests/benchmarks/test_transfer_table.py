@@ -12,6 +12,8 @@ from benchmarks import transfer
 from benchmarks.transfer import cases, methods, regions
 from zoomout_core.mesh.triangles import unique_edges
 
+pytestmark = pytest.mark.slow
+
 WAYS = ("true map", "proximity, aligned", "Data Transfer, aligned", "MeshLab")
 
 

@@ -19,6 +19,8 @@ from blender_addon.demo import Size
 from blender_addon.jobs import pause
 from blender_addon.operators import modal_operator
 
+pytestmark = pytest.mark.slow
+
 SMALL = Size(cell=0.05, voxel=0.04, target_vertices=1500)
 BENDS = {"michael0": 0.0, "michael10": 0.9, "horse0": 0.0, "horse6": 0.6}
 

@@ -14,6 +14,8 @@ from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def sphere() -> Surface:

@@ -212,6 +212,7 @@ def test_a_transfer(rich):
     )
 
 
+@pytest.mark.slow
 def test_binding_to_a_rig_with_what_is_worn():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)

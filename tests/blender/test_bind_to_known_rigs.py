@@ -77,6 +77,7 @@ def body_around(bones):
     return body
 
 
+@pytest.mark.slow
 def test_a_rig_of_rigify_poses_the_target_by_its_controls(rigify_rig):
     rig, plan = rigify_rig
     source = body_around(plan)

@@ -16,6 +16,8 @@ from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh import blender_files
 
+pytestmark = pytest.mark.slow
+
 # Radii, and the place of an eye before the head is turned.
 EYE = (0.06, 0.05, 0.05)
 PLACE = np.array([0.15, -0.75, 2.15])

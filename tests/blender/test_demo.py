@@ -125,6 +125,7 @@ def test_a_demo_that_fails_leaves_the_add_on_as_it_was(registered, tmp_path, mon
         blender_addon.register()
 
 
+@pytest.mark.slow
 def test_the_character_is_one_closed_surface_of_the_promised_size():
     vertices, faces = surface_net(FULL_SIZE.cell, shape.SOLIDS, shape.BOUNDS)
     assert 10_000 <= len(vertices) <= 30_000

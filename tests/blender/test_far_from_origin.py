@@ -25,6 +25,7 @@ def put(place, *objects):
     bpy.context.view_layer.update()
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("place", FAR.values(), ids=FAR)
 @pytest.mark.parametrize("initial", ["auto", "nearest"])
 def test_matches_are_what_they_are_at_the_origin(source, target, place, initial):

@@ -70,6 +70,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_one_row_is_an_option_of_every_door(copy: Path):
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "ZOOMOUT_CACHE": "off"}
     script = SCRIPT.format(tools=str(ROOT / "tools"))

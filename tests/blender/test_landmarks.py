@@ -409,6 +409,7 @@ def alike(source, target):
     return source, target
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("initial", ["auto", "landmarks"])
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, -1, 1), (1, -1, -1)])
 def test_a_single_pair_tells_which_way_round_a_match_goes(alike, initial, signs):

@@ -16,6 +16,7 @@ def scene(monkeypatch):
     return session.make_scene()
 
 
+@pytest.mark.slow
 def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_animation(scene):
     presses = session.bind(scene)
     assert len(presses) == 6
@@ -33,6 +34,7 @@ def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_anim
     assert np.median(session.distances(scene)) < 0.2
 
 
+@pytest.mark.slow
 def test_by_hand_it_takes_more_and_weights_alone_tear_the_target(scene):
     assert [len(way(scene)) for way in (session.parent, session.parent_in_its_shape)] == [10, 14]
     groups = {group.name for group in scene.source.vertex_groups}

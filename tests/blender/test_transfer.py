@@ -388,6 +388,7 @@ def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypa
     assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without_effect(source, target):
     dress(source)
     activate(target, source)
@@ -545,6 +546,7 @@ def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
     assert np.abs(weight_array(target, "Right") - ramp(target)).max() < 0.02
 
 
+@pytest.mark.slow
 def test_all_kinds_of_data_at_once_arrive_as_each_alone(source, target):
     dress(source)
     points = positions(source.data)

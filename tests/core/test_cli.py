@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.cli import demo_command, main
 from zoomout_core.runtime.threads import threads
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from guide import ROOT
 import zoomout_core as zo
 from zoomout_core.samples import characters
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
@@ -129,6 +129,7 @@ def shell(line: str) -> int:
     return outcome.exit_code
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("page", TUTORIALS, ids=[page.stem for page in TUTORIALS])
 def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")

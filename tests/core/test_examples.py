@@ -13,7 +13,7 @@ from creatures import creature, true_vertex
 
 import zoomout_core as zo
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 
 @pytest.fixture(scope="module")

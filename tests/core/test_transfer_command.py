@@ -16,7 +16,7 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 
 @pytest.fixture(scope="module")

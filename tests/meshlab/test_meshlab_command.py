@@ -67,6 +67,7 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
     assert "Without a partner: " in ran.output
 
 
+@pytest.mark.slow
 def test_the_options_of_the_match_are_understood(files, tmp_path):
     folder, target = files
     ms = pymeshlab.MeshSet()
@@ -165,6 +166,7 @@ def test_the_format_of_the_files_in_a_folder_can_be_chosen(files, tmp_path):
     check_texture(ms.current_mesh(), target)
 
 
+@pytest.mark.slow
 def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
     """The source has colours only, so each target keeps its textures."""
     ms = pymeshlab.MeshSet()

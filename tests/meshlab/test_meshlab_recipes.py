@@ -18,7 +18,7 @@ from meshlab_filter import samples, transfer_attributes_by_zoomout
 from meshlab_filter.commands import main
 from meshlab_filter.project import read_project
 
-pytestmark = pytest.mark.usefixtures("remember_matches")
+pytestmark = [pytest.mark.usefixtures("remember_matches"), pytest.mark.slow]
 
 SIZE = 14.2**0.5
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "meshlab.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from meshlab_filter.commands import main
 from meshlab_filter.script import read_script, run_script
 from zoomout_core.mesh.ply_files import ply_columns
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 HEAD = "<!DOCTYPE FilterScript>\n<FilterScript>\n"  # so that a filter begins in line 3
 SIZE = 14.2**0.5

@@ -97,6 +97,7 @@ def test_an_archive_depends_on_names_and_content_alone(tmp_path):
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_core_is_built_alone_and_alike(tmp_path):
     one, two = (extension.build_core_wheel(tmp_path / name) for name in ("one", "two"))
     assert one.name == two.name == f"zoomout_core-{PROJECT['version']}-py3-none-any.whl"

@@ -20,7 +20,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-pytestmark = pytest.mark.usefixtures("remembered_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 
 def finer_tube() -> Surface:

@@ -118,6 +118,7 @@ def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
     assert titles == [f"Matching {number} of 2" for number in range(3)]
 
 
+@pytest.mark.slow
 def test_processes_give_bit_equal_results(matched: zo.CollectionResult, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     with local_engine(2, retries=0) as engine:

@@ -95,6 +95,7 @@ def test_the_signs_of_eigenvectors_change_no_pointwise_map(shapes: Shapes, sampl
     np.testing.assert_allclose(one.functional_map * signs[0] * signs[1][:, None], two.functional_map, atol=1e-9)
 
 
+@pytest.mark.slow(but=1)
 def test_refining_both_ways_comes_closer_to_a_bijection(shapes: Shapes) -> None:
     bases = shapes.basis_source, shapes.basis_target
     C = zo.functional_map_of(shapes.truth, *bases, 10, 10)

@@ -27,6 +27,7 @@ def test_a_cloud_is_matched_with_a_mesh_without_a_hint(role: str, resting: Creat
     assert np.corrcoef(carried.values, resting.surface.vertices[truth, 2])[0, 1] > 0.99
 
 
+@pytest.mark.slow
 def test_an_open_cloud_without_normals_has_no_outer_side() -> None:
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 24), np.linspace(-1, 1, 18)), axis=-1).reshape(-1, 2)
     grid = grid + np.random.default_rng(0).uniform(-0.01, 0.01, grid.shape)

@@ -20,8 +20,9 @@ from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.disk_cache import ShapeFolder
 
-COUNT = 6000  # large enough to be decimated
-NUMBERS = {"k_final": 40, "proxy_vertices": 2000}
+COUNT = 2500  # large enough to be decimated
+PROXY_VERTICES = 1000
+NUMBERS = {"k_final": 40, "proxy_vertices": PROXY_VERTICES}
 
 
 @pytest.fixture(autouse=True)
@@ -42,7 +43,7 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
-def prepared(count: int = COUNT, proxy_vertices: int | None = 2000) -> ShapeAnalysis:
+def prepared(count: int = COUNT, proxy_vertices: int | None = PROXY_VERTICES) -> ShapeAnalysis:
     zo.forget_shapes()
     part, _ = creature(count).surface.working.part(0)
     return memory_cache.cached_analysis(part, 40, 300, 0, proxy_vertices)
@@ -94,7 +95,7 @@ def test_progress_of_storing_stays_within_its_bounds(folder: Path, small: ShapeA
     assert 0.8 < fractions[-1] <= 1
 
 
-@pytest.mark.parametrize("proxy_vertices", [None, 2000])
+@pytest.mark.parametrize("proxy_vertices", [None, PROXY_VERTICES])
 def test_a_shape_that_was_stored_is_the_one_that_was_prepared(computed: list[int], proxy_vertices: int | None) -> None:
     first, again = prepared(COUNT, proxy_vertices), prepared(COUNT, proxy_vertices)
     assert len(computed) == 1
@@ -201,6 +202,7 @@ def test_a_folder_that_cannot_be_written_is_named_and_does_no_harm(
     assert "cannot be cached" in caplog.text
 
 
+@pytest.mark.slow
 def test_processes_that_write_at_the_same_time_do_each_other_no_harm(folder: Path) -> None:
     code = f"""
 import sys; sys.path[:0] = {sys.path!r}
@@ -209,7 +211,7 @@ from creatures import creature
 from reports import fractions_of
 from zoomout_core.matching.memory_cache import cached_analysis
 zo.store_shapes({str(folder)!r}, 3_000_000)
-for number in range(12):
+for number in range(6):
     zo.forget_shapes()
     part, _ = creature(1300 + number % 3).surface.working.part(0)
     assert len(cached_analysis(part, 30, 100, 0, None).basis.eigenvalues) == 30

@@ -53,6 +53,7 @@ def test_maps_that_reverse_the_orientation_are_aligned_mirrored(shape: ShapeAnal
     assert distance(aligned(mirrored, shape, mirrored=False), mirrored) > 0.02
 
 
+@pytest.mark.slow
 def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
     result = zo.match(resting.surface, bent.surface)
     assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03

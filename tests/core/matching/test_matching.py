@@ -51,6 +51,7 @@ def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, resu
     np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Creature, result) -> None:
     # On the same pose the true image is known to be the vertex's own place in space.
     again = creature(2500, seed=1)
@@ -108,6 +109,7 @@ def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting
         zo.match(*(made.surface.with_vertices(step) for made, step in zip((resting, bent), steps, strict=True)))
 
 
+@pytest.mark.slow
 def test_a_round_shape_is_called_uncertain() -> None:
     spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
     result = zo.match(*spheres)
@@ -150,6 +152,7 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
     assert result.source_has_partner.mean() > 0.97
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("limb", [ARM, LEG])
 def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
     source, target = creature(2500, seed=0), creature(2000, seed=1, bend=0.6, without=limb)
@@ -271,6 +274,7 @@ def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature
 # --- real meshes --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creature, bent: Creature) -> None:
     """Split at every face, wound inwards in part, with an unused vertex: as an importer may deliver it."""
     triangles = bent.surface.triangles.copy()
@@ -370,6 +374,7 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
         zo.match(fine, fine, proxy_vertices=None)
 
 
+@pytest.mark.slow
 def test_finer_meshes_have_finer_stand_ins(resting: Creature) -> None:
     fine = creature(50_000).surface
     result = zo.match(fine, resting.surface, initial="proximity")

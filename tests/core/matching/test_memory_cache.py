@@ -84,6 +84,7 @@ def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: p
     assert prepared(part) is not prepared(part)
 
 
+@pytest.mark.slow
 def test_a_second_match_gives_the_same_map() -> None:
     source, target = creature(1500).surface, creature(1200, seed=1).surface
     maps = [zo.match(source, target).surface_map for _ in range(2)]

@@ -80,6 +80,7 @@ def test_round_shapes_of_any_kind_have_rotations() -> None:
     assert len(self_maps(analysed(Surface(corners, faces)))) >= 6  # a square, which may be turned over
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(
     "surface",
     [

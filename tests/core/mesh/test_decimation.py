@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from creatures import creature
 from scipy.spatial import cKDTree
 from trimesh.remesh import subdivide
@@ -20,6 +21,7 @@ def fine_creature() -> Surface:
     return Surface(*subdivide(coarse.vertices, coarse.triangles))
 
 
+@pytest.mark.slow
 def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
     working = fine_creature().working
     points, triangles, _ = decimate(working.vertices, working.oriented_triangles, 3000)

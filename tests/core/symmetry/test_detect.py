@@ -109,6 +109,7 @@ def test_a_vase_has_its_three_symmetries_first() -> None:
     assert diagonals == {(-1, 1, 1), (1, -1, 1), (-1, -1, 1)}
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(
     ("figure", "orders"), [(TABLE, [2, 2, 2, 2, 2, 4, 4]), (STARFISH, [2, 2, 2, 2, 2, 5, 5, 5, 5])]
 )
@@ -172,6 +173,7 @@ def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
             assert (symmetry.sides()[rows] == side).all()
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("axis", [0, 1])
 def test_of_a_bodys_symmetries_those_come_first_that_pair_its_loose_parts(axis: int) -> None:
     body = trimesh.creation.box(extents=(1.0, 0.7, 0.4)).subdivide().subdivide().subdivide()

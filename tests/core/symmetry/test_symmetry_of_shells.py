@@ -154,6 +154,7 @@ def test_a_dent_in_a_shell_shows_on_both_sides(found: zo.Symmetry, walking: Doll
     assert heat[near].mean() > 4 * np.median(heat)
 
 
+@pytest.mark.slow
 def test_of_a_lopsided_heap_no_symmetry_is_sure() -> None:
     with retune(HULLS, resolution=64):
         assert zo.detect_symmetry(heap(), samples=400)[0].certainty < 0.5

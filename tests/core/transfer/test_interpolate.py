@@ -74,6 +74,7 @@ def test_continuous_corner_values_are_continuous_at_every_vertex_beside_a_jump(s
     assert torn[at_jump].any()
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("domain", [Domain.CORNER, Domain.FACE])
 def test_colours_of_faces_land_on_the_right_side_of_their_edges(source: Sheet, aligned: Sheet, domain: Domain) -> None:
     colours = np.random.default_rng(0).random((counts(source)[Domain.FACE], 3))

@@ -154,6 +154,7 @@ def test_more_hair_than_can_be_paired_lies_on_hair_nearby(sewn: Match) -> None:
     assert any(note.startswith("102 loose parts beyond the 300 largest") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
     source, body = creature(1500), creature(1200, seed=1, bend=0.4)
     u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-4, 4, 20), np.linspace(-4, 3, 20)))

@@ -65,6 +65,7 @@ def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin,
     assert any("14 of 14 parts matched to their counterparts" in note for note in stepped.notes)
 
 
+@pytest.mark.slow
 def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
     target = mannequin(STEP, 60, 2, build=(1.15, 1.25, 0.9))
     result = zo.match(at_rest.surface, target.surface)
@@ -95,6 +96,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
     less = mannequin(STEP, 60, 3, without=("head", "hand.L"))
     assert right_parts(zo.match(at_rest.surface, less.surface), at_rest, less) > 0.98
@@ -116,6 +118,7 @@ def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     assert "landmarks" in result.notes[0]
 
 
+@pytest.mark.slow
 def test_inside_out_shells_are_matched_alike(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     turned = Surface(stepping.surface.vertices, stepping.surface.triangles[:, ::-1])
     result = zo.match(at_rest.surface, turned)
@@ -123,6 +126,7 @@ def test_inside_out_shells_are_matched_alike(stepped, at_rest: Mannequin, steppi
     assert missed(result, at_rest, stepping).mean() == pytest.approx(missed(stepped, at_rest, stepping).mean(), rel=0.2)
 
 
+@pytest.mark.slow
 def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     turn = Rotation.from_euler("xyz", (40, 20, 110), degrees=True).as_matrix()
     moved = Surface(1000 * stepping.surface.vertices @ turn.T + 300, stepping.surface.triangles)
@@ -140,6 +144,7 @@ def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
     assert missed(result, at_rest, target).mean() < 0.004
 
 
+@pytest.mark.slow
 def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: Mannequin) -> None:
     target = mannequin(None, 60, 4)
     about = Surface(target.surface.vertices * [-1, -1, 1], target.surface.triangles)
@@ -148,6 +153,7 @@ def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: 
     assert not any("overlap in place" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
     # Names that are swapped, as where an artist has meant something else by them.
     regions = [
@@ -160,6 +166,7 @@ def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
     assert (images[stepping.part == "thigh.L"] == "thigh.L").mean() > 0.95
 
 
+@pytest.mark.slow
 def test_a_region_of_both_feet_does_not_exchange_them(at_rest: Mannequin, stepping: Mannequin) -> None:
     feet = [np.flatnonzero(np.char.startswith(one.part, "foot")) for one in (at_rest, stepping)]
     assert (
@@ -185,6 +192,7 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
+@pytest.mark.slow
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
     # So that the torsos are tried as well, on which there is no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
@@ -201,6 +209,7 @@ def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Manneq
     assert right_parts(result, at_rest, stepping) > 0.95
 
 
+@pytest.mark.slow
 def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     again = zo.match(at_rest.surface, stepping.surface, initial="given", initial_map=stepped.surface_map)
     assert right_parts(again, at_rest, stepping) > 0.99
@@ -208,6 +217,7 @@ def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepp
     assert len(by_place.candidates) == 1
 
 
+@pytest.mark.slow
 def test_two_runs_agree_to_the_bit(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     again = zo.match(at_rest.surface, stepping.surface)
     assert (again.surface_map.triangle == stepped.surface_map.triangle).all()
@@ -231,6 +241,7 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
     assert not others
 
 
+@pytest.mark.slow
 def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tried() -> None:
     # Knees together.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}

@@ -103,6 +103,7 @@ def test_every_limb_of_a_creature_with_many_counts(figure: Figure, count: int) -
     assert len(extremities(prepared(shape(figure, 2000, seed=0, bend=0.5).surface)).vertices) == count
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(
     ("of_source", "of_target"), [(CENTAUR, CENTAUR), (CENTAUR, ONE_ARMED_CENTAUR), (ONE_ARMED_CENTAUR, CENTAUR)]
 )

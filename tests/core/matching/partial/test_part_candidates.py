@@ -72,6 +72,7 @@ def test_regions_are_searched_one_by_one(lower: PartAndWhole) -> None:
     assert max(width[1:]) < width[0]
 
 
+@pytest.mark.slow
 def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
     bent, rest = creature(1100, seed=1, bend=0.5, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
     made_part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)

@@ -61,6 +61,7 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     assert OTHER_UNITS not in result.notes
 
 
+@pytest.mark.slow
 def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
     with retune(PART_CANDIDATES, **FEWER_SEARCHES), retune(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
         for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):

@@ -56,6 +56,7 @@ def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: fl
     )
 
 
+@pytest.mark.slow
 def test_a_mirrored_map_stays_mirrored() -> None:
     source, target = creature(1500, seed=0), creature(1300, seed=1)
     source_shape, target_shape, _ = blurred_truth(source, target)
@@ -251,6 +252,7 @@ def test_the_same_shape_elsewhere_is_matched_exactly() -> None:
     assert np.percentile(off, 99) < 1e-4 * np.sqrt(source.area)
 
 
+@pytest.mark.slow
 def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points() -> None:
     source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
     result = zo.match(source, target)
@@ -259,6 +261,7 @@ def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points
     assert np.percentile(np.linalg.norm(off, axis=1), 95) < 1e-9 * np.sqrt(source.area)
 
 
+@pytest.mark.slow
 def test_another_mesh_a_little_beside_the_source_is_matched_as_it_lies_and_not_as_it_stands() -> None:
     source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
     size = np.sqrt(source.area)

@@ -200,6 +200,7 @@ def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_w
     assert np.median(np.linalg.norm(found - 0.999 * standing / size, axis=1)) < 3e-4
 
 
+@pytest.mark.slow
 def test_nothing_jumps_when_one_of_two_surfaces_is_moved_away(plum: Proxy) -> None:
     other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
     at = plum.full.from_surface(other.to_surface(other.vertices))
