@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an array holds, and in which precision, for mypy; checks of counts; and sums over segments."""
+"""Array types with their precision, for mypy; checks of counts; and sums over segments."""
 
 from typing import Any, TypeAlias
 
@@ -15,7 +15,7 @@ RealsOrIntegers: TypeAlias = NDArray[Any]
 # In single precision, or in either: products with many rows take half of the time and memory.
 SingleFloats: TypeAlias = NDArray[np.float32]
 AnyFloats: TypeAlias = NDArray[np.floating[Any]]
-# Of 4 or 8 bytes, as scipy's sparse matrices and Blender have them.
+# 4 or 8 bytes, as in scipy's sparse matrices and in Blender.
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 

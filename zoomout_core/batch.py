@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One source to many targets: what is to be written where, and what became of each."""
+"""One source to many targets: the files to write, and the outcome of each."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Outcome:
 
     Attributes:
         job: the target and its file.
-        report: what is to be said of it, as JSON can hold it; nothing if it failed.
+        report: figures for the JSON report; empty if it failed.
         lines: the same in sentences, the most important one first.
         error: why it failed, a sentence; empty if it did not.
     """
@@ -105,7 +105,7 @@ def plan(
 
 
 def meshes_of(given: Path, endings: Collection[str], source: Path | None = None) -> list[Path]:
-    """What a user names: a file itself, of a folder the meshes in it, but the source.
+    """The files that a user names: a file itself, or the meshes in a folder, except the source.
 
     Raises:
         MeshError: a folder holds none.

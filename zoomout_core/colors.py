@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours that tell maps: of places, of confidence, and of what has no counterpart."""
+"""Colours that display maps: places, confidence, and areas without a counterpart."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from zoomout_core.arrays import Booleans, Floats
 
 # From bad to good: distinct for colour-blind users, and unlike Blender's weight colours, which go from blue to red.
 BAD_TO_GOOD = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
-# Of what has no counterpart, and, on the source, of what has one.
+# Colours of areas without a counterpart, and, on the source, of areas with one.
 LONELY, MET = np.array([0.34, 0.13, 0.50]), np.array([0.80, 0.80, 0.78])
 # Smallest and largest value of each channel of position colours, so that both differ from light and dark themes.
 DARK, LIGHT = 0.08, 0.98

@@ -175,7 +175,7 @@ def _help_of(option: Option) -> str:
 
 
 def start_arguments(**options: Any) -> dict[str, Any]:
-    """What the options of `match_options` mean to `match`.
+    """The arguments of `match` for the options of `match_options`.
 
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.

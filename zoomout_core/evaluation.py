@@ -17,7 +17,7 @@ from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
 
-# Distances are sought from at most this many places at once: bounds the memory.
+# Places whose distances are computed at once: bounds the memory.
 BLOCK = 256
 
 

@@ -78,7 +78,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
         source: the shape that the map lands on.
         target: the shape that the map starts from; what has confidence has it as a second colouring.
         result: the match, or only its map.
-        frames: close the window after so many frames; None to leave it to the user.
+        frames: close the window after this number of frames; None to leave it to the user.
 
     Raises:
         ImportError: polyscope, of the extra `window`, is not installed.
@@ -142,8 +142,8 @@ def plot_values(
 
     Args:
         shape: the shape.
-        values: (n,) numbers; or (n, 3) red, green and blue, 0 to 1. What is not finite is grey.
-        label: what the numbers are, and their unit.
+        values: (n,) numbers; or (n, 3) red, green and blue, 0 to 1. Values that are not finite are grey.
+        label: the quantity and its unit.
         limits: the numbers at the ends of the colours; the least and the largest if not given.
         colors: a colour map of matplotlib, by its name.
         sides: 1 to see it from the front, 2 to see it from behind as well.

@@ -25,7 +25,7 @@ UV, COLOR = "uv", "color"
 
 @dataclass(frozen=True)
 class Material:
-    """What a face looks like, as far as every format can say it.
+    """The appearance of a face, restricted to what every format can store.
 
     Attributes:
         name: as the user knows it.
@@ -74,7 +74,7 @@ class Asset:
         materials: what these numbers mean.
         skin: the joints that move it; None if there are none.
         document: of a glTF file, with the nodes, animations and materials that it holds; None of another format.
-        notes: what was left out, a sentence each.
+        notes: sentences about data that was left out.
 
     Example:
         >>> zo.Asset(source).attributes
@@ -110,7 +110,7 @@ def to_rest(seen: Floats, weights: csr_array, transforms: Floats) -> tuple[Float
 
 
 def kind_of(attribute: Attribute) -> str:
-    """What an attribute is, without its number."""
+    """The name of an attribute, without its number."""
     return attribute.name.rstrip("0123456789").rstrip()
 
 

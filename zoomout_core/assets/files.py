@@ -44,7 +44,7 @@ def read_asset(path: str | PathLike[str]) -> Asset:
         return Asset(read_surface(place)) if reader is None else reader(place)
     except (MeshError, ImportError):
         raise
-    except Exception as error:  # what a broken file leads to depends on where it is broken
+    except Exception as error:  # the error depends on where the file is broken
         reason = " ".join(str(error).split())
         raise MeshError(
             f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
@@ -62,7 +62,7 @@ def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
 
     Raises:
         MeshError: no file of this ending can be written.
-        OutputError: it could not be written; what was there before is there still.
+        OutputError: it could not be written; the earlier file is unchanged.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store

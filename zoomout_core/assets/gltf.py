@@ -65,7 +65,7 @@ class Document:
 
     @classmethod
     def from_gltf(cls, gltf: GLTF2) -> Document:
-        """The document of what was made, with one buffer, and not read from a file."""
+        """A document of a glTF object in memory, with one buffer."""
         document = cls.__new__(cls)
         document.gltf, document.folder = gltf, Path()
         document._buffers = [bytes(gltf.binary_blob())]
@@ -76,7 +76,7 @@ class Document:
         return bytes(self.gltf.binary_blob()) if uri is None else self.read_uri(uri)
 
     def read_uri(self, uri: str) -> bytes:
-        """What a URI refers to: data in it, or a file beside the document."""
+        """Read the bytes of a URI: its own data, or a file beside the document."""
         if uri.startswith("data:"):
             return bytes(self.gltf.decode_data_uri(uri))
         from urllib.parse import unquote
@@ -158,7 +158,7 @@ class Buffer:
     """The one buffer of a document that is written.
 
     Args:
-        gltf: the document; its buffer views are made anew.
+        gltf: the document; its buffer views are rebuilt.
     """
 
     def __init__(self, gltf: GLTF2) -> None:
@@ -179,7 +179,7 @@ class Buffer:
 
         Args:
             values: of a type that glTF has.
-            target: what the buffer is for.
+            target: the use of the buffer.
             bounded: whether to tell the least and the largest of each column.
         """
         rows = values.reshape(len(values), -1)

@@ -77,7 +77,7 @@ def _read_mtl(path: Path) -> dict[str, Material]:
 
 
 def write_obj(asset: Asset, path: Path) -> tuple[str, ...]:
-    """Write an OBJ file with its .mtl file and images; what it cannot hold is said in the notes."""
+    """Write an OBJ file with its .mtl file and images; data that the format cannot store is reported in the notes."""
     surface, text = asset.surface, io.StringIO()
     uv, color, normals = (asset.find(name) for name in (f"{UV} 0", f"{COLOR} 0", NORMALS))
     materials = asset.find(MATERIALS) if asset.materials else None

@@ -47,7 +47,7 @@ def read_ply(path: Path) -> Asset:
 
 
 def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
-    """Write a binary PLY file; what it cannot hold is said in the notes."""
+    """Write a binary PLY file; data that the format cannot store is reported in the notes."""
     surface = asset.surface
     uv, color = asset.find(f"{UV} 0"), asset.find(f"{COLOR} 0")
     fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]

@@ -128,7 +128,7 @@ def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
 
 
 def _mesh(document: Document, number: int) -> _Mesh:
-    """What a node shows, with vertices that were split for their corners in one again."""
+    """The mesh of a node, with vertices merged that were split for their corners."""
     node = document.gltf.nodes[number]
     mesh = document.gltf.meshes[node.mesh]
     primitives = [
@@ -261,7 +261,7 @@ def _shape_keys(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Att
 
 
 def materials_of(document: Document) -> tuple[Material, ...]:
-    """The materials of a document, as far as every format can say them."""
+    """The materials of a document, restricted to what every format can store."""
     materials = []
     for number, material in enumerate(document.gltf.materials):
         look = material.pbrMetallicRoughness
@@ -334,7 +334,7 @@ class _Skeleton:
         return Skin(self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, rest, linear, weights)
 
     def _weights(self, mesh: _Mesh) -> csr_array:
-        """(n, b) of the joints of all skins; what has no weight goes with the joint above it, or the first."""
+        """(n, b) of the joints of all skins; a vertex without weight follows the joint above it, or the first."""
         count, size = len(mesh.vertices), (len(mesh.vertices), len(self.nodes))
         above = self._ancestor(mesh.node)
         hanging = 0 if above < 0 else int(np.searchsorted(self.nodes, above))

@@ -25,7 +25,7 @@ from zoomout_core.transfer.rules import Match, map_target, transfer_along
 from zoomout_core.transfer.skinning import normalise, skinning_matrices
 from zoomout_core.transfer.unpose import Rest, unpose
 
-# What can be carried, in this order.
+# Data that can be transferred, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # How a target that gets a skin is taken to rest: unposed if it stands in another pose than the source at rest, always,
 # or never.
@@ -41,7 +41,7 @@ class TransferredAsset(NamedTuple):
     Attributes:
         asset: the target.
         received: names of attributes.
-        notes: what the user should know, a sentence each.
+        notes: sentences for the user.
     """
 
     asset: Asset
@@ -58,7 +58,7 @@ def transfer_asset(
     shape: str = "automatic",
     fill_below: float | None = None,
 ) -> TransferredAsset:
-    """Carry what an asset has onto another mesh; what the target has of the same kind gives place.
+    """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
     With a skin come the joints and what animates them: the target is taken to the rest pose, where it moves as the
     source does.
@@ -90,7 +90,7 @@ def transfer_asset(
             f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
         )
     mapped = map_target(match, source.surface, target.surface, fill_below)
-    # What the target has of a kind gives place together.
+    # All of the target's data of a kind is replaced together.
     replaced = {kind_of(each) for each in chosen}
     received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
     notes: list[str] = []
@@ -136,7 +136,7 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[
 
 
 def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
-    """(n_t, b) weights that sum to one; what has none takes those of the vertex nearest to it that has."""
+    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex that has some."""
     attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
     weights = csr_array(transfer_along(attribute, mapped).values)
     without = np.diff(weights.indptr) == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a template carries, onto every mesh of its collection."""
+"""Transfer of a template's data to every mesh of its collection."""
 
 from __future__ import annotations
 

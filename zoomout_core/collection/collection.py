@@ -117,11 +117,11 @@ def match_collection(
     Args:
         shapes: paths of meshes or point clouds, whose names are those of the files without endings; surfaces, or what
             else stands for a shape, named by their numbers; or shapes by names.
-        folder: of the results; made if it is missing. None for one that lives as long as what is returned.
+        folder: of the results; made if it is missing. None for a temporary one, which lives as long as the result.
         template: the name, or the path, of the shape that is the source of all others. Where a map from it is unsure,
             some shapes between are matched, too.
         pairs: sources and targets by their names, or "all".
-        neighbours: match each shape with so many that are most alike by their spectra, so that all are joined.
+        neighbours: number of shapes with similar spectra to match each shape with; all shapes are connected.
         options: of every match; no landmarks and no initial map.
         engine: what does the work; this process if it is not given, see `collection.engine.local_engine`.
         cache: folder in which prepared shapes are kept.
@@ -202,7 +202,7 @@ def match_collection(
 
 
 def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Path) -> list[Path]:
-    """Shapes as files; what is none yet is written to a folder."""
+    """Shapes as files; shapes in memory are written to a folder."""
     named = shapes if isinstance(shapes, Mapping) else {str(number): shape for number, shape in enumerate(shapes)}
     files = []
     for name, shape in named.items():
@@ -298,7 +298,7 @@ class _Run:
                 self.failures[str(pair)] = message
 
     def _take_in(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
-        """Take in what a task made, or why a pair failed; of which kind it is."""
+        """Record the result of a task, or why a pair failed; returns its kind."""
         if isinstance(result, Failure):
             if isinstance(of, Item):
                 self.failures[of.name] = result.message
@@ -340,7 +340,7 @@ class _Run:
         return found if found.before else None
 
     def beginnings(self, agreement: Agreement) -> dict[PairName, Beginning]:
-        """What the pairs are to be begun from whose map does not agree with the others."""
+        """Starts for pairs whose maps do not agree with the others."""
         found = {}
         for pair, record in self.records.items():
             candidate, third = agreement.candidate.get(pair, 0), agreement.through.get(pair)

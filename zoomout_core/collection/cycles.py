@@ -24,13 +24,13 @@ class CycleTuning(Tuning, set_by="collection"):
     """How candidates are chosen.
 
     Attributes:
-        open: mean error of a cycle from which on it is as open as can be.
+        open: mean error of a cycle at which its cost saturates.
         closed: mean error that right maps have, as samples are as far apart.
-        weight: what an open cycle counts beside the logarithm of a candidate's probability.
+        weight: of an open cycle against the logarithm of a candidate's probability.
         min_certainty: of any candidate, so that the others can outvote the surest.
         turned_inside_out: what of its probability a candidate keeps that treats the orientation unlike the first.
         composed: probability of a map through a third shape.
-        gain: what a change must save, so that candidates that are as good as each other stay.
+        gain: smallest saving of a change, so that equal candidates stay.
         cycles: of a pair at most, the surest.
         rounds: over all pairs, at most.
     """
@@ -165,7 +165,7 @@ class _Votes:
         return float(odds[labels[pair]] / odds.sum())
 
     def improve(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
-        """Labels of which none can be changed for less by itself."""
+        """Improve labels until no single change lowers the cost."""
         found = dict(labels)
         for _ in range(CYCLES.rounds):
             if not sum([self._improve(pair, found) for pair in self.maps]):
@@ -173,7 +173,7 @@ class _Votes:
         return found
 
     def settle(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
-        """Labels of which none, and none of those around a shape together, can be changed for less."""
+        """Improve labels until no change of one, or of all around a shape, lowers the cost."""
         found = dict(labels)
         of_shape: dict[str, list[PairName]] = {}
         for pair in self.maps:
@@ -238,7 +238,7 @@ class _Votes:
         return int(np.argmin(costs)) if shared else now
 
     def _total(self, pairs: list[PairName], labels: Mapping[PairName, int]) -> float:
-        """What the candidates of some pairs cost together."""
+        """The total cost of the candidates of some pairs."""
         cycles = {cycle for pair in pairs for cycle in self.cycles_of[pair]}
         own = sum(-np.log(self.prior(pair)[labels[pair]]) for pair in pairs)
         return float(own + sum(self._openness(cycle, labels) for cycle in cycles))

@@ -80,7 +80,7 @@ def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]
     Args:
         engine: that runs them.
         tasks: the tasks.
-        title: of the progress, where so many of them have ended.
+        title: of the progress, by the number of tasks that have ended.
     """
     if not tasks:
         return
@@ -94,7 +94,7 @@ def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]
 
 
 def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a task returns; a Failure where an argument is one, or its input is at fault.
+    """The result of a task; a Failure if an argument is one, or if its input is at fault.
 
     What may go better another time, such as where memory is short, is raised.
     """
@@ -131,7 +131,7 @@ class InThisProcess:
             yield Done(task.key, results[task.key])
 
     def _result(self, task: Task, arguments: tuple[Any, ...]) -> Any:
-        """What a task returns, tried again where it may go better."""
+        """The result of a task, with retries after failures that may pass."""
         for tries_left in reversed(range(self._retries + 1)):
             try:
                 return attempt(task.function, *arguments)
@@ -172,7 +172,7 @@ class OnDask:
                 yield from self._alone(task, task_of, failed)
 
     def _as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """`run_tasks`, with a `_Lost` for what was given up with its worker."""
+        """`run_tasks`, with a `_Lost` for a task that was lost with its worker."""
         from distributed import as_completed
 
         run = uuid4().hex[:8]
@@ -210,7 +210,7 @@ class OnDask:
                 time.sleep(PATIENCE)
 
     def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done]:
-        """Run a task once more when nothing else runs; what fails is added to `failed`, by its key."""
+        """Retry a task alone; a failure is added to `failed`, by its key."""
         chain = [*_requirements(task, task_of), task]
         fault = next((failed[each.key] for each in chain if each.key in failed), None)
         if fault is not None:
@@ -246,7 +246,7 @@ class _Lost:
 
 
 def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
-    """What a task needs to run before it, and what that needs."""
+    """All tasks that a task depends on."""
     found: dict[str, Task] = {}
     for key in task.after:
         for each in (*_requirements(task_of[key], task_of), task_of[key]):
@@ -255,7 +255,7 @@ def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
 
 
 def _sort_by_need(tasks: Sequence[Task]) -> list[Task]:
-    """Tasks in an order in which what each needs comes right before it, so that it is soon let go."""
+    """Sort tasks so that dependencies come right before each, and are soon released."""
     task_of = {task.key: task for task in tasks}
     ordered: dict[str, Task] = {}
     for task in sorted(tasks, key=lambda task: not task.after):

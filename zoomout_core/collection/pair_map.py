@@ -76,7 +76,7 @@ class PairRecord:
         candidates: how many maps were found.
         candidate: which of them this is.
         through: the shape that a map was composed through, where none of the candidates agreed with the others.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
         seconds: that it took.
     """
 
@@ -97,7 +97,7 @@ class PairRecord:
         """The record in the file of a map.
 
         Raises:
-            FileNotFoundError: there is none.
+            FileNotFoundError: the file is missing.
             ArrayFileError: it cannot be read.
         """
         arrays = read_arrays(path, (RECORD,))
@@ -109,7 +109,7 @@ class PairRecord:
 
 
 def arrays_of(result: MatchResult, maps: CandidateMaps, key: str, seconds: float, through: str = "") -> dict[str, Any]:
-    """What is kept of a pair beside its map: see `zoomout match`, `CandidateMaps` and `PairRecord`."""
+    """Data stored with the map of a pair: see `zoomout match`, `CandidateMaps` and `PairRecord`."""
     record = PairRecord(
         key,
         result.certainty,

@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import MeshError
 
 # Eigenvalues that shapes are compared by: the constant function's is zero for all.
 COMPARED = slice(1, 40)
-# Distance between two shapes that are told apart by nothing, so that a spanning tree sees their edge.
+# Distance between two equal shapes: positive, so that a spanning tree sees their edge.
 SMALLEST = 1e-12
 
 
@@ -56,7 +56,7 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
 def pairs_between(
     unsure: Sequence[str], sure: Sequence[str], eigenvalues: Mapping[str, Floats], most: int
 ) -> list[PairName]:
-    """Each unsure shape as the target of so many sure ones at most, those that are most alike.
+    """Pairs of each unsure shape, as the target, with the most similar sure ones.
 
     Args:
         unsure: names of shapes.

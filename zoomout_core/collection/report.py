@@ -22,7 +22,7 @@ from zoomout_core.runtime.outputs import atomic_write
 REPORT, PAGE = "report.json", "report.html"
 # Pairs in the table of what to look at first.
 MAX_ROWS = 100
-# Certainty from which on a map is as sure as the commands announce.
+# Smallest certainty of a map that the commands call sure.
 SURE = 0.9
 
 
@@ -71,7 +71,7 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
 
 
 def lines_of_collection(result: CollectionResult) -> list[str]:
-    """What a user should know of a collection, a sentence each."""
+    """Sentences for the user about a collection."""
     records, agreement = result.records, result.agreement
     unsure = sum(trust(result, pair) < SURE for pair in records)
     lines = [

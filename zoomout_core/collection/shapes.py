@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shapes of a collection: files, each prepared once, and what is kept of it to compare maps by."""
+"""The shapes of a collection: files, each prepared once, and summaries to compare maps by."""
 
 from __future__ import annotations
 

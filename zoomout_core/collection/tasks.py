@@ -41,7 +41,7 @@ from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import atomic_write
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
-# Folders of workers that do not see the results: what is prepared to be sent on, and what was sent.
+# Folders of workers that do not see the results: prepared shapes to send, and received ones.
 PREPARED, CACHE = "prepared", "cache"
 # Bytes that the prepared shapes of a collection take at most: a thousand of the usual size.
 MAX_BYTES = 16 << 30
@@ -121,7 +121,7 @@ class Matched:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """What a map is begun from, rather than from the shapes alone.
+    """The start of a map, in place of the shapes alone.
 
     Attributes:
         candidate: the number of the candidate to take.
@@ -241,7 +241,7 @@ def match_pair(
 
 
 def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
-    """Carry what a source has onto a target, by their map in a file; what a user should know of it.
+    """Transfer a source's data to a target, by their map in a file; returns notes for the user.
 
     Raises:
         MeshError: there is nothing to carry, or a file cannot be read or written.
@@ -255,7 +255,7 @@ def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kind
 
 
 def _folder_of_worker() -> Path:
-    """What a worker of Dask removes when it ends; elsewhere the folder of temporary files."""
+    """The folder that a worker of Dask removes when it ends; elsewhere the folder of temporary files."""
     if "distributed" in sys.modules:
         with suppress(ValueError):  # this process is no worker
             return Path(sys.modules["distributed"].get_worker().local_directory)
@@ -263,7 +263,7 @@ def _folder_of_worker() -> Path:
 
 
 def _place_of_input(item: Item, place: Workplace) -> Path:
-    """Where a worker that does not see a file has it."""
+    """The local copy of a file for a worker that does not see it."""
     return place.folder / "inputs" / item.name / item.path.name
 
 
@@ -272,7 +272,7 @@ def _path_of(item: Item, place: Workplace, shape: Prepared) -> Path:
 
 
 def _known_shape(path: Path, key: str) -> ShapeSummary | None:
-    """What was prepared before of the same content; nothing if it was another or cannot be read."""
+    """The stored summary of the same content; None if it is of another one or cannot be read."""
     try:
         summary = ShapeSummary.load(path)
     except (FileNotFoundError, ArrayFileError):
@@ -299,7 +299,7 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file, and the folders above it.
 
     Raises:
-        OutputError: it cannot be written; what was there before is there still.
+        OutputError: it cannot be written; the earlier file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as part:

@@ -22,9 +22,9 @@ from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, r
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
 
-# Folders of the results: surfaces that Blender read, and what is known of the transfers that it made.
+# Folders of the results: surfaces that Blender read, and records of its transfers.
 SURFACES, CARRIED = "surfaces", "carried"
-# What the extension calls the kinds of data that are carried.
+# The extension's names for the kinds of data.
 DATA = {
     UV: "uv_maps",
     COLOR: "color_attributes",
@@ -102,7 +102,7 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
 def carry_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
 ) -> tuple[str, ...]:
-    """Have Blender carry what a source has onto a target, unless that was done; what a user should know of it.
+    """Transfer a source's data to a target through Blender, unless it is done already; returns notes for the user.
 
     Args:
         source: a file that Blender reads.

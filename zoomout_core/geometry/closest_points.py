@@ -23,7 +23,7 @@ BLOCK = 1 << 17
 MAX_CANDIDATES = 256
 # Triangles at a vertex of a regular mesh, which the size of a block follows.
 RING = 6
-# Queries from which on several threads take less time than one.
+# Fewest queries that several threads finish sooner than one.
 MANY_QUERIES = 10_000
 # Guard against division by zero.
 SMALLEST = np.finfo(np.float64).tiny
@@ -256,9 +256,9 @@ class EmbeddedSurface:
         self._products = [np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs]
 
     def closest(self, points: Floats, nearest: Integers) -> tuple[Integers, Floats]:
-        """(q,) triangle numbers and (q, 3) barycentric coordinates of what is closest to points (q, k).
+        """(q,) triangle numbers and (q, 3) barycentric coordinates of the points closest to points (q, k).
 
-        It is sought around the vertex nearest to each (q,).
+        The search is limited to the surroundings of the vertex nearest to each (q,).
         """
         embedding, neighbourhoods = self._embedding, self._neighbourhoods
         points = points.astype(embedding.dtype)
@@ -358,7 +358,7 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     is_bc, is_ab = to_bc < np.minimum(to_ab, to_ac), to_ab <= to_ac
     v = np.where(is_bc, 1 - on_bc, on_ab * is_ab)
     w = np.where(is_bc, on_bc, on_ac * ~is_ab)
-    # Over the inside the foot of the perpendicular is closer than all sides.
+    # Over the inside, the projection is closer than all sides.
     whole: Floats = ab_ab * ac_ac - ab_ac * ab_ac
     of_b: Floats = ac_ac * ap_ab - ab_ac * ap_ac
     of_c: Floats = ab_ab * ap_ac - ab_ac * ap_ab

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points on triangle soups next to normals that agree, as where two layers of a surface lie close together.
 
-Triangles may be of any size: points spread over them stand for them where neighbours are sought.
+Triangles may be of any size: points sampled on them represent them in searches of neighbours.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Groups are this far apart in a coordinate of their own, in units of the surface's extent.
 APART = 1e3
-# Queries from which on several threads take less time than one, and queries at once, which bounds the memory.
+# Fewest queries that several threads finish sooner than one, and queries at once, which bounds the memory.
 MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
 
 
 @dataclass(frozen=True)
 class OrientedSearchTuning(Tuning, set_by="characters"):
-    """How densely a surface is sampled where closest points are sought.
+    """How densely a surface is sampled for searches of closest points.
 
     Attributes:
         points: samples of a surface.

@@ -23,13 +23,13 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
-# Of two shapes by their numbers: source, the one that the map lands on, and target, the one that it starts from.
+# Numbers of two shapes: source, the one that the map lands on, and target, the one that it starts from.
 PairOfShapes: TypeAlias = tuple[int, int]
 # How many farthest points of each shape the iterations run on, and at least.
 SAMPLES = 500
 # Rows of the latent problem up to which it is solved as a dense one; from about there on the sparse one is faster.
 MAX_DENSE = 2000
-# What the sparse problem is shifted by, so that it can be factorised: its smallest eigenvalues are near zero.
+# Shift of the sparse problem, so that it can be factorised: its smallest eigenvalues are near zero.
 SHIFT = -1e-3
 
 
@@ -180,7 +180,7 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
 
 
 def check_connected(count: int, pairs: Sequence[PairOfShapes]) -> None:
-    """Raise a ValueError unless pairs join all of so many shapes."""
+    """Raise a ValueError unless pairs connect all of `count` shapes."""
     group = list(range(count))
 
     def root(shape: int) -> int:

@@ -29,7 +29,7 @@ RANK_TOLERANCE = 1e-14
 RIDGE = 1e-10
 # Part of a constant function's squared norm that may lie beyond a basis's null space.
 NOT_CONSTANT = 1e-3
-# Conjugate gradients end when the gradient, scaled by the curvature, has fallen to this part, or after so many steps.
+# Conjugate gradients end when the gradient, scaled by the curvature, has fallen to this part, or after MAX_STEPS.
 GRADIENT_TOLERANCE, MAX_STEPS = 1e-7, 2000
 
 

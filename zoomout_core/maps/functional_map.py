@@ -89,7 +89,7 @@ def precise_map_of(
         functional_map: from functions of the source to functions of the target.
         basis_source: of the surface that the map lands on.
         basis_target: of the surface that the map starts from.
-        source: what the basis of the source is of.
+        source: the surface of the source's basis.
 
     Raises:
         ValueError: the functional map is none, or larger than the bases, or the source's basis is of another shape.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match as a file has it, for a transfer without matching again."""
+"""A match that is read from a file, for a transfer without matching again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoomout_core.runtime.array_files import read_arrays
 
 @dataclass(frozen=True, eq=False)
 class KnownMatch:
-    """What a transfer needs of a match that was made before.
+    """The parts of an earlier match that a transfer needs.
 
     Attributes:
         surface_map: for each vertex of the target a point on the source.

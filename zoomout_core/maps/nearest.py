@@ -17,7 +17,7 @@ ROUNDING = 1e-6
 # A k-d tree is faster than inner products up to this dimension, for more points than this. All searches are exact.
 MAX_TREE_DIMENSION = 8
 MIN_TREE_POINTS = 1000
-# Query-point pairs from which on clusters rule out most points first, and clusters for each root of the points' number.
+# Fewest query-point pairs at which clusters exclude most points first, and clusters per root of the number of points.
 MIN_CLUSTERED_PAIRS = 1 << 27
 CLUSTERS_PER_ROOT = 5
 

@@ -43,7 +43,7 @@ def redone(before: SurfaceMap, after: SurfaceMap, shares: Floats, source: Surfac
     """The map that takes some of another one at each vertex; their images are mixed in space.
 
     Args:
-        before: what is kept where the share is 0, exactly.
+        before: kept exactly where the share is 0.
         after: what it is replaced by where the share is 1, exactly.
         shares: (n_t,) in [0, 1].
         source: the surface that both lie on.

@@ -116,7 +116,7 @@ class SurfaceMap:
         A path without that ending gets it; `load` looks there, too.
 
         Raises:
-            OutputError: it could not be written; what was there before is there still.
+            OutputError: it could not be written; the earlier file is unchanged.
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         with atomic_write(_npz(path)) as part:
@@ -186,7 +186,7 @@ def _npz(path: str | PathLike[str]) -> str:
 
 
 def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
-    """What is wrong with the arrays of a map onto `count` triangles, or nothing."""
+    """The fault of the arrays of a map onto `count` triangles; empty if there is none."""
     if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
         return message(
             "its triangles are of type {triangles} and its barycentric coordinates of {barycentric}",

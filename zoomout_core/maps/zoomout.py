@@ -118,7 +118,7 @@ def zoomout(
         samples: iterate on this many farthest points of each shape (at least k_final are taken), or on these vertices
             of the source and of the target, and finish on all vertices; None to iterate on all vertices throughout.
         sizes: (k_target, k_source), or one number for both, of the functional map that each iteration fits to the
-            pointwise map before it, in place of k_final and step. Of a part and a whole: `slanted_sizes`.
+            pointwise map before it, in place of k_final and step. For a part and a whole: `slanted_sizes`.
 
     Returns:
         The functional map at the last size and the dense vertex map.
@@ -378,7 +378,7 @@ def _finishing(functional_map: Floats) -> tuple[Floats, list[tuple[int, int]]]:
 
 
 def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:
-    """The sizes (k_target, k_source) to go through; a start at k_final is iterated once more there."""
+    """The sizes (k_target, k_source) to go through; a start at k_final has one iteration there."""
     growth = list(range(step, k_final - max(shape) + 1, step))
     if not growth or growth[-1] != k_final - max(shape):
         growth.append(k_final - max(shape))

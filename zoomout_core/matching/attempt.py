@@ -20,7 +20,7 @@ class AttemptTuning(Tuning, set_by="characters"):
     """When another body is tried, and which one is taken.
 
     Attributes:
-        sure: certainty of the map of a body from which on no other body is tried.
+        sure: smallest certainty of the map of a body at which no other body is tried.
         same_place: distance below which two images are the same place,
         same_share: where more of the places than this part have the same images, the maps of two bodies are one.
         clearly_better: factor by which the worth of a later attempt, such as that by a tight hull, which loses what is
@@ -39,7 +39,7 @@ ATTEMPTS = AttemptTuning()
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A pair of bodies and what was found between them.
+    """A pair of bodies and its candidates.
 
     Attributes:
         pair: of the bodies' shapes.
@@ -82,7 +82,7 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
 
 
 def confirm(attempt: Attempt, certainty: float) -> Attempt:
-    """An attempt whose first candidate is as sure as another one that found the same map."""
+    """Raise the certainty of an attempt's first candidate to that of another one with the same map."""
     first, *others = attempt.candidates
     return replace(attempt, candidates=[replace(first, certainty=certainty), *others])
 

@@ -20,7 +20,7 @@ MIN_TURNED_SHARE = 0.75
 MIN_DIFFERENCE = 0.1
 # Limbs are exchanged if their images cover the same places up to this mean distance, relative to the same diagonal.
 EXCHANGE_DISTANCE = 0.05
-# Smallest ratio of height to width of an upright shape: a person with outstretched arms has it, a dog does not.
+# Smallest ratio of height to width of an upright shape: above a dog's, below that of a person with outstretched arms.
 MIN_UPRIGHT_RATIO = 0.8
 # The exchanged limbs of an upright shape are arms, or legs, if at most this share of them lies on the other side of the
 # middle.
@@ -87,7 +87,7 @@ def _of_whole(signs: Floats, here: Floats, center: Floats) -> str:
 
 
 def _of_limbs(above: float, upright: bool) -> str:
-    """What is exchanged, by the part of it that lies above the middle."""
+    """The parts that are exchanged, in words, by the share of them above the middle."""
     if not upright:
         return LEGS if above < 0.5 else LIMBS
     if above > 1 - MAX_OTHER_HALF_SHARE:

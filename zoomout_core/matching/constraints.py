@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user knows beforehand: landmarks, common axes, regions of the same name, an earlier map.
+"""Evidence from the user: landmarks, common axes, regions of the same name, an earlier map.
 
 None of it decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
 anchors where it names places.
@@ -41,7 +41,7 @@ MIN_PINNING_WIDTH_RATIO = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """What is known of the right map.
+    """Evidence about the right map.
 
     Attributes:
         landmarks: places on the source and on the target that correspond, as `landmarks_on_parts` takes them.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Prepared shapes on disk, for the next process: bounded, versioned, and safe where several processes write at once.
 
-Nothing in the files can run: they are plain arrays. One that cannot be read is as good as none.
+Nothing in the files can run: they are plain arrays. A file that cannot be read is ignored.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class ShapeFolder:
 
     Args:
         folder: made if it is missing.
-        max_bytes: what the shapes may take; those used longest ago go first.
+        max_bytes: the most that the shapes may take; the least recently used are removed first.
     """
 
     def __init__(self, folder: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> None:
@@ -89,7 +89,7 @@ class ShapeFolder:
         for _, size, path in sorted(seen):
             if total <= self._max_bytes:
                 break
-            with suppress(OSError):  # another process removed it, or has it open
+            with suppress(OSError):  # another process removed it, or keeps it open
                 path.unlink()
             total -= size
 

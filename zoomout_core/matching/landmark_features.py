@@ -27,7 +27,7 @@ class LandmarkTuning(Tuning, set_by="correspondence"):
         turn_time: diffusion time that pseudo-scalars are smoothed by.
         turning: landmarks whose pseudo-scalars are used. These tell left from right; those of more would outweigh the
             distances, and their memory grows with the square.
-        most: landmarks that hold a map in place: of more, those that are farthest from each other. All of them count
+        max_count: landmarks that hold a map in place: of more, those farthest from each other. All of them count
             where maps are compared.
     """
 
@@ -36,7 +36,7 @@ class LandmarkTuning(Tuning, set_by="correspondence"):
     turn_weight: float = tuned(0.3, "1", 0, 10)
     turn_time: float = tuned(1e-3, "area, at unit area", 0, 1)
     turning: int = tuned(7, "landmarks", 0, 30)
-    most: int = tuned(60, "landmarks", 3, 1000)
+    max_count: int = tuned(60, "landmarks", 3, 1000)
 
 
 LANDMARKS = LandmarkTuning()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
 
-A shape is known by its content, so what was edited is prepared anew. So are working meshes, as programs hand the same
+Shapes are keyed by content, so an edited one is prepared again. So are working meshes, as programs hand the same
 mesh in as a new surface each time. `store_shapes` has shapes written to disk, too.
 """
 
@@ -89,11 +89,11 @@ def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_ve
 
 
 def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES_ON_DISK) -> None:
-    """Have shapes that are prepared from now on written to a folder, and read from it, also by other processes.
+    """Cache shapes that are prepared from now on in a folder, also for other processes.
 
     Args:
         folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
-        most_bytes: what they may take there; those used longest ago go first.
+        most_bytes: the most that they may take there; the least recently used are removed first.
 
     Example:
         >>> zo.store_shapes(folder)  # analysed shapes are read from there, also by other processes
@@ -105,7 +105,7 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES
 
 @contextmanager
 def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
-    """A context in which `store_shapes` is set so; what was before is back after it."""
+    """A context with these settings of `store_shapes`; the earlier ones are restored after it."""
     global _folder
     before = _folder
     store_shapes(folder, most_bytes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a match will take of the memory, said before it begins where that is more than there is."""
+"""The memory that a match needs; a match that needs more than is free is refused before it begins."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVert
 
 
 def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> None:
-    """Refuse what does not fit into the memory that is free, as far as that is known.
+    """Refuse a match that does not fit into the free memory, if that is known.
 
     Args:
         vertices: of each mesh.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user should know of a match, a sentence each."""
+"""Sentences for the user about a match."""
 
 from __future__ import annotations
 

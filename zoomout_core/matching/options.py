@@ -25,7 +25,7 @@ SMALLEST_PROXY = 500
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchOptions:
-    """How two surfaces are matched; checked when it is made, as far as it can be without them.
+    """How two surfaces are matched; checks that need no surfaces are made at once.
 
     Attributes:
         initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":

@@ -27,7 +27,7 @@ class LandmarkError(MeshError):
     Attributes:
         role: the surface that it should be on, "source" or "target".
         number: its place in the list, from 0.
-        fault: what is wrong and what to do, as the rest of a sentence about it.
+        fault: the problem and its solution, as the rest of a sentence about it.
     """
 
     def __init__(self, role: str, number: int, fault: str) -> None:
@@ -48,7 +48,7 @@ class Pair:
         step: growth of the functional map in an iteration.
         exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
         regions: source vertices and target vertices that belong together.
-        notes: what a user should know of the two, whatever the map, a sentence each.
+        notes: sentences for the user about the two surfaces, whatever the map.
     """
 
     source: Surface

@@ -42,7 +42,7 @@ def prepare_shape(
         samples: farthest points that ZoomOut runs on.
         seed: of the eigensolver.
         proxy_vertices: size of the stand-in of a larger mesh.
-        ahead: what is computed of the shape besides.
+        ahead: further computations on the shape.
     """
     with portion(0.0, 0.97):
         functions = max(k_final, ANALYSIS.min_functions)

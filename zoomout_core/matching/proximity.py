@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map by proximity alone, for clothes on a body: the nearest points, as far as they are near and face the same way.
+"""A map by proximity alone, for clothes on a body: the nearest points, if they are near and face the same way.
 
 Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: what is too far off, or lies
 on a surface that faces another way, as the other leg does, has no counterpart; it is filled in by the transfer.
@@ -40,7 +40,7 @@ class ProximityMatch:
     Attributes:
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) 1 where that is near and faces the same way, else 0.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
 
     Example:
         >>> zo.match_by_proximity(source, source).confidence.shape == (len(source.vertices),)

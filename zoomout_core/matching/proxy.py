@@ -30,15 +30,15 @@ class ProxyTuning(Tuning, set_by="speed"):
     Attributes:
         reduction: vertices of the mesh for each vertex of its stand-in, within limits. Finer meshes have finer features
             in common, by which the target is registered to the source.
-        fewest: vertices of a stand-in.
-        most: vertices of a stand-in. Larger ones took longer, and gained little.
+        min_vertices: of a proxy.
+        max_vertices: of a proxy. Larger ones took longer, and gained little.
         worthwhile: a mesh that is larger by less than this factor is not decimated.
         near_enough: an image on a stand-in moves to a point of the full mesh that is as near, or to the nearest one.
     """
 
     reduction: int = tuned(8, "1", 1, 1000)
-    fewest: int = tuned(4000, "vertices", 4, 10**6)
-    most: int = tuned(6000, "vertices", 4, 10**6)
+    min_vertices: int = tuned(4000, "vertices", 4, 10**6)
+    max_vertices: int = tuned(6000, "vertices", 4, 10**6)
     worthwhile: float = tuned(1.25, "1", 1, 10)
     near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)
 
@@ -123,7 +123,7 @@ def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
     """How many vertices the stand-in for a mesh of some vertices is to have; None for the mesh itself."""
     if proxy_vertices != "auto":
         return proxy_vertices
-    return int(np.clip(vertices // PROXY.reduction, PROXY.fewest, PROXY.most))
+    return int(np.clip(vertices // PROXY.reduction, PROXY.min_vertices, PROXY.max_vertices))
 
 
 def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:

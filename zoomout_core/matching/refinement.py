@@ -78,7 +78,7 @@ class RefinementTuning(Tuning, set_by="correspondence"):
         usual_ratio: of the squares of the mean misses along the surface and in space.
         min_factor: of the weights.
         max_factor: of the weights.
-        around_sample: vertices of the source, around the nearest sample, that an image is sought among.
+        around_sample: vertices of the source, around the nearest sample, that are searched for an image.
         vertices_per_function: coarser meshes do not resolve the eigenfunctions alike, and larger maps are worse.
         max_functions_back: eigenfunctions of the map back, from which confidence is computed; it need not be as fine.
     """

@@ -48,7 +48,7 @@ class MatchResult(Summary):
         functional_map: (k_target, k_source) between the bases of the main parts.
         candidates: all maps that were found, the most likely first.
         chosen: the number of the candidate that this result is made from.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
         pair: what other candidates are made from.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
 
@@ -109,7 +109,7 @@ class MatchResult(Summary):
         }
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
-        """Where a candidate leads, roughly, before its full map is worked out.
+        """Rough images of a candidate, before its full map is computed.
 
         Returns:
             (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the source

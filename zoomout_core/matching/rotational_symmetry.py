@@ -109,7 +109,7 @@ def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
 
 
 def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
-    """A turned map with the scores of the best, but for what is known of the map.
+    """A turned map with the scores of the best one, except those of evidence.
 
     What a guess went by, such as extremities, holds its own map in place: all are judged without it.
     """

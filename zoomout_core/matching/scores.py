@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The criteria that maps are ranked by: what an isometry keeps, the orientation, the fit in space, the evidence.
+"""The criteria of the ranking of maps: invariants of isometries, the orientation, the fit in space, the evidence.
 
 Laplacian commutativity, geodesic distances and mean curvature are kept by every isometry; pseudo-scalars and
 mapped normals change their sign when a map reverses orientation. No criterion alone suffices: commutativity

@@ -24,7 +24,7 @@ from typing import Any
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import advance, stage
 
-# What is read through Blender alone, and what it imports besides.
+# Formats that only Blender reads, and others that it imports.
 ENDINGS = (".blend", ".fbx")
 IMPORTED = (".glb", ".gltf", ".obj", ".ply", ".stl")
 # How the meshes of a file are read: as its modifiers leave them, or themselves, see `surface --help` there.
@@ -137,7 +137,7 @@ def _environment() -> dict[str, str]:
 
 
 def _last_words(output: Path, program: str, status: int) -> str:
-    """Why Blender did nothing, as far as it has said so: in a sentence of the extension, or some last words."""
+    """Why Blender failed: a sentence of the extension, or the last lines of its output."""
     lines = [line.strip() for line in output.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     own = [line.removeprefix(SAID) for line in lines if line.startswith(SAID)]
     if own:

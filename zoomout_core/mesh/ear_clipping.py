@@ -20,7 +20,7 @@ Point = tuple[float, float]
 
 # Three corners are on a line when the sine of the angle between them is below this, which is rounding.
 STRAIGHT = 1e-10
-# What is cut first: ears, then what is on a line, then corners that are no ears, for want of a better one.
+# The order of cutting: ears, then collinear corners, then any other corner.
 EAR, ON_A_LINE, NO_EAR = range(3)
 
 
@@ -45,7 +45,7 @@ def _turn(a: Point, b: Point, c: Point) -> float:
 
 
 class _Polygon:
-    """What is left of a polygon, as a ring of corners."""
+    """The rest of a polygon, as a ring of corners."""
 
     def __init__(self, points: list[Point]) -> None:
         size = len(points)
@@ -76,7 +76,7 @@ class _Polygon:
             entry = heappop(order)
             corner = entry[2]
             if gone[corner] or entry != latest[corner]:
-                continue  # it was ranked anew since
+                continue  # it has a newer rank
             if entry[0] == NO_EAR:  # where a polygon crosses itself, a cut may change more than its neighbours
                 latest[corner] = self._rank(corner)
                 if latest[corner] != entry:
@@ -94,7 +94,7 @@ class _Polygon:
         return [*found, (self._before[last], last, self._after[last])]
 
     def _rank(self, corner: int) -> tuple[int, float, int]:
-        """What is cut first is least."""
+        """The smallest is cut first."""
         bend = self._bend(corner)
         if bend > 0:
             self._reflex.discard(corner)

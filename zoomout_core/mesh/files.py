@@ -133,7 +133,7 @@ def file_bytes(path: Path) -> bytes:
 
 
 def read_polygons(path: str | PathLike[str]) -> Polygons:
-    """The polygons of a mesh file as they stand there, not yet checked.
+    """The polygons of a mesh file, unchecked.
 
     Returns:
         (n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
@@ -158,7 +158,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path), {}
     except (MeshError, ImportError):
         raise
-    except Exception as error:  # what a reader raises on a broken file depends on where it stumbles
+    except Exception as error:  # the error of a reader depends on where the file is broken
         reason = " ".join(str(error).split())
         raise MeshError(
             f"{path} could not be read ({reason}): check that the file is complete and has the right extension."

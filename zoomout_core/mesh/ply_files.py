@@ -12,7 +12,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.text_tables import decode, flatten
 
-# Of an element: arrays (count,), or (count, k) for lists of one size; for lists of several sizes a list of arrays.
+# Columns of an element: arrays (count,), or (count, k) for lists of one size; for several sizes a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
 # Names of types in PLY headers, and numpy's.
 PLY_TYPES = {
@@ -93,7 +93,7 @@ def _ply_elements(header: list[list[str]], types: dict[str, np.dtype[Any]]) -> l
 
 
 def _element_columns(body: bytes, element: _Element) -> tuple[dict[str, Any], bytes]:
-    """The columns of an element, arrays (count, ...) or lists of arrays of any size; and what follows it."""
+    """The columns of an element, arrays (count, ...) or lists of arrays of any size; and the rest of the file."""
     if element.count == 0:
         return {column.name: np.zeros(0) for column in element.properties}, body
     first, _ = _ply_row(body, 0, element.properties)

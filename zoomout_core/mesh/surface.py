@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces and point clouds, checked once at the edge so that the rest may trust them.
 
-A `Surface` keeps the user's mesh as it is: vertices, polygons, corners. Geometry is worked out on its
+A `Surface` keeps the user's mesh as it is: vertices, polygons, corners. Geometry is computed on its
 `working` copy, where borders that coincide are welded, faces without an extent are left out, the winding is
 made consistent and the total area is one.
 """
@@ -91,7 +91,7 @@ class Surface(Summary):
             vertices: (n, 3) positions.
             corner_vertex: (c,) the vertex of each corner.
             face_start: (f + 1,) first corner of each face; the last entry is c.
-            triangle_corners: (m, 3) a triangulation by corner numbers; worked out when not given.
+            triangle_corners: (m, 3) a triangulation by corner numbers; computed when not given.
             edges: (e, 2) vertex numbers of the edges, loose ones too; those of the faces when not given.
 
         Raises:
@@ -286,7 +286,7 @@ def single_precision_step(positions: ArrayLike) -> float:
         return float(np.spacing(np.abs(rounded).max()))
 
 
-# --- the edge: what a user hands in -------------------------------------------------------------------------
+# --- checks of the user's arrays ------------------------------------------------------------------------------
 
 
 def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One closed hull around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
+"""One closed hull around a mesh of many shells: shells closer than a voxel are joined, the inside is removed.
 
 Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
 in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
@@ -126,7 +126,7 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
 
 
 def _bridge(solid: Booleans, widest: float) -> Booleans:
-    """Pieces joined by tubes where they are nearest; the largest of what is joined then.
+    """Join pieces by tubes where they are nearest; returns the largest joined piece.
 
     Args:
         solid: voxels.

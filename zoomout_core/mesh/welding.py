@@ -14,12 +14,12 @@ from zoomout_core.mesh.triangles import Sides
 # Vertices nearer to each other than this part of the surface's diameter are one. Cells of a third of it (and a bit)
 # take 21 bits of a coordinate.
 TOLERANCE = 2.0**-20
-# Of cells with more vertices in different places than this one is looked at: a part is smaller than the tolerance.
+# In cells with more vertices in different places than this, only one is tested: a part is smaller than the tolerance.
 CROWDED = 16
 
 
 def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
-    """(n,) the vertex that stands for each, the first of those that are one.
+    """Weld vertices: (n,) the vertex that stands for each, the first of its group.
 
     These are vertices of borders that coincide, and of parts that lie wholly on others, triangle on triangle, as the
     other sides of thin things and forgotten copies do; elsewhere a surface may touch itself. Vertices nearer to each
@@ -132,7 +132,7 @@ def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
 
 
 def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
-    """What stands for each vertex, once parts that lie wholly on others share these others' vertices.
+    """Weld parts that lie wholly on others to these others' vertices; returns the vertex that stands for each.
 
     Args:
         stands_for: (n,) at the borders.

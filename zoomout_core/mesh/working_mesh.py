@@ -108,15 +108,15 @@ class WorkingMesh:
         kept = inside[self.triangles].all(axis=1)
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
-    def subdivide(self, fewest: int) -> tuple[WorkingMesh, Integers]:
-        """The same surface with a vertex in the middle of each edge, as often as it takes to have so many vertices.
+    def subdivide(self, min_vertices: int) -> tuple[WorkingMesh, Integers]:
+        """Subdivide at the middles of edges until there are enough vertices.
 
         Returns:
             The mesh, of which this one's vertices are the first, and (n,) of each vertex the one of this mesh that it
             is nearest to, or as near as to another.
         """
         mesh, nearest = self, np.arange(len(self.vertices))
-        while len(mesh.vertices) < fewest:
+        while len(mesh.vertices) < min_vertices:
             sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2), axis=2)
             edges, edge = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
             a, b, c = mesh.triangles.T

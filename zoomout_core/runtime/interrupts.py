@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from threading import Timer
 from types import FrameType
 
-# The exit code of what the user has interrupted: 128 and the signal's number, as shells have it.
+# The exit code after an interrupt by the user: 128 and the signal's number, as in shells.
 INTERRUPTED = 130
 # Seconds after which an interrupt is tried again.
 SOON = 0.01
-# Exit codes of what has ended well all the same, or has said so itself.
+# Exit codes of commands that ended normally all the same, or reported the interrupt themselves.
 ENDINGS = (None, 0, INTERRUPTED)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much memory this process may still take, as far as the system says."""
+"""The memory that this process may still take, if the system reports it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GROUPS = (
 
 
 def free_memory(root: str | os.PathLike[str] = "/") -> int | None:
-    """Bytes that this process may still take: the least of what is free, and of what limits leave; None if unknown.
+    """Bytes that this process may still take: the minimum of free memory and of its limits; None if unknown.
 
     Of macOS, which does not say what is free, all that the machine has. Of Windows nothing is known, where what is used
     goes to disk.

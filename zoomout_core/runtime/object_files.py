@@ -76,7 +76,7 @@ class _Writer:
         self.objects: list[Any] = []
         self.arrays: list[np.ndarray[Any, Any]] = []
         self._classes = classes
-        # By identity; what is met is kept alive, so that no identity is used twice.
+        # By identity; objects are kept alive, so that no identity is used twice.
         self._numbers: dict[int, tuple[object, int]] = {}
 
     def encode(self, value: object) -> Any:

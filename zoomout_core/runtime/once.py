@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is worked out once for an object, and kept with it."""
+"""Values that are computed once for an object, and cached with it."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     What is no ordinary file, such as a pipe, is written to directly.
 
     Raises:
-        OutputError: it could not be written; what was there before is there still.
+        OutputError: it could not be written; the earlier file is unchanged.
     """
     path = Path(os.path.realpath(output))  # a link stays a link
     if path.exists() and not path.is_file():
@@ -91,7 +91,7 @@ def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
     When all went well, all that is in that folder takes its place beside `output`, the file itself last.
 
     Raises:
-        OutputError: it could not be written; what was there before is there still.
+        OutputError: it could not be written; the earlier file is unchanged.
     """
     path = Path(os.path.realpath(output))
     with _saying_why(path):
@@ -149,7 +149,7 @@ def _replace(path: Path, part: Path) -> None:
 
 
 def _part_of(path: Path) -> Path:
-    """A name for what is to become a file, beside it and of the same ending, which some libraries choose the format by.
+    """A temporary name beside a file, with the same ending, by which some libraries choose the format.
 
     What dead processes began in the same folder is removed.
     """

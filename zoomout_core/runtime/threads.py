@@ -44,7 +44,7 @@ class _Cores:
         self._free, self._mine = threading.Semaphore(count), threading.local()
 
     def run(self, work: Callable[[], Result]) -> Result:
-        """What a function returns, run once a core is free."""
+        """Run a function once a core is free; returns its result."""
         with self._free:
             self._mine.held = True
             try:
@@ -168,7 +168,7 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
 
 
 class _OneBlasThread:
-    """A context in which BLAS keeps to one thread; what was before is back when the last to enter it has left."""
+    """A context in which BLAS uses one thread; the earlier number is restored when the last one leaves it."""
 
     def __init__(self) -> None:
         self._lock, self._entered, self._limits = Lock(), 0, ExitStack()

@@ -58,7 +58,7 @@ def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
 
 
 def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None) -> Floats:
-    """(n, count) heat kernel signatures: at each vertex, the heat that is left there of what was there.
+    """(n, count) heat kernel signatures: at each vertex, the part of its heat that remains there.
 
     Args:
         basis: eigenfunctions; the null space, of functions that are constant on each component, is left out.

@@ -45,7 +45,7 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
     is closed; a map that keeps the orientation commutes with them, one that reverses it turns their sign.
 
     Args:
-        shape: what the basis is of.
+        shape: the surface of the basis.
         basis: eigenfunctions.
         descriptors: (n, d) values at the vertices, or (n,) of one.
         k: use the first k eigenfunctions.
@@ -70,7 +70,7 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
     side = np.where(surface.working.flipped, -1.0, 1.0)
     corners = basis.eigenvectors[:, :k][triangles.T]  # (3, m, k)
     mean = (corners.sum(axis=0) * (side / 6)[:, None]).T
-    opposite = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)  # what an edge that faces a corner rises
+    opposite = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)  # edges opposite to corners
     operators = np.empty((functions.shape[1], k, k))
     for operator, f in zip(operators, functions[triangles.T].transpose(2, 0, 1), strict=True):
         operator[:] = mean @ sum(f[i, :, None] * opposite[i] for i in range(3))

@@ -72,7 +72,7 @@ class Symmetry(SelfMap):
         return_error: mean distance between a vertex and where going round `order` times leads, over the square root
             of the area; for a reflection that of T(T(x)).
         origin: what it was found by, in words.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
 
     Example:
         >>> symmetry, *others = zo.detect_symmetry(source, k_final=30)
@@ -259,7 +259,7 @@ def _finish(
 
 
 def _place(symmetry: Symmetry) -> tuple[float, float]:
-    """What is less for the symmetries that come first: of those that are sure the ones which pair most loose parts."""
+    """Sort key of symmetries: sure ones first, and of these the ones that pair the most loose parts."""
     surface = symmetry.surface
     alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
     areas = triangle_areas(surface.vertices, surface.triangles)
@@ -275,7 +275,7 @@ def _unit_vector(left: ArrayLike) -> Floats:
 
 
 def energies(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
-    """What an isometry has none of: errors of commutativity and orthonormality, of the low block and of all."""
+    """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and of all."""
     low = functional_map[:LOW, :LOW]
     return {
         "commutativity": commutativity_error(functional_map, eigenvalues, eigenvalues),

@@ -78,7 +78,7 @@ def _other_side(side: str) -> str:
 
 
 def _without_number(name: str) -> tuple[str, str]:
-    """A name in two parts: what comes before a number such as .001, and the number; the second may be empty."""
+    """Split a name from its number, such as .001; the second part may be empty."""
     stem, period, ending = name.rpartition(".")
     numbered = period and name[-1] in "0123456789" and ending[0] in "0123456789"
     return (stem, period + ending) if numbered else (name, "")

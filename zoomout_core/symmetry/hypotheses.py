@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a symmetry may begin as: pairings of extremities, descriptors, and blocks of eigenfunctions.
+"""Hypotheses for symmetries: pairings of extremities, descriptors, and blocks of eigenfunctions.
 
 A symmetry is a map of a shape onto itself, so all that guesses at maps between shapes serves here as well, asked for
 mirror images, and for maps that keep the orientation but are not the identity. Round things and tables, on which

@@ -26,7 +26,7 @@ RETURN_FRACTION = 0.25
 def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
     """A map that is nearly its own inverse: in each round the mean of itself and its inverse.
 
-    The inverse is sought where the map itself leads: all is local, and limbs that touch do not matter.
+    The inverse is searched around the map's own images: all is local, and limbs that touch do not matter.
 
     Args:
         there: from the shape's mesh to itself.

@@ -118,7 +118,7 @@ def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
 
 
 def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Floats:
-    """(count,) from 0 to 1: what an element's own value counts, against that from the other side.
+    """(count,) from 0 to 1: weight of an element's own value against that from the other side.
 
     Edges along the symmetry line are those of both sides, and keep theirs: a line that lies there stays whole. So do
     vertices that belong to no face, which have no other side.

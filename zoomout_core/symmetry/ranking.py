@@ -118,7 +118,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
 
 
 def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
-    """What is less for the candidates that come first."""
+    """The sort key of candidates: the best is the smallest."""
     turns = not candidate.reverses_orientation
     return -min(candidate.certainty, SURE_SYMMETRY_CERTAINTY), turns, -candidate.certainty, candidate.scores["total"]
 

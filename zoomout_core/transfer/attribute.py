@@ -14,7 +14,7 @@ from zoomout_core.arrays import Booleans
 
 
 class Domain(Enum):
-    """What an attribute has one value for each of.
+    """The elements that an attribute has values for.
 
     Example:
         >>> [domain.name for domain in zo.Domain]
@@ -56,11 +56,11 @@ class Attribute:
 
     Attributes:
         name: as the user knows it.
-        domain: what has a value each.
-        kind: what the values mean, and so how they may be mixed.
+        domain: the elements with a value each.
+        kind: the meaning of the values, which determines how they are mixed.
         values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3).
         labels: names of the columns, where they have names (vertex groups, shape keys).
-        notes: what the user should know about how the values came about, a sentence each.
+        notes: sentences for the user about the origin of the values.
 
     Example:
         >>> heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, source.vertices[:, 2])

@@ -43,7 +43,7 @@ class Blend:
 
     @property
     def replaces(self) -> bool:
-        """Whether nothing is left of what was there."""
+        """Whether the target's own values are replaced."""
         return self.mode == "mix" and self.factor == 1 and self.mask is None
 
 
@@ -58,7 +58,7 @@ def blend(
 
     Args:
         transferred: onto the target.
-        present: what the target has under the same name, of the same kind and domain, or, of weights, all its groups;
+        present: the target's attribute of the same name, kind and domain; for weights, all its groups;
             None if it has nothing, which counts as zeros.
         target: the surface that has them.
         how: they are blended.

@@ -16,7 +16,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
 MAX_DISTANCE = 2.0
-# Confidence of the map from which on it does; places without a counterpart have less, see `matching.confidence`.
+# Smallest confidence of the map at which it does; places without a counterpart have less, see `matching.confidence`.
 MIN_CONFIDENCE = 0.04
 
 

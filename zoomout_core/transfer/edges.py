@@ -125,7 +125,7 @@ def _nearest_edges(mapped: MappedTarget, chosen: Integers) -> Integers:
 
 def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
     """(e_s,) which marked edges are between faces all of whose edges are marked."""
-    graph_edges = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for what is no edge of the graph
+    graph_edges = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for edges that the graph lacks
     graph_edges[source.of_edge[marked]] = True
     graph_edges[-1] = False
     full = np.logical_and.reduceat(graph_edges[source.of_side], source.surface.face_start[:-1])

@@ -54,7 +54,7 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
         raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
     filled = values.copy()
     unknown = np.flatnonzero(~finite)
-    # What lies nowhere is of no face, and takes any.
+    # Elements without a position are of no face, and take any value.
     at = np.where(somewhere[unknown, None], places[unknown], 0)
     filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
     note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)

@@ -43,7 +43,7 @@ class FrameTuning(Tuning, set_by="transfer"):
 
 
 FRAMES = FrameTuning()
-# Confidence from which on a map is fully trusted; below it, trust falls in proportion.
+# Smallest confidence at which a map is fully trusted; below it, trust falls in proportion.
 FULL_CONFIDENCE = 0.5
 # Trust that remains without any confidence: positive, so that such parts are still placed.
 MIN_TRUST = 1e-6
@@ -80,13 +80,13 @@ class Frames:
 
     @cached_property
     def trusted_stiffness(self) -> csc_array:
-        """(n, n) the stiffness, each edge as far as its ends are trusted: blind to what is wrong elsewhere."""
+        """(n, n) the stiffness, with edges weighted by the trust in their ends, so that it ignores errors elsewhere."""
         trust = diags_array(self.trust)
         return without_sums(trust @ self.stiffness @ trust)
 
     @cached_property
     def doubted_stiffness(self) -> csc_array:
-        """(n, n) the stiffness of edges as far as they are not trusted, for filling in."""
+        """(n, n) the rest of the stiffness, of edges without trust, for filling in."""
         return DOUBTED_WEIGHT * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
@@ -127,7 +127,7 @@ class Frames:
     def _mapped_normals(self) -> Floats:
         """(n, 3) a third of the area normals of the triangles around each vertex, as they are mapped onto the source.
 
-        Triangles count as far as their corners are trusted.
+        Triangles are weighted by the trust in their corners.
         """
         triangles, count = self.mapped.target.working.oriented_triangles, len(self.points)
         trust = np.zeros(count)
@@ -213,7 +213,7 @@ def without_sums(stiffness: csc_array) -> csc_array:
 
 
 def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) the divergence of turned gradients: what the stiffness makes of values that have these gradients.
+    """(3n, 3n) the divergence of turned gradients: the stiffness applied to values with these gradients.
 
     For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the
     edges and M the matrices; of values (n, 3), as one column.

@@ -105,7 +105,7 @@ class Filling:
         return csr_array(vstack([weights, known, found], format="csr")[origin])
 
     def notes(self, following: bool = False) -> tuple[str, ...]:
-        """What the user should know of it, a sentence each; `following` as for `fill`."""
+        """Sentences for the user; `following` as for `fill`."""
         left = self.left + (0 if following else len(self.follower))
         told = (
             (len(self.filled), "{count} vertices of low confidence were filled in from their surroundings."),

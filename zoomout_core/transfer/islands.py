@@ -16,7 +16,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, label_groups
 from zoomout_core.transfer.potts import Candidates
 
-# Area covered by an island that no face elected, over that of a face, from which on the face receives it.
+# Smallest area covered by an island that no face elected, over that of a face, for the face to receive it.
 MIN_COVER = 0.5
 
 

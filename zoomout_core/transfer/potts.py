@@ -120,7 +120,7 @@ def elect(
         gain[gain <= 1e-9 * (loyalty + loyalty.mean())] = 0
         if not gain.any():
             return chosen
-        # Of neighbours that would both change only the one that gains more does, so the border shortens every time.
+        # If two neighbours would change, only the one that gains more does, so the border shortens every time.
         rank = np.empty(len(gain), dtype=np.int64)
         rank[np.argsort(gain, kind="stable")] = np.arange(len(gain))
         highest = rank.copy()

@@ -35,9 +35,9 @@ class RestTuning(Tuning, set_by="binding"):
     Attributes:
         same_body: median distance from the source at rest up to which the target is the same body.
         near: distance from the source up to which a vertex is read there.
-        along: distance up to which that place may be from where the map has it.
+        along: largest distance of that place from the map's image.
         facing: least cosine between both normals.
-        beside: what the map counts for where a vertex is not read there.
+        beside: weight of the map at vertices that are not read there.
         rounds: of reading and fitting.
         in_place: a target that stands at rest stays where it is if no vertex would move farther.
     """

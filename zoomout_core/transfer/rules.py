@@ -211,7 +211,7 @@ def surfaces_of(
 
 
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
-    """`transfer` of one of many attributes, which share what is worked out of the map."""
+    """`transfer` of one of many attributes, which share the computations on the map."""
     rule = _rule(attribute)
     _check_values(attribute, rule, mapped.source)
     if not rule.finite:

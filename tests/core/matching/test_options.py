@@ -30,7 +30,7 @@ def test_each_preset_is_finer_than_the_one_before_it() -> None:
     fast, balanced, fine, full = (MatchOptions(**preset) for preset in DETAIL.values())  # type: ignore[arg-type]
     assert fast.k_final < balanced.k_final < fine.k_final <= full.k_final
     assert fast.samples < balanced.samples < fine.samples < full.samples
-    assert fast.proxy_vertices < PROXY.fewest < PROXY.most < fine.proxy_vertices  # type: ignore[operator]
+    assert fast.proxy_vertices < PROXY.min_vertices < PROXY.max_vertices < fine.proxy_vertices  # type: ignore[operator]
     assert (balanced.proxy_vertices, full.proxy_vertices) == ("auto", None)
 
 

@@ -59,7 +59,7 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class ComponentMap:
-    """What was found of the loose parts.
+    """The map of the loose parts.
 
     Attributes:
         image: of those that lie somewhere on the source.
@@ -224,7 +224,7 @@ def _onto(
     """The closest points of some pieces of the source, in place and normal, and the distances to them.
 
     Args:
-        part: whose image is sought.
+        part: the part to map.
         points: (n, 3) its vertices on the source.
         normals: (n, 3) there.
         pieces: of the source.

@@ -34,7 +34,7 @@ class LiftedMap(NamedTuple):
         confidence: (n_t,) in it.
         counterparts: which vertices of the surfaces have one; those that no face uses count as such.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
-        notes: what a user should know about parts, a sentence each.
+        notes: sentences for the user about parts.
     """
 
     surface_map: SurfaceMap
@@ -119,7 +119,7 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
 
 
 def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
-    """What a user should know about how shells were mapped, a sentence each."""
+    """Sentences for the user about the map of the shells."""
     count = int(pair.target.working.component.max()) + 1
     notes = []
     if shells.in_place:
@@ -152,7 +152,7 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
-    """What a user should know about the parts of the two surfaces, a sentence each."""
+    """Sentences for the user about the parts of the two surfaces."""
     if pair.source is pair.target:
         smaller = ["The symmetry was detected on the main part, which is not the largest part."]
         return (

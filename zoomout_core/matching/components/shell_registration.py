@@ -29,11 +29,11 @@ class ShellIcpTuning(Tuning, set_by="characters"):
 
     Attributes:
         dense: samples of a shell.
-        sparse: of these, those whose closest points on the other shell are sought.
+        sparse: those of them that are projected onto the other shell.
         rounds: of iterated closest points.
         clearly_less: a start along principal axes is taken instead of the body's rotation where it leaves less than
             this part of the distances.
-        max_scale: factor by which a shell may be larger or smaller than the body's map has it.
+        max_scale: largest ratio of a shell's size to that by the body's map, and of its inverse.
     """
 
     dense: int = tuned(320, "points", 48, 100_000)

@@ -58,7 +58,7 @@ class ShellTuning(Tuning, set_by="characters"):
         flush: a shell is on its counterpart already if half of its vertices are nearer to it.
         beside: vertices farther from the counterpart of their shell stay where the body's map has them. Below 0.15,
             parts of robots of other builds lose their counterparts.
-        faded: what a landmark moves by less than this part of its own move stays.
+        faded: vertices that a landmark moves by less than this part of its own motion stay.
         full_trust: in a pair whose edges keep their lengths.
         half_stretch: the mean change of length, relative, that leaves half of that.
     """
@@ -103,7 +103,7 @@ class _Image:
 
 @dataclass(frozen=True, eq=False)
 class ShellMap:
-    """What was found of two surfaces' shells.
+    """The map of two surfaces' shells.
 
     Attributes:
         surface_map: between the working meshes.

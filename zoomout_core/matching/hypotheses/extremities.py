@@ -33,13 +33,13 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ExtremityTuning(Tuning, set_by="correspondence"):
-    """What an extremity is, and which pairings are tried.
+    """The definition of extremities, and the pairings that are tried.
 
     Attributes:
         persistence: rise of the average distance above the pass to a higher maximum: heads have 0.14 and more, hands
             and feet 0.34 and more, fingers 0.05.
-        fewest: extremities of a shape; with fewer there is nothing to pair.
-        most: extremities of a shape.
+        min_count: extremities of a shape; with fewer there is nothing to pair.
+        max_count: extremities of a shape.
         quotas: pairings of all extremities that are tried, and of all but one, two and three: a limb that only one
             shape has, and its neighbours' changed places, make the right pairing one of many.
         average_cost: of a difference of average distances, beside a difference of distances to another pair.
@@ -56,8 +56,8 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
     """
 
     persistence: float = tuned(0.09, "at unit area", 0, 2)
-    fewest: int = tuned(3, "extremities", 2, 30)
-    most: int = tuned(12, "extremities", 2, 30)
+    min_count: int = tuned(3, "extremities", 2, 30)
+    max_count: int = tuned(12, "extremities", 2, 30)
     quotas: tuple[int, ...] = tuned((60, 30, 15, 8), "pairings", 0, 10_000)
     average_cost: float = tuned(0.5, "1", 0, 100)
     persistence_cost: float = tuned(0.5, "1", 0, 100)
@@ -214,7 +214,7 @@ def _best_maps(
     for quota, by_merit in zip(quotas, (np.arange(len(tried)), by_score), strict=True):
         for i in by_merit:
             if len(kept) < quota and not same[i, kept].any():
-                # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
+                # Of similar maps the one that most pairs support, whatever their order.
                 kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
     return [
         anchored_hypothesis(
@@ -241,7 +241,7 @@ def _lesser_extremities(shape: ShapeAnalysis) -> Extremities:
 def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
     average = _average_distance(shape)
     vertices, persistence = _maxima(shape)
-    count = int(np.clip((persistence > least).sum(), EXTREMITIES.fewest, EXTREMITIES.most))
+    count = int(np.clip((persistence > least).sum(), EXTREMITIES.min_count, EXTREMITIES.max_count))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(landmark_features(shape, vertices), average[vertices], persistence)
 
@@ -249,7 +249,7 @@ def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
 def has_extremities(shape: ShapeAnalysis) -> bool:
     """Whether enough tips stand out clearly to go by them."""
     _, persistence = _maxima(shape)
-    return int((persistence > EXTREMITIES.persistence).sum()) >= EXTREMITIES.fewest
+    return int((persistence > EXTREMITIES.persistence).sum()) >= EXTREMITIES.min_count
 
 
 @once_per_argument
@@ -269,7 +269,7 @@ def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integer
 
     None where a shape has too few of them.
     """
-    if min(len(first.vertices), len(second.vertices)) < EXTREMITIES.fewest:
+    if min(len(first.vertices), len(second.vertices)) < EXTREMITIES.min_count:
         return []
     counts = _levels(first.persistence, second.persistence)
     found = [pairings(first, second), *(pairings(first.leading(count), second.leading(count)) for count in counts)]
@@ -282,7 +282,7 @@ def _levels(first: Floats, second: Floats) -> list[int]:
 
     Claws, ears and horns come and go with pose and proportions; limbs do not.
     """
-    counts = np.arange(EXTREMITIES.fewest, min(len(first), len(second)))
+    counts = np.arange(EXTREMITIES.min_count, min(len(first), len(second)))
     drop = np.minimum(first[counts - 1] / first[counts], second[counts - 1] / second[counts])
     best = counts[np.argsort(-drop, kind="stable")][: EXTREMITIES.levels]
     return [int(count) for count in best]
@@ -301,7 +301,7 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
     full = min(single.shape)
     kept: list[tuple[Integers, Integers]] = []
     for left_out, quota in enumerate(EXTREMITIES.quotas):
-        if full - left_out >= min(full, EXTREMITIES.fewest):
+        if full - left_out >= min(full, EXTREMITIES.min_count):
             kept += islice(zip(*cheapest_pairings(single, mutual, full - left_out), strict=True), quota)
     return kept
 

@@ -27,8 +27,8 @@ def landmark_hypothesis(
         target_ids: (m,) the vertices of the target's mesh that they correspond to.
     """
     origin = f"{len(source_ids)} landmarks"
-    if len(source_ids) > LANDMARKS.most:
-        spread = farthest_points(source.mesh.vertices[source_ids], LANDMARKS.most)
+    if len(source_ids) > LANDMARKS.max_count:
+        spread = farthest_points(source.mesh.vertices[source_ids], LANDMARKS.max_count)
         source_ids, target_ids = source_ids[spread], target_ids[spread]
     order, side = np.arange(len(source_ids)), int(sides_are_known(source, target))
     of_source, of_target = (

@@ -22,7 +22,7 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
     Attributes:
         tolerance: of a difference of distances to a landmark.
         relative_tolerance: of that, for each unit of the distance.
-        most: cost of a difference, in tolerances.
+        max_cost: cost of a difference, in tolerances.
         unlikeness: weight of the unlikeness of places beside the mean cost of differences, by the first landmarks,
         later_unlikeness: and by those of the rounds that follow.
         rounds: in which places that are mapped are landmarks of the others.
@@ -31,7 +31,7 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
 
     tolerance: float = tuned(0.05, "length", 1e-6, 10)
     relative_tolerance: float = tuned(0.3, "1", 0, 10)
-    most: float = tuned(1.5, "tolerances", 0.1, 100)
+    max_cost: float = tuned(1.5, "tolerances", 0.1, 100)
     unlikeness: float = tuned(0.3, "1", 0, 10)
     later_unlikeness: float = tuned(0.15, "1", 0, 10)
     rounds: int = tuned(3, "rounds", 0, 100)
@@ -65,7 +65,7 @@ def _by_landmarks(
 ) -> Integers:
     here, there = target.between[landmarks].astype(np.float32), source.between[placed].astype(np.float32)
     weight = 1 / (len(landmarks) * (LANDMARK_MAPS.tolerance + LANDMARK_MAPS.relative_tolerance * here))
-    most = np.float32(LANDMARK_MAPS.most / len(landmarks))
+    most = np.float32(LANDMARK_MAPS.max_cost / len(landmarks))
     cost = unlike.astype(np.float32)
     difference = np.empty_like(cost)
     for from_here, from_there, weighed in zip(here, there, weight, strict=True):

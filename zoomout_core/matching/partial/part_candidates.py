@@ -30,12 +30,12 @@ class PartCandidateTuning(Tuning, set_by="partial"):
         landmarks: spread over the part.
         regions: of the part, which are searched for on their own,
         regions_of_small: and of a small part, which is searched for in several regions of the whole,
-        landmarks_in_region: by so many each.
+        landmarks_in_region: number of landmarks in each region.
         same_map: maps whose images are nearer than this on average are the same.
         registered: maps that the part is bent by roughly, those that promise most.
         compared: of these, maps that it is bent by further.
         surroundings: Gaussian width of those that are turned together.
-        near_cut: what goes nearer to a cut of the whole may have no counterpart.
+        near_cut: a place with an image nearer to a cut of the whole may have no counterpart.
         facing: weight of the logarithm of the mean deviation of normals in what a map promises,
         bend: of the mean distance from turned surroundings,
         distance: of the mean change of geodesic distances,
@@ -204,7 +204,7 @@ def _promise(places: Integers, region: Region) -> float:
     """How little a map of places promises before the part is bent by it: the least is the best.
 
     The surroundings of each place are turned onto their images by a rotation, which fits that of a mirrored map ill.
-    What goes next to a cut of the whole may have no counterpart, and counts for nothing.
+    Places with images next to a cut of the whole may have no counterpart, and are ignored.
     """
     part, whole = region.part, region.whole
     here, there = part.shape, whole.shape

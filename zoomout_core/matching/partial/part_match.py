@@ -115,7 +115,7 @@ def in_one_unit(pair: Pair) -> Pair:
 
 
 def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
-    """The shape of a pair that is taken for a part, the smaller one, and the other."""
+    """The smaller shape of a pair, which is tried as the part, and the other."""
     source, target = pair.source_shape, pair.target_shape
     is_target = target.basis.areas.sum() <= source.basis.areas.sum()
     return (target, source) if is_target else (source, target)

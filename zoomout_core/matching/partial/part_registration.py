@@ -54,7 +54,7 @@ class RegisteredPart:
         residual: (n,) distance to these.
         agreement: (n,) cosine between the normals.
         is_near: (n,) whether they are near the image of the nearest place, along the whole.
-        on_cut: (n,) whether the closest point is on a cut of the whole: what is beyond that has no counterpart.
+        on_cut: (n,) whether the closest point is on a cut of the whole; vertices beyond it have no counterpart.
         strain: mean distance, relative to their own, between where neighbouring nodes put each other, where these are
             not on a cut.
     """
@@ -116,7 +116,7 @@ def register_part(
     positions, turned, blends = graph.deform()
     turned = unit_vectors(turned)
     closest = around.closest(positions, turned)
-    # The rough map may have been off by more; what has gone to a limb that touches, its neighbours have not.
+    # The rough map may be off by more; vertices drawn to a touching limb differ from their neighbours.
     nearby = GeodesicLimit(closest.vertex[here.search.samples[place]], there)
     residual = np.linalg.norm(closest.interpolate(there.mesh.vertices) - positions, axis=1)
     on_cut = is_cut[closest.vertex]

@@ -40,11 +40,11 @@ class RegionTuning(Tuning, set_by="small_parts"):
         small: area of a part, relative to the whole's, below which it is looked for in regions: hands have 1 to 2 %,
             feet 2 to 5 %. Heads and arms, 6 to 10 %, are found among all places as well.
         part_area: of the part in the unit that it is compared with a region in.
-        most: regions.
+        max_count: regions.
         apart: of the places that regions are around, relative to the extent of the part: the greatest distance from its
             tip, the landmark farthest from cuts.
         radius: of a region, relative to that extent.
-        vertices: of a region's stand-in, at most about so many.
+        vertices: largest number of vertices of a region's proxy, about.
         samples: of a part that is subdivided.
         functions: of a region; none is used but to know its area.
         rivalry: rate at which the odds of a rival fall with the lead in score.
@@ -56,7 +56,7 @@ class RegionTuning(Tuning, set_by="small_parts"):
 
     small: float = tuned(0.07, "1", 0, 1)
     part_area: float = tuned(0.4, "area", 0.01, 1)
-    most: int = tuned(6, "regions", 1, 1000)
+    max_count: int = tuned(6, "regions", 1, 1000)
     apart: float = tuned(0.7, "1", 0.1, 10)
     radius: float = tuned(1.35, "1", 1, 10)
     vertices: int = tuned(3000, "vertices", 100, 100_000)
@@ -168,7 +168,7 @@ def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
     extent = here.between[tip].max()
     chosen: list[int] = []
     for place in np.argsort(unlikeness(here, there)[tip], kind="stable"):
-        if len(chosen) < REGION.most and (there.between[place, chosen] >= REGION.apart * extent).all():
+        if len(chosen) < REGION.max_count and (there.between[place, chosen] >= REGION.apart * extent).all():
             chosen.append(int(place))
     inside = there.shape.distances[chosen] < REGION.radius * extent
     inside = inside[[bool(each[whole.mesh.triangles].all(axis=1).any()) for each in inside]]

@@ -56,7 +56,7 @@ def match_at_unknown_scale(
 
     Args:
         pair: the two shapes, each in a unit of its own.
-        disagreement: what is known of the map of a pair.
+        disagreement: of a map of a pair with the evidence.
 
     Returns:
         The pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;

@@ -30,7 +30,7 @@ BOUND_SAMPLES = 40
 
 @dataclass(frozen=True, eq=False)
 class QueryPoints:
-    """Samples of a shape whose closest points on the other one are sought.
+    """Samples of a shape that are projected onto the other one.
 
     Attributes:
         vertex: (p,) their numbers.

@@ -18,7 +18,7 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.analysis import ShapeAnalysis
 
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
-# the time and is exact enough where the next step begins from closest points found anew. The second, relative to the
+# the time and is exact enough where the next step searches closest points again. The second, relative to the
 # mean of the diagonal, keeps a node in place that no residual depends on.
 DAMPING, MIN_DIAGONAL = 1e-5, 1e-9
 # Nodes that move each vertex.

@@ -72,7 +72,7 @@ class SidedSurface:
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
-        # By place alone: what is worn may face either way.
+        # By position alone: worn objects may face either way.
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
 
     def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress: what belongs to a source (clothes, hair, eyes, teeth, props) on the body of a target.
+"""Dress: fit the objects that a source wears (clothes, hair, eyes, teeth, props) to the body of a target.
 
 The source's body is given the target's shape along the match. Worn objects follow: the space around the body moves with
 it, soft objects keep their form as far as they are stiff, solid ones turn and grow as a whole, and nothing that was
@@ -61,12 +61,12 @@ DRESS = DressTuning()
 
 @dataclass(frozen=True, eq=False)
 class Dressed:
-    """What was carried onto a target.
+    """The objects fitted to a target.
 
     Attributes:
         vertices: for each thing (n, 3) positions of its vertices, in the target's frame and unit.
         turns: for each thing (n, 3, 3) what takes small differences of positions from the source to the target.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
 
     Example:
         >>> dressed = zo.dress(result, source, target, [source])
@@ -143,7 +143,7 @@ def carry(
     Args:
         body: as it was.
         shape: (n, 3) the new positions of its vertices.
-        skin: what is not to be entered: a surface in the new shape.
+        skin: the surface that must not be entered, in the new shape.
         carried: surfaces and lines, in the body's frame and unit.
         manners: how each is carried, see `dress`.
         stiffness: how far what is soft keeps its form, in [0, 1].
@@ -200,7 +200,7 @@ class _Fit:
     """A form, where the body takes it.
 
     Attributes:
-        form: what is carried.
+        form: the worn object.
         motion: of its points, with the body.
         positions: (n, 3) where it is.
         parts: points of its solid parts.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The form of what is carried, at unit area of the body that wears it."""
+"""The form of a worn object, at unit area of the body that wears it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The form of what is carried.
+    """The form of a worn object.
 
     Attributes:
         places: (n_v, 3) its vertices.

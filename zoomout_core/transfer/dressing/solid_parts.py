@@ -75,7 +75,7 @@ def with_solid_parts(form: Form, parts: list[Integers], images: Floats, position
         form: at rest.
         parts: points of each.
         images: (n, 3) where the body takes the points.
-        positions: (n, 3) where they are, as what is soft has them.
+        positions: (n, 3) of the points, by the soft fit.
     """
     if not parts:
         return positions

@@ -69,7 +69,7 @@ def bake(
         mapped: the target on the source.
         source_uv: (c_s, 2) at the source's corners; images repeat beyond the unit square.
         picture: the source's.
-        target_uv: (c_t, 2) at the target's corners; what lies beyond the unit square is not baked.
+        target_uv: (c_t, 2) at the target's corners; areas beyond the unit square are not baked.
         width: of the image that is made, in texels.
         height: of the image.
 

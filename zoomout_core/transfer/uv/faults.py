@@ -20,7 +20,7 @@ MIN_UV_AREA = 1e-3
 
 
 def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
-    """What the user should look at, a sentence each."""
+    """Sentences for the user about faults."""
     flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))

@@ -15,7 +15,7 @@ from zoomout_core.transfer.wrapping.fit import Fit
 
 # Vertices of larger parts near each vertex of a loose part that determine its motion.
 NEIGHBOURS = 8
-# Share of a part's area with trusted images from which on the part is placed where they are.
+# Smallest share of a part's area with trusted images at which the part is placed by them.
 MIN_TRUSTED_SHARE = 0.5
 
 

@@ -119,7 +119,7 @@ def _previous(following: Integers) -> Integers:
 
 
 def _means(matrix: csr_array) -> csr_array:
-    """A matrix whose rows, as far as they are not empty, sum to one."""
+    """A matrix whose rows sum to one, except empty ones."""
     sums = np.asarray(matrix.sum(axis=1)).ravel()
     used: Booleans = sums != 0
     return csr_array(diags_array(np.where(used, 1 / np.where(used, sums, 1), 0)) @ matrix)

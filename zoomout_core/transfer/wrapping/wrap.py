@@ -44,7 +44,7 @@ class Wrapped:
     Attributes:
         vertices: (n_t, 3) positions of its vertices, in the source's frame and unit.
         turned_over: number of its triangles that face against the way that their surroundings have turned.
-        notes: what a user should know, a sentence each.
+        notes: sentences for the user.
 
     Example:
         >>> zo.wrap(result, source, target).vertices.shape == target.vertices.shape
@@ -256,7 +256,7 @@ def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
 
 
 def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
-    """What a user should know, a sentence each."""
+    """Sentences for the user."""
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
     told = (

@@ -68,7 +68,7 @@ def test_hundreds_of_landmarks_hold_a_map_by_those_farthest_from_each_other() ->
     assert guess.origin == "280 landmarks"
     assert guess.anchors is not None
     turns = LANDMARKS.turning * (LANDMARKS.turning - 1) // 2
-    assert guess.anchors.source.shape == (300, LANDMARKS.most + turns)
+    assert guess.anchors.source.shape == (300, LANDMARKS.max_count + turns)
     image = np.linalg.norm(guess.anchors.target[:, None] - guess.anchors.source, axis=2).argmin(axis=1)
     off = source.mesh.vertices[image] - source.mesh.vertices[true_vertex(SOURCE, TARGET)]
     assert np.linalg.norm(off, axis=1).mean() < 0.05

@@ -54,8 +54,8 @@ def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
     placed = chosen.copy()
     placed[-3:] = np.argmax(whole.between[chosen[-3:]], axis=1)
     right = []
-    for most in (LANDMARK_MAPS.most, 100.0):
-        with retune(LANDMARK_MAPS, rounds=0, most=most):
+    for max_cost in (LANDMARK_MAPS.max_cost, 100.0):
+        with retune(LANDMARK_MAPS, rounds=0, max_cost=max_cost):
             right.append(np.mean(extend_landmarks(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
     assert right[0] > 0.98
     assert right[1] < 0.8

@@ -140,7 +140,7 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
     hand, body, pair = made
-    assert 2 <= len(regions) <= REGION.most
+    assert 2 <= len(regions) <= REGION.max_count
     on_hand = true_vertex(body, hand)
     assert max(region.contains[on_hand].mean() for region in regions) == 1
     for region in regions:
@@ -149,13 +149,13 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
         assert areas[0] < areas[1] < 0.9 / region.unit**2
         assert region.unit**2 * areas[0] == pytest.approx(part_of(pair)[0].basis.areas.sum())
         assert not region.is_everywhere
-    for retuning in ({"most": 1}, {"apart": 10.0}):
+    for retuning in ({"max_count": 1}, {"apart": 10.0}):
         with retune(REGION, **retuning):
             assert len(find_regions(*part_of(pair))) == 1
-    with retune(REGION, most=1, radius=2.5):
+    with retune(REGION, max_count=1, radius=2.5):
         (larger,) = find_regions(*part_of(pair))
     assert larger.contains.sum() > 1.5 * regions[0].contains.sum()
-    with retune(REGION, most=1, vertices=300):
+    with retune(REGION, max_count=1, vertices=300):
         (coarser,) = find_regions(*part_of(pair))
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
@@ -164,7 +164,7 @@ def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
     assert n < min_vertices()
-    with retune(REGION, most=1):
+    with retune(REGION, max_count=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
         assert len(shape.mesh.vertices) >= min_vertices()
