@@ -18,7 +18,7 @@ from benchmarks import downsampled as downsampled_table
 from benchmarks import golden as golden_tables
 from benchmarks import initial_size as initial_size_table
 from benchmarks import large as large_table
-from benchmarks import left_out as left_out_table
+from benchmarks import leave_out as leave_out_table
 from benchmarks import overfitting as overfitting_table
 from benchmarks import paper as paper_page
 from benchmarks import partial as partial_table
@@ -93,9 +93,9 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 
 @main.command()
 @common_options
-def left_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
+def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """Whole matches with and without the parts of the method that few shapes need, on the sets that need them."""
-    report(left_out_table.run(data, pairs), data, json_file)
+    report(leave_out_table.run(data, pairs), data, json_file)
 
 
 @main.command()

@@ -85,12 +85,12 @@ SYSTEM_LIBRARIES = {
 
 
 def main() -> None:
-    with locked():
+    with lock():
         set_up((sys.argv[1:] or ["all"])[0])
 
 
 @contextmanager
-def locked() -> Iterator[None]:
+def lock() -> Iterator[None]:
     """Wait until no other process sets up this checkout: two at once would break `.venv`."""
     if sys.platform == "win32":
         yield

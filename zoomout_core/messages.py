@@ -2,7 +2,7 @@
 """Sentences for the user that can be translated, because they keep the template and the values that they consist of.
 
 A template is English text with named fields, such as "'{name}' has only {count} vertices.". It is the key of a
-translation, so it stands in the code as a literal in a call of `message` or `counted`. A word that takes another
+translation, so it stands in the code as a literal in a call of `message` or `plural`. A word that takes another
 article or ending in other languages is not a field, but one template each: in an f-string a `{role}` that is filled in
 at once may be "source" or "target", and fields have doubled braces.
 """
@@ -14,8 +14,8 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any
 
-# Format specifications of stored templates are at most this long: a longer one could ask for gigabytes of spaces.
-MOST_LETTERS_OF_FORMAT = 4
+# Characters of a format specification in a stored template: a longer one could ask for gigabytes of spaces.
+MAX_FORMAT_LENGTH = 4
 # Keys of the JSON that stands for a Message, and for a dictionary whose keys are Messages.
 MESSAGE, ITEMS = "zoomout_message", "zoomout_items"
 
@@ -50,7 +50,7 @@ def message(template: str, **values: Any) -> Message:
     return Message(template, values)
 
 
-def counted(count: int, one: str, several: str) -> Message:
+def plural(count: int, one: str, several: str) -> Message:
     """The template for one, or that for another number, which may have the field `count`."""
     return Message(one if count == 1 else several, {"count": count})
 
@@ -93,19 +93,19 @@ def from_json(stored: Any) -> Any:
     if not isinstance(stored, dict):
         return stored
     if stored.keys() == {MESSAGE}:
-        return _checked(*from_json(stored[MESSAGE]))
+        return _check(*from_json(stored[MESSAGE]))
     if stored.keys() == {ITEMS}:
         return dict(from_json(stored[ITEMS]))
     return {key: from_json(each) for key, each in stored.items()}
 
 
-def _checked(template: object, values: object) -> Message:
+def _check(template: object, values: object) -> Message:
     """A stored Message, which may have been damaged, or made to do damage."""
     if not isinstance(template, str) or not isinstance(values, dict):
         raise ValueError("This is no message.")
     for _, field, form, conversion in Formatter().parse(template):
         known = field is None or (field in values and not conversion)
-        if not known or len(form or "") > MOST_LETTERS_OF_FORMAT or "{" in (form or ""):
+        if not known or len(form or "") > MAX_FORMAT_LENGTH or "{" in (form or ""):
             raise ValueError("This is the template of no message.")
     return Message(template, values)
 

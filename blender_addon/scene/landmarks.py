@@ -18,7 +18,7 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
-from zoomout_core.messages import counted, enumeration, message
+from zoomout_core.messages import enumeration, message, plural
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, positions_in_world
 from ..mesh_data.arrays import hash_of
@@ -99,7 +99,7 @@ def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
 
 def landmarks_in_words(number: int) -> str:
     """So many landmarks, in a sentence."""
-    return counted(number, "1 landmark", "{count} landmarks")
+    return plural(number, "1 landmark", "{count} landmarks")
 
 
 def obstacle(context: Context) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import counted, message
+from zoomout_core.messages import message, plural
 
 from ..scene.landmarks import landmarks_in_words, remove_landmarks_on
 from ..storage import stored_candidates, stored_match, stored_report, stored_symmetry
@@ -51,7 +51,7 @@ def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> s
         preview.clear()
     return message(
         "Cleared {meshes} and {landmarks}",
-        meshes=counted(len(cleared), "1 mesh", "{count} meshes"),
+        meshes=plural(len(cleared), "1 mesh", "{count} meshes"),
         landmarks=landmarks_in_words(landmarks),
     )
 

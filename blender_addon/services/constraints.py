@@ -20,7 +20,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.messages import counted, enumeration, message, sentences
+from zoomout_core.messages import enumeration, message, plural, sentences
 from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
@@ -271,4 +271,4 @@ def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
 def _count_in_words(regions: Collection[tuple[str, str]]) -> list[str]:
     """The number of each sort, in words."""
     numbers = Counter(what for what, _ in regions)
-    return [counted(numbers[what], *HINTS[what]) for what in HINTS if numbers[what]]
+    return [plural(numbers[what], *HINTS[what]) for what in HINTS if numbers[what]]

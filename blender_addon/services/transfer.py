@@ -11,7 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, counted, enumeration, message
+from zoomout_core.messages import as_message, enumeration, message, plural
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
@@ -262,7 +262,7 @@ def _write_report(
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    written = enumeration(counted(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
+    written = enumeration(plural(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
     bound = report.get("bound")  # which reports of earlier versions lack
     bound = message(", bound to '{armature}'", armature=bound["armature"]) if bound else ""
     others = and_others(report["others"])
@@ -286,4 +286,4 @@ def summary(report: dict[str, Any]) -> str:
 
 def and_others(names: Sequence[str]) -> str:
     """What follows the name of a source where the target lies on others, too."""
-    return counted(len(names), " and {count} other", " and {count} others") if names else ""
+    return plural(len(names), " and {count} other", " and {count} others") if names else ""

@@ -49,8 +49,8 @@ def test_a_kill_leaves_the_former_file_and_its_remains_go_later(tmp_path: Path) 
     path.write_text("before")
     code = f"""
 import os, signal
-from zoomout_core.runtime.outputs import written_whole
-with written_whole({str(path)!r}) as part:
+from zoomout_core.runtime.outputs import atomic_write
+with atomic_write({str(path)!r}) as part:
     part.write_text("half")
     os.kill(os.getpid(), signal.{"SIGKILL" if hasattr(signal, "SIGKILL") else "SIGTERM"})
 """

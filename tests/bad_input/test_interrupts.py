@@ -92,6 +92,7 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
     return paths
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_the_commands(moment: float, pair: tuple[Path, Path], tmp_path: Path) -> None:
@@ -103,6 +104,7 @@ def test_the_commands(moment: float, pair: tuple[Path, Path], tmp_path: Path) ->
     check(meshlab, 0.05 + 4 * moment, out / "made.ply")
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("moment", MOMENTS[:2])
 def test_the_command_of_blender(moment: float, tmp_path: Path) -> None:

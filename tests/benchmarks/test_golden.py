@@ -19,6 +19,7 @@ def run(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(main, ["golden", "--data", str(folder), *arguments])
 
 
+@pytest.mark.slow
 def test_what_differs_from_an_earlier_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     absent = golden_cases.Case("part absent", lambda _: {}, ("absent.off",))
     cases = (*(case for case in golden.CASES if case.name in NAMES), absent)

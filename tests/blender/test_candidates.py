@@ -151,6 +151,7 @@ def test_the_list_takes_a_few_kilobytes_whatever_the_size_of_the_mesh(source, ta
     assert len(target.data[stored_candidates.PROPERTY]) < 30_000
 
 
+@pytest.mark.slow
 def test_results_of_the_last_matches_only_are_cached(source, target):
     for k_final in (40, 50, 60):
         match_objects(bpy.context, source, target, k_final=k_final)

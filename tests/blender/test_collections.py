@@ -72,6 +72,7 @@ def scan(hero, request):
     return gather("Scan", objects)
 
 
+@pytest.mark.slow(but=1)
 def test_each_part_is_matched_with_its_counterpart(hero, scan):
     body, left, right = scan.objects
     found = match_collections(bpy.context, hero, scan)

@@ -83,6 +83,7 @@ def test_a_target_that_is_not_bound_is_dressed_as_it_stands(source):
     np.testing.assert_allclose(visible_positions(copy) - place, np.broadcast_to([3, 0, 0], place.shape), atol=1e-5)
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("dressed_first", [True, False])
 def test_the_rig_poses_the_target_and_its_clothes_alike(source, dressed_first):
     body, armature = source

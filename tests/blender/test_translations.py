@@ -31,7 +31,7 @@ NAMES = {"ZoomOut", menus.EXTENSION, "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
 # What is printed in English: the command lines, the demo, and functions for scripts.
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
-TEMPLATES = {"LandmarkError", "MeshError", "NotEnoughMemoryError", "as_message", "counted", "message", "sentences"}
+TEMPLATES = {"LandmarkError", "MeshError", "NotEnoughMemoryError", "as_message", "message", "plural", "sentences"}
 SHOWING = {"Finding", "poll_message_set", "reported", "status_text_set", "translated"}
 # Modules of the core whose stages and plain errors the add-on does not run into.
 OF_CORE = (

@@ -16,10 +16,10 @@ from zoomout_core.messages import (
     MESSAGE,
     Message,
     as_message,
-    counted,
     enumeration,
     from_json,
     message,
+    plural,
     sentences,
     to_json,
 )
@@ -85,7 +85,7 @@ def test_what_is_joined_keeps_its_parts() -> None:
 
 @pytest.mark.parametrize(("count", "text"), [(0, "0 meshes"), (1, "1 mesh"), (2, "2 meshes")])
 def test_counts_take_their_template(count: int, text: str) -> None:
-    assert counted(count, "1 mesh", "{count} meshes") == text
+    assert plural(count, "1 mesh", "{count} meshes") == text
 
 
 def test_text_of_earlier_versions_stays() -> None:

@@ -29,7 +29,7 @@ ALLOWED_FUNCTIONS = {
     "tuned",
 }
 # Samples and demos are described by their shapes: "posed", "mirrored".
-ALLOWED_FOLDERS = ("benchmarks/generate", "blender_addon/demo", "zoomout_core/samples.py", "meshlab_filter/samples.py")
+ALLOWED_FOLDERS = ("benchmarks/generate", "blender_addon/demo", "zoomout_core/samples/", "meshlab_filter/samples.py")
 LIMIT = re.compile(r"_?(least|most|fewest)_", re.IGNORECASE)
 # Arguments of public functions, and superlatives that are no limits.
 ALLOWED_LIMITS = {"most_angle", "most_bytes", "most_distance", "most_similar"}

@@ -101,11 +101,11 @@ def test_a_second_setup_waits_for_the_first(
     order = []
 
     def second() -> None:
-        with bootstrap.locked():
+        with bootstrap.lock():
             order.append("second")
 
     waiting = Thread(target=second)
-    with bootstrap.locked():
+    with bootstrap.lock():
         waiting.start()
         while "waiting for another make" not in capfd.readouterr().out:
             assert waiting.is_alive()

@@ -10,7 +10,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, counted, message
+from zoomout_core.messages import as_message, message, plural
 from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
@@ -99,4 +99,4 @@ def summary(candidate: dict[str, Any]) -> str:
 
 
 def _count(number: int) -> str:
-    return counted(number, "one symmetry", "{count} symmetries")
+    return plural(number, "one symmetry", "{count} symmetries")

@@ -316,6 +316,7 @@ def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
     assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(4000))
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("dimension", "noise"), [(20, 0.01), (60, 0.5), (60, 50.0)])
 def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int, noise: float) -> None:
     random = np.random.default_rng(0)

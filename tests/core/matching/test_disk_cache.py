@@ -111,6 +111,7 @@ def test_a_shape_that_was_stored_is_the_one_that_was_prepared(computed: list[int
     assert (again.mesh is again.proxy.full) == (proxy_vertices is None)
 
 
+@pytest.mark.slow
 def test_a_match_in_another_process_finds_them_and_gives_the_same_map(folder: Path, tmp_path: Path) -> None:
     source, target = (creature(COUNT, seed=seed).surface for seed in (0, 1))
     first = zo.match(source, target, **NUMBERS).surface_map

@@ -80,6 +80,7 @@ def test_an_outline_tells_where_a_candidate_leads_before_its_map_is_worked_out(r
         assert np.median(apart) < 2 * RIGHT * np.sqrt(resting.surface.area)
 
 
+@pytest.mark.slow
 def test_an_outline_is_in_the_vertices_of_the_surfaces_some_of_which_no_face_uses(resting, bent, result) -> None:
     padded = [
         Surface(np.vstack([[0.0, 0, 0], made.surface.vertices]), made.surface.triangles + 1) for made in (resting, bent)
@@ -99,6 +100,7 @@ def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
     assert sorted(rivals)[0] < 0.1
 
 
+@pytest.mark.slow
 def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting: Creature, bent: Creature) -> None:
     rounded = [made.surface.with_vertices((made.surface.vertices + 1e6).astype(np.float32)) for made in (resting, bent)]
     notes = zo.match(resting.surface, rounded[1]).notes
@@ -136,6 +138,7 @@ def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
 ARM, LEG = 0, 2
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("limb", [ARM, LEG])
 def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_right(limb: int) -> None:
     source, target = creature(2500, seed=0, without=limb), creature(2000, seed=1, bend=0.6)

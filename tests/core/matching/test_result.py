@@ -43,6 +43,7 @@ def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Pat
     assert loaded.source is loaded.target
 
 
+@pytest.mark.slow
 def test_the_map_of_a_part_is_saved_as_well(tmp_path: Path) -> None:
     whole = creature(700).surface
     inside = whole.vertices[:, 2] > np.quantile(whole.vertices[:, 2], 0.3)

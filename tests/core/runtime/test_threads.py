@@ -352,6 +352,7 @@ def test_numbers_of_threads_that_make_no_sense_are_refused(count: object) -> Non
         zo.set_threads(count)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("pair", "counts"), [("skins", (1, 2, 5, 8)), ("shells", (1, 8))])
 def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[int, ...]) -> None:
     if pair == "skins":

@@ -122,6 +122,7 @@ def test_all_turns_and_reflections_of_round_things_are_found(figure: Figure, ord
     assert all(np.linalg.norm(a - b) > 0.5 for i, (a, _) in enumerate(turns) for b, _ in turns[:i])
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("seed", [1, 3])
 def test_the_reflection_of_a_coarse_mesh_with_thin_limbs_is_known_to_lead_back(seed: int) -> None:
     made = creature(2000, seed, bend=0.7)

@@ -99,6 +99,7 @@ def test_a_face_gets_the_mean_of_the_faces_that_it_covers(aligned: Sheet, source
     assert transfer(constant, surface_map, aligned.surface, source.surface).values == pytest.approx(0.3, abs=1e-12)
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("sides", [3, 4, 6])
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER, Domain.FACE])
 def test_the_identity_returns_the_values(sides: int, domain: Domain) -> None:

@@ -21,7 +21,7 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.messages import counted, message
+from zoomout_core.messages import message, plural
 
 TOO_MANY = "{parts} beyond the {most} largest, too many to pair: mapped to the nearest surface."
 
@@ -197,7 +197,7 @@ def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
 def _sentences(*told: tuple[int, str]) -> tuple[str, ...]:
     """Sentences about numbers of loose parts, of those that there are."""
     return tuple(
-        message(text, parts=counted(count, "1 loose part", "{count} loose parts"), most=MAX_PAIRED_PARTS)
+        message(text, parts=plural(count, "1 loose part", "{count} loose parts"), most=MAX_PAIRED_PARTS)
         for count, text in told
         if count
     )

@@ -79,6 +79,7 @@ def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> N
     assert right_parts(zo.match(hull.surface, at_rest.surface), hull, at_rest) > 0.9
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("eye", [False, True])
 def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     sphere, leg = directions(300, 1), [0.2, 0.2, 1.1] * directions(150, 2) + [0.9, -0.2, -1.4]
@@ -186,6 +187,7 @@ def test_an_outline_is_on_the_shells(stepped, at_rest: Mannequin, stepping: Mann
     assert (at_rest.part[images] == stepping.part[vertices]).mean() > 0.8
 
 
+@pytest.mark.slow
 def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]))

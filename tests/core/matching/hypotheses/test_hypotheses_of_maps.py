@@ -98,12 +98,13 @@ def test_the_true_pairing_of_extremities_is_among_the_first(shapes, resting, ben
     assert 0 < len(extremity_hypotheses(source, target)) <= EXTREMITIES.kept
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("figure", "count"), [(HAND, 6), (CENTAUR, 9), (SPIDER, 11)])
 def test_every_limb_of_a_creature_with_many_counts(figure: Figure, count: int) -> None:
     assert len(extremities(prepared(shape(figure, 2000, seed=0, bend=0.5).surface)).vertices) == count
 
 
-@pytest.mark.slow(but=1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of_source", "of_target"), [(CENTAUR, CENTAUR), (CENTAUR, ONE_ARMED_CENTAUR), (ONE_ARMED_CENTAUR, CENTAUR)]
 )

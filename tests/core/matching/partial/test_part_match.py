@@ -84,6 +84,7 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
     assert not np.array_equal(other.source_has_partner, result.source_has_partner)
 
 
+@pytest.mark.slow
 def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     result = matched(part.surface, whole.surface)

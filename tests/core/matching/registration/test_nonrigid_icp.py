@@ -46,6 +46,7 @@ def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Float
     return np.linalg.norm(images / np.linalg.norm(images, axis=1, keepdims=True) - target.directions, axis=1)
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("bend", [0.0, 0.9])
 def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: float) -> None:
     source, target = creature(1500, seed=0), creature(1300, seed=1, bend=bend)

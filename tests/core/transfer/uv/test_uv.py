@@ -201,6 +201,7 @@ def test_no_face_spans_the_seam_of_a_globe(count: int) -> None:
     assert (width * ring.reshape(-1, 3).min(axis=1))[away[::3]].max() < 2 * edge / np.pi
 
 
+@pytest.mark.slow(but=3)
 @pytest.mark.parametrize("sides", [3, 4, 6])
 @pytest.mark.parametrize("layout", [*LAYOUTS, "an island for each face"])
 def test_the_identity_returns_the_uvs(sides: int, layout: str) -> None:

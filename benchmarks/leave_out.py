@@ -140,7 +140,7 @@ def _rows(records: list[Record]) -> list[Record]:
 # --- cases --------------------------------------------------------------------------------------------------
 
 
-def _turned(surface: zo.Surface, seed: int) -> zo.Surface:
+def _turn(surface: zo.Surface, seed: int) -> zo.Surface:
     """A surface turned at random, so that its place tells nothing."""
     return surface.with_vertices(Rotation.random(random_state=seed).apply(surface.vertices))
 
@@ -154,7 +154,7 @@ def _made_twice(of_set: str, name: str, make: Callable[[int], zo.Surface]) -> It
         return float(off.mean() / np.sqrt(source.area))
 
     for turn in range(2):
-        yield Case(of_set, f"{name} {turn}", source, _turned(target, turn), error)
+        yield Case(of_set, f"{name} {turn}", source, _turn(target, turn), error)
 
 
 def _of_radius(radius: Callable[[Floats], Floats]) -> Callable[[int], zo.Surface]:
