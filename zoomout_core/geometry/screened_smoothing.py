@@ -45,7 +45,7 @@ class ScreenedSmoothing:
         return self.solve(self.weights[:, None] * values)
 
     def fit(self, values: Floats, divergence: Floats) -> Floats:
-        """(n, d) solutions for values (n, d) and the divergence (n, d) of gradients, see `turned_gradients`."""
+        """(n, d) solutions for values (n, d) and the divergence (n, d) of gradients, see `turn_gradients`."""
         return self.solve(self.loads(values, divergence))
 
     def loads(self, values: Floats, divergence: Floats) -> Floats:
