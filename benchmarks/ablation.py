@@ -17,7 +17,6 @@ from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, in_order, rank
@@ -29,7 +28,6 @@ SOURCES = {
     "extremities": extremity_hypotheses,
     "descriptors": descriptor_hypotheses,
     "signs": sign_hypotheses,
-    "turns": rotation_hypotheses,
 }
 # A criterion with these scores adds nothing to the total.
 NEUTRAL = {

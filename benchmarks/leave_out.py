@@ -245,7 +245,6 @@ def _rigid(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Fl
 
 LEFT_OUT = (
     LeftOut("rotational symmetry", _round, ((pipeline, "with_turned", _no_turns), (retry, "with_turned", _no_turns))),
-    LeftOut("rotation hypotheses", _without_extremities, ((guess, "rotation_hypotheses", lambda *_: []),)),
     LeftOut("sign hypotheses", _without_extremities, ((guess, "sign_hypotheses", lambda *_: []),)),
     LeftOut("unknown scale", _parts_in_other_units, ((retry, "match_at_unknown_scale", lambda *_: None),)),
     LeftOut("similarity field", _of_many_parts, ((SimilarityField, "carry", _rigid),)),

@@ -24,8 +24,11 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.hypotheses.rotations import REPEATED_EIGENVALUE_GAP, ROTATION_ANGLES, turn
 
+# Consecutive eigenvalues whose relative difference is smaller count as repeated.
+REPEATED_EIGENVALUE_GAP = 0.03
+# Evenly spaced angles by which a pair of repeated eigenfunctions is rotated.
+ROTATION_ANGLES = 8
 # Beam search over maps of eigenspaces to themselves: fewest eigenfunctions at its leaves, and samples that it uses.
 BEAM_FUNCTIONS = 6
 BEAM_SAMPLES = 200
@@ -112,8 +115,13 @@ def _choices(size: int) -> list[Floats]:
         return [np.array([[sign]]) for sign in (1.0, -1.0)]
     if size == 2:
         count = ROTATION_ANGLES
-        return [turn(2 * np.pi * step / count, mirror) for step, mirror in product(range(count), (1, -1))]
+        return [_turn(2 * np.pi * step / count, mirror) for step, mirror in product(range(count), (1, -1))]
     return [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+
+
+def _turn(angle: float, mirror: int) -> Floats:
+    """(2, 2) rotation of the plane by an angle, or a reflection where `mirror` is -1."""
+    return np.array([[np.cos(angle), -mirror * np.sin(angle)], [np.sin(angle), mirror * np.cos(angle)]])
 
 
 def _grow(

@@ -350,7 +350,6 @@ def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatc
 
     monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
     monkeypatch.setattr(guess_module, "MORE_GUESSES", (further,))
-    monkeypatch.setattr(guess_module, "rotation_hypotheses", lambda *_: [])
     bent = creature(240, seed=1, bend=0.7)
     result = zo.match(SOURCE.surface, bent.surface, k_final=30)
     assert asked

@@ -23,7 +23,6 @@ from zoomout_core.matching.hypotheses.extremities import (
 from zoomout_core.matching.hypotheses.given import proximity_hypothesis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
-from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.options import Initial
 from zoomout_core.matching.pair import Pair, landmarks_on_parts
@@ -58,7 +57,7 @@ def guess(
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    hypotheses = [*_guess(pair, GUESSES, disagreement), *rotation_hypotheses(source, target)]
+    hypotheses = _guess(pair, GUESSES, disagreement)
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)

@@ -19,7 +19,6 @@ from shapes import (
     SPIDER,
     STONE,
     TABLE,
-    TORUS,
     Figure,
     Shaped,
     shape,
@@ -39,7 +38,6 @@ from zoomout_core.matching.hypotheses.extremities import (
     pairings,
 )
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
-from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.landmark_features import landmark_features
 from zoomout_core.mesh.surface import Surface
@@ -188,16 +186,6 @@ def test_no_two_fits_of_descriptors_are_alike(shapes) -> None:
     assert not np.tril(alike(places, DESCRIPTORS.same_fit), -1).any()
 
 
-def test_eigenfunctions_of_one_eigenvalue_are_turned_among_themselves(shapes) -> None:
-    tori = [prepared(shape(TORUS, count, seed).surface) for count, seed in ((900, 0), (800, 1))]
-    guesses = rotation_hypotheses(tori[0], tori[1])
-    assert len(guesses) == 16
-    maps = np.array([guess.functional_map for guess in guesses])
-    np.testing.assert_allclose(maps @ maps.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (16, 3, 3)), atol=1e-12)
-    assert np.linalg.norm(maps[:, None] - maps[None], axis=(2, 3))[np.triu_indices(16, k=1)].min() > 0.5
-    assert rotation_hypotheses(*shapes) == []
-
-
 # --- shapes that lack something -----------------------------------------------------------------------------
 
 
@@ -225,7 +213,7 @@ def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> N
         warnings.simplefilter("error")
         for surface in (icosahedron, table):
             other = prepared(surface)
-            for guesses in (extremity_hypotheses, sign_hypotheses, descriptor_hypotheses, rotation_hypotheses):
+            for guesses in (extremity_hypotheses, sign_hypotheses, descriptor_hypotheses):
                 assert all(np.isfinite(guess.functional_map).all() for guess in guesses(other, other))
             assert np.isfinite(other.curvature).all()
             assert np.isfinite(other.pseudo_scalars).all()
