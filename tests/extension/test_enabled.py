@@ -209,9 +209,9 @@ def test_colours_are_shown_and_taken_away_without_a_trace(source, matched):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert zoomout.preview(kind=kind) == {"FINISHED"}
-        assert part("viewport.preview").shown(matched).kind == kind
+        assert part("viewport.preview").preview_of(matched).kind == kind
     assert zoomout.clear_preview() == {"FINISHED"}
-    assert part("viewport.overlay").shown() == ()
+    assert part("viewport.overlay").overlays() == ()
     assert snapshot_file() == before
 
 
