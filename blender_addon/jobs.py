@@ -12,6 +12,7 @@ from collections.abc import Callable, Coroutine, Generator
 from contextvars import copy_context
 from time import monotonic
 from typing import Any, Generic, TypeAlias, TypeVar, cast
+from weakref import WeakMethod
 
 from zoomout_core.runtime.background import Background
 from zoomout_core.runtime.progress import Progress, progress
@@ -72,7 +73,7 @@ class Job(Generic[Result]):
 
     def __init__(self, coroutine: Work[Result]) -> None:
         self.progress = Progress(0.0, "Beginning")
-        self._given, self._running = coroutine, self._watch(coroutine)
+        self._given, self._running = coroutine, _run_reporting(coroutine, WeakMethod(self._listen))
         self._context = copy_context()
         self._background: Background[Any] | None = None
 
@@ -98,6 +99,10 @@ class Job(Generic[Result]):
         self._context.run(self._running.close)
         self._given.close()  # which has not begun otherwise
 
+    def __del__(self) -> None:
+        # Otherwise the coroutine would be closed in another context, which contextvars refuse.
+        self.cancel()
+
     def _is_ready(self, seconds: float) -> bool:
         """Wait for a computation, up to some seconds; returns whether the coroutine can go on."""
         return self._background is None or self._background.wait(seconds)
@@ -121,9 +126,16 @@ class Job(Generic[Result]):
             return self._running.throw(error)
         return self._running.send(result)
 
-    async def _watch(self, coroutine: Work[Result]) -> Result:
-        with progress(self._listen):
-            return await coroutine
-
     def _listen(self, latest: Progress) -> None:
         self.progress = Progress(latest.fraction, latest.stage or self.progress.stage)
+
+
+async def _run_reporting(coroutine: Work[Result], listener: WeakMethod[Callable[[Progress], None]]) -> Result:
+    """Run a coroutine and report its progress to a job, which it does not keep alive: a dropped job ends at once."""
+
+    def listen(latest: Progress) -> None:
+        if (tell := listener()) is not None:
+            tell(latest)
+
+    with progress(listen):
+        return await coroutine

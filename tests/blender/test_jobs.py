@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Coroutines of the main thread whose computations run in threads, without a window."""
 
+import gc
 import threading
 from functools import partial
 from time import monotonic
@@ -147,3 +148,22 @@ def test_a_job_can_be_cancelled_before_it_begins_and_after_it_has_ended(recwarn)
     job.cancel()
     del job
     assert [one for one in recwarn if one.category is RuntimeWarning] == []
+
+
+def test_a_job_that_is_dropped_is_cancelled_without_an_error(monkeypatch):
+    closed, errors = [], []
+
+    async def work():
+        try:
+            with stage("Working"):
+                await pause()
+        finally:
+            closed.append(True)
+
+    monkeypatch.setattr("sys.unraisablehook", errors.append)
+    job = Job(work())
+    job.advance(0)
+    del job
+    gc.collect()
+    assert closed == [True]
+    assert errors == []
