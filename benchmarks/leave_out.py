@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether a part of the method earns its lines: whole matches with it and without it, on the sets it was made for.
+"""Matches with and without single parts of the method, on the shapes for which each part exists.
 
-`benchmarks.ablation` leaves out a stage of the search and measures the candidates' own maps; here the match runs to the
-end, on the shapes for which the stage exists.
+`benchmarks.ablation` measures the maps of candidates before the dense refinement; here each match is complete.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ from zoomout_core.matching.notes import SURE_CERTAINTY
 LIMIT = 0.08
 # Known places at which the map of a part is measured.
 PLACES = 300
-# Vertices of things and solids.
-VERTICES = 2500
+# Vertices of the two meshes of a thing or solid. They differ, for remeshers give nearly the same mesh for every seed.
+SOURCE_VERTICES, TARGET_VERTICES = 2500, 2000
 
 
 class Case(NamedTuple):
@@ -63,8 +62,8 @@ class LeftOut(NamedTuple):
 
     Attributes:
         name: of the part.
-        cases: yields those that it was made for, from the folder of the sets, at most so many of each set.
-        replacements: module or class, name of a function in it, and what stands in for it.
+        cases: yields cases from the folder of the sets, at most the given number of each set.
+        replacements: module or class, name of a function in it, and its replacement.
     """
 
     name: str
@@ -141,13 +140,19 @@ def _rows(records: list[Record]) -> list[Record]:
 
 
 def _turn(surface: zo.Surface, seed: int) -> zo.Surface:
-    """A surface turned at random, so that its place tells nothing."""
+    """A surface turned at random, so that its position is no evidence."""
     return surface.with_vertices(Rotation.random(random_state=seed).apply(surface.vertices))
 
 
-def _made_twice(of_set: str, name: str, make: Callable[[int], zo.Surface]) -> Iterator[Case]:
-    """Two meshes of one shape in the same frame; the target is turned before the match, in two ways."""
-    source, target = make(0), make(1)
+def _made_twice(of_set: str, name: str, make: Callable[[int, int], zo.Surface]) -> Iterator[Case]:
+    """Two meshes of one shape in the same frame; the target is turned before the match, in two ways.
+
+    Args:
+        of_set: that the cases belong to.
+        name: of the shape.
+        make: the shape with a number of vertices, by a seed.
+    """
+    source, target = make(SOURCE_VERTICES, 0), make(TARGET_VERTICES, 1)
 
     def error(found: zo.SurfaceMap) -> float:
         off = np.linalg.norm(found.interpolate(source.vertices) - target.vertices, axis=1)
@@ -157,26 +162,22 @@ def _made_twice(of_set: str, name: str, make: Callable[[int], zo.Surface]) -> It
         yield Case(of_set, f"{name} {turn}", source, _turn(target, turn), error)
 
 
-def _of_radius(radius: Callable[[Floats], Floats]) -> Callable[[int], zo.Surface]:
-    return lambda seed: made.round_shape(radius, VERTICES, seed)
-
-
 def _round(data: Path, most: int | None) -> Iterator[Case]:
-    """Solids and things that rotations take onto themselves; one map alone is right."""
+    """Solids and things that rotations map onto themselves; only one of these maps counts as right."""
     from benchmarks.generate.things import THINGS, thing  # only where Blender is there to build them
 
     for name, radius in evenly([("cube", made.CUBE), ("icosahedron", made.ICOSAHEDRON), ("gear", made.gear)], most):
-        yield from _made_twice("solids", name, _of_radius(radius))
+        yield from _made_twice("solids", name, partial(made.round_shape, radius))
     for name in evenly(list(THINGS), most):
-        yield from _made_twice("things", name, partial(thing, name, VERTICES))
+        yield from _made_twice("things", name, partial(thing, name))
 
 
 def _without_extremities(data: Path, most: int | None) -> Iterator[Case]:
-    """The same, of which all rotations are right, and shapes without extremities."""
+    """The same shapes, where all rotations count as right, and shapes without extremities."""
     for case in _round(data, most):
         yield case._replace(error=partial(_off_rigid, case))
     for name, radius in evenly([("egg", made.egg), ("box", made.BOX)], most):
-        yield from _made_twice("eggs and boxes", name, _of_radius(radius))
+        yield from _made_twice("eggs and boxes", name, partial(made.round_shape, radius))
     folder = data / "specimens"
     with np.load(folder / "landmarks.npz") as landmarks:
         for line in evenly((folder / "pairs.txt").read_text().splitlines(), most):
@@ -185,7 +186,7 @@ def _without_extremities(data: Path, most: int | None) -> Iterator[Case]:
 
 
 def _off_rigid(case: Case, found: zo.SurfaceMap) -> float:
-    """Mean distance of the images from where the rotation takes the target that fits them best."""
+    """Mean distance of the images from the target's vertices, after the rigid motion that fits them best."""
     here, there = case.target.vertices, found.interpolate(case.source.vertices)
     motion = procrustes(here, there, scales=(1, 1))
     return float(np.linalg.norm(motion(here) - there, axis=1).mean() / np.sqrt(case.source.area))

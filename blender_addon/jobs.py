@@ -131,7 +131,10 @@ class Job(Generic[Result]):
 
 
 async def _run_reporting(coroutine: Work[Result], listener: WeakMethod[Callable[[Progress], None]]) -> Result:
-    """Run a coroutine and report its progress to a job, which it does not keep alive: a dropped job ends at once."""
+    """Run a coroutine and report its progress to a job.
+
+    Only a weak reference to the job is held, so that a dropped job is deleted, and thereby cancelled, at once.
+    """
 
     def listen(latest: Progress) -> None:
         if (tell := listener()) is not None:

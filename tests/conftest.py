@@ -19,15 +19,14 @@ if TYPE_CHECKING:
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-# Files of tests run side by side, one on each core: threads of their own would only compete with one another.
+# Test files run in parallel, one on each core, so more threads would only compete for the cores.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("ZOOMOUT_THREADS", "1")
 
-# What the long functions of this process came to that were asked for last, which tests of other modules may ask for
-# again.
+# Results of the last calls of long functions in this process, which tests of other modules may repeat.
 _results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
 MAX_RESULTS = 80
-# What a shape is known by.
+# Arrays that identify a shape.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
 
 
@@ -38,8 +37,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "slow(but=0): a quicker test has the essentials; run with --slow, as in `make test-all`, or if named by `::`. "
-        "The first `but` sets of parameters are run always.",
+        "slow(but=0): run only with --slow, as in `make test-all`, or if the test is named with `::`; a quicker test "
+        "covers the essentials. The first `but` sets of parameters always run.",
     )
 
 
@@ -67,7 +66,7 @@ def benchmark_data() -> Path:
 
 
 def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
-    """A function of so many shapes and of options, which is run once for the same ones."""
+    """Cache a function whose first `shapes` arguments are shapes and whose others are options."""
 
     @wraps(function)
     def run(*given: Any, progress: Callable[[Progress], object] | None = None, **options: Any) -> Any:
@@ -98,9 +97,9 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
 @pytest.fixture(scope="module")
 def quick_search() -> Iterator[None]:
-    """Matches search among fewer candidates, in two thirds of the time.
+    """Matches search among fewer candidates, which is faster.
 
-    For modules that are about what becomes of a match: the search is tested in `core/matching`.
+    For modules that use a match: the search itself is tested in `core/matching`.
     """
     from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
     from zoomout_core.matching.ranking import RANKING
@@ -115,9 +114,9 @@ def quick_search() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def remember_matches(quick_search: None) -> Iterator[None]:
-    """A match or a symmetry that is asked for again is what came of it before, with the same progress.
+    """A repeated match or symmetry detection returns the earlier result, and reports the same progress.
 
-    For modules that are about what becomes of these: they are deterministic, and take most of the time.
+    For modules that use these results: the computations are deterministic, and take most of the time.
     """
     import zoomout_core as zo  # after bpy, where that is imported
 

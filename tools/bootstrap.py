@@ -91,7 +91,7 @@ def main() -> None:
 
 @contextmanager
 def lock() -> Iterator[None]:
-    """Wait until no other process sets up this checkout: two at once would break `.venv`."""
+    """Hold a lock, so that two processes do not change `.venv` at the same time."""
     if sys.platform == "win32":
         yield
         return

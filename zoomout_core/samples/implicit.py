@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies of limbs and ellipsoids that are blended into each other, as a signed distance field and as quads.
+"""Bodies of blended limbs and ellipsoids, as a signed distance field and as a mesh of quads.
 
 The distance functions and the smooth minimum are Inigo Quilez's ("Distance functions", "Smooth minimum").
 """
@@ -134,7 +134,7 @@ def surface_net(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Fl
             ring = [number[tuple((edge - offset).T)] for offset in (0 * up, up, side + up, side)]
             quads.append(np.stack(ring[::direction], axis=1))
     faces = np.concatenate(quads)
-    return _settled(vertices, faces, solids), faces
+    return _relax(vertices, faces, solids), faces
 
 
 def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
@@ -152,9 +152,10 @@ def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
 
 
 def _occupancy(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Booleans, Floats]:
-    """Which points of a grid around the solids lie inside them, and the position of the first point.
+    """Which points of a fine grid lie inside the solids, and the position of the first point.
 
-    Of the fine grid only points near the surface are worked out; the others are as their coarse neighbour.
+    Distances are computed on a coarse grid first. Only the fine points near the surface get distances of their own; the
+    others take the side of the nearest coarse point.
     """
     coarse = 5
     shape = np.ceil((space[1] - space[0]) / (cell * coarse)).astype(int) + 1
@@ -169,8 +170,8 @@ def _occupancy(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Boo
     return inside, origin
 
 
-def _settled(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds: int = 6) -> Floats:
-    """The vertices moved to the middle of their neighbours and back onto the surface, some times over."""
+def _relax(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds: int = 6) -> Floats:
+    """Move vertices to the mean of their neighbours, then back onto the surface; repeat this for some rounds."""
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(n, n)).tocsr()

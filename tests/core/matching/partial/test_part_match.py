@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts are matched to wholes and wholes to parts without a hint, and what has no counterpart is told."""
+"""Parts are matched to wholes, and wholes to parts, without a hint; vertices without a counterpart are marked."""
 
 from __future__ import annotations
 
