@@ -58,7 +58,11 @@ def described(mesh: bpy.types.Mesh, **changed: object) -> None:
     mesh[stored_match.PROPERTY] = json.dumps(json.loads(mesh[stored_match.PROPERTY]) | changed)
 
 
-BOMB = b64encode(zlib.compress(bytes(1 << 28))).decode()
+def bomb() -> str:
+    """A few kilobytes that unpack to 256 MB."""
+    return b64encode(zlib.compress(bytes(1 << 28))).decode()
+
+
 DAMAGE = {
     "negative triangles": lambda mesh: set_values(mesh, stored_match.TRIANGLE, np.full(400, -7, np.int32)),
     "triangles of a larger mesh": lambda mesh: set_values(mesh, stored_match.TRIANGLE, np.full(400, 1 << 30, np.int32)),
@@ -71,7 +75,7 @@ DAMAGE = {
     "a list for a description": lambda mesh: mesh.__setitem__(stored_match.PROPERTY, "[1, 2]"),
     "nested brackets": lambda mesh: mesh.__setitem__(stored_match.PROPERTY, "[" * 100_000),
     "fields of other types": lambda mesh: described(mesh, source=3, notes="none", vertices="many"),
-    "a bomb": lambda mesh: described(mesh, source_has_partner=BOMB),
+    "a bomb": lambda mesh: described(mesh, source_has_partner=bomb()),
 }
 
 

@@ -22,10 +22,15 @@ def _each_match_once(remember_matches):
     """Matches are the core's, and tested there."""
 
 
-@pytest.fixture(autouse=True)
-def empty_scene():
-    """An empty factory scene, with the add-on."""
+@pytest.fixture(scope="module", autouse=True)
+def _factory_settings():
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+@pytest.fixture(autouse=True)
+def empty_scene(_factory_settings):
+    """An empty factory scene, with the add-on; preferences are reset once a module, which takes six times longer."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     blender_addon.register()
     yield bpy.context.scene
     blender_addon.unregister()

@@ -58,6 +58,7 @@ def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
         assert stored_match.description(target.data)["notes"][0] == note
 
 
+@pytest.mark.slow
 def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     count = len(stored_candidates.read(target.data).candidates)

@@ -204,6 +204,7 @@ def test_a_target_is_dressed(pair, tmp_path, capsys):
     assert run("dress", *both) == 2
 
 
+@pytest.mark.slow
 def test_collections_are_matched_part_by_part(pair, tmp_path):
     for name, obj in zip(("Hero", "Scan"), pair, strict=True):
         collection = bpy.data.collections.new(name)
@@ -246,6 +247,7 @@ def test_a_symmetry_is_found_used_saved_and_reported(body, tmp_path, capsys):
     assert weight_array(body, "Side.L")[weight_array(body, "Arm.L") > 0.5].min() == 1
 
 
+@pytest.mark.slow
 def test_a_symmetry_is_found_anew_where_that_is_asked_for_or_the_mesh_was_edited(body):
     assert run("symmetry", "--object", "Body", "--swap-sides") == 0
     swapped = stored_symmetry.read(body).distance

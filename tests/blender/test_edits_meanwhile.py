@@ -75,9 +75,10 @@ WORK = {
 }
 
 
-@pytest.mark.parametrize("edit", EDITS)
-@pytest.mark.parametrize("edited", ["Source", "Target"])
+@pytest.mark.slow(but=8)
 @pytest.mark.parametrize("work", WORK)
+@pytest.mark.parametrize("edited", ["Source", "Target"])
+@pytest.mark.parametrize("edit", EDITS)
 def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(pair, work, edited, edit):
     taken_before = range(1, LAST)
     if work == "collections":

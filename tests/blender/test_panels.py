@@ -175,6 +175,7 @@ def test_a_match_that_is_in_doubt_in_large_part_bears_no_check_mark(source, targ
     assert ("mark", "CHECKMARK", True) not in drawn()
 
 
+@pytest.mark.slow
 def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target):
     def changed():
         return "Landmarks have changed since the match" in texts()

@@ -275,6 +275,7 @@ def test_labels_and_booleans_invent_nothing(seed: int) -> None:
 # --- progress -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_match_may_be_cancelled_at_any_progress_and_the_next_is_as_ever() -> None:
     source, target = creature(220).surface, creature(200, seed=1, bend=0.2).surface
     options: dict[str, Any] = {"initial": "proximity", "k_final": 20, "samples": 100}

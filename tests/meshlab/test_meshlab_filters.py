@@ -289,6 +289,7 @@ def test_normals_turn_with_the_surface(found, target):
     assert np.median(cosine) > 0.97
 
 
+@pytest.mark.slow
 def test_the_symmetry_tells_left_from_right():
     """An ellipsoid with a head, whose left is +y."""
     ms = pymeshlab.MeshSet()

@@ -272,6 +272,7 @@ def test_layers_are_compared_where_their_transforms_put_them(source, target):
     np.testing.assert_array_equal(new.vertex_matrix(), ms.mesh(1).vertex_matrix())
 
 
+@pytest.mark.slow
 def test_landmarks_and_given_maps_reach_the_matching(source, target):
     ms = mesh_set(source, target)
     places = np.array([[1.9, 0.6, 0.7], [0.7, 2.1, 0.1], [0.4, -1.7, -0.1], [-1.7, 1.5, 0], [-2.3, -0.7, 0.3]])

@@ -151,6 +151,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     assert len(calls(program)) == 6
 
 
+@pytest.mark.slow
 def test_the_format_is_that_of_the_template_or_what_is_asked_for(program: Path, folder: Path, tmp_path: Path) -> None:
     for name in ("broken.blend", "naked.blend", "last.off"):
         (folder / name).unlink()

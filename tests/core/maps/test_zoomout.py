@@ -78,6 +78,7 @@ def test_swapping_the_shapes_inverts_a_bijection(basis, moved, moved_basis) -> N
     assert np.array_equal(there.vertex[back.vertex], np.arange(len(there.vertex)))
 
 
+@pytest.mark.slow
 def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting, bent, basis) -> None:
     other = eigenbasis(bent.surface, 100)
     truth = true_vertex(resting, bent)

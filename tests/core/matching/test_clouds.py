@@ -12,6 +12,7 @@ from zoomout_core.matching.notes import notes_on_cloud
 
 
 @pytest.mark.parametrize("role", ["source", "target"])
+@pytest.mark.slow(but=1)
 def test_a_cloud_is_matched_with_a_mesh_without_a_hint(role: str, resting: Creature, bent: Creature) -> None:
     truth = true_vertex(resting, bent)
     cloud = zo.PointCloud((resting if role == "source" else bent).surface.vertices)

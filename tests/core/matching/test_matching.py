@@ -61,6 +61,7 @@ def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Cre
     assert np.median(precise) < 0.9 * np.median(rounded)
 
 
+@pytest.mark.slow
 def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, result) -> None:
     mirrored = mirrored_vertex(resting, bent)
     flips = [i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation]
@@ -188,6 +189,7 @@ def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent,
     assert (distance < 0.05).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_two_runs_agree_to_the_bit(coarse: tuple[Creature, Creature]) -> None:
     once, again = matched(coarse), matched(coarse)
     assert np.array_equal(again.surface_map.triangle, once.surface_map.triangle)
@@ -247,6 +249,7 @@ def test_proximity_follows_what_lies_nearest(coarse: tuple[Creature, Creature]) 
     assert mean_error(flipped, resting.surface, mirrored_vertex(resting, same_pose)) < RIGHT
 
 
+@pytest.mark.slow
 def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature]) -> None:
     resting, bent = coarse
     truth = true_vertex(resting, bent)
@@ -323,6 +326,7 @@ def test_loose_parts_are_paired_by_place_and_size(resting: Creature, bent: Creat
     assert any(note.startswith("3 loose parts paired") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_loose_parts_without_a_partner_follow_the_body_and_are_reported(resting: Creature, bent: Creature) -> None:
     tip = np.array([int(np.argmax(bent.surface.vertices[:, 2]))])
     target, (loose,) = with_parts(bent, tip, [0.02])
@@ -346,6 +350,7 @@ def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: C
         zo.match(resting.surface, cube)
 
 
+@pytest.mark.slow
 def test_benchmark_humans_are_matched(benchmark_data) -> None:
     from zoomout_core.mesh.files import read_surface
 
@@ -357,6 +362,7 @@ def test_benchmark_humans_are_matched(benchmark_data) -> None:
     assert error.mean() < 0.04
 
 
+@pytest.mark.slow
 def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full(resting, bent, result) -> None:
     truth = true_vertex(resting, bent)
     by_proxy = zo.match(resting.surface, bent.surface, proxy_vertices=1250)

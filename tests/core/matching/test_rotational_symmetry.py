@@ -121,6 +121,7 @@ def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface,
     assert not any("No reliable match" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_each_of_its_turned_maps_may_be_chosen(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     result, source, target = cubes
     turned = [number for number, one in enumerate(result.candidates) if one.turns == 24]

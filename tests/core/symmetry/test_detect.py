@@ -97,6 +97,7 @@ def test_nothing_depends_on_unit_place_or_order(reflection: zo.Symmetry, bent: C
     np.testing.assert_array_equal(again.sides()[number][clear], reflection.sides()[clear])
 
 
+@pytest.mark.slow
 def test_a_vase_has_its_three_symmetries_first() -> None:
     vase = shape(VASE, 2500, seed=1)
     found = zo.detect_symmetry(vase.surface)
@@ -135,6 +136,7 @@ def test_the_reflection_of_a_coarse_mesh_with_thin_limbs_is_known_to_lead_back(s
     assert found.has_sides
 
 
+@pytest.mark.slow
 def test_a_half_turn_alone_has_no_sides() -> None:
     found = zo.detect_symmetry(shape(S_SHAPE, 2000, seed=1).surface)
     assert not found[0].reverses_orientation
@@ -152,6 +154,7 @@ def test_reflections_come_before_turns_that_are_as_sure() -> None:
     assert reverse == [True] * 4 + [False] * 3
 
 
+@pytest.mark.slow
 def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     at = np.array([[0.45, -0.75, 0.35], [-0.45, -0.75, 0.35], [0, -0.85, 0.1]])
@@ -212,6 +215,7 @@ def test_what_makes_no_sense_is_refused(bent: Creature, wrong: dict) -> None:
         zo.detect_symmetry(bent.surface, **wrong)
 
 
+@pytest.mark.slow
 def test_people_and_animals_are_mirrored(benchmark_data) -> None:
     for folder, name in (("faust_r", "tr_reg_004"), ("tosca_r", "horse6")):
         with np.load(benchmark_data / folder / "correspondence.npz") as file:

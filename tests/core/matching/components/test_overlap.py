@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from creatures import creature, directions
 from scipy.spatial import ConvexHull
 
@@ -40,6 +41,7 @@ def test_a_map_that_swaps_limbs_does_not_leave_things_in_place() -> None:
     assert not leaves_in_place(swapped, places, areas)
 
 
+@pytest.mark.slow
 def test_of_maps_that_are_as_good_the_one_that_stays_is_first_but_not_sure() -> None:
     balls = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
     result = zo.match(*balls)

@@ -32,6 +32,8 @@ from zoomout_core.samples.creatures import at_rest
 from zoomout_core.samples.grids import ring_faces
 from zoomout_core.spectral.sampling import farthest_points
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 EYES = {"eye.L": np.array([0.3, -0.5, 1.0]), "eye.R": np.array([-0.3, -0.5, 1.0])}
 BUTTON, TOP = np.array([0, -1, 0.2]), np.array([0, 0.05, 1])
 
@@ -128,6 +130,7 @@ def test_parts_that_only_one_side_has_are_reported(torn: Match) -> None:
     assert any(note.startswith("1 loose part of the source without a partner") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
     result, source, target = sewn
     here, rest = target.parts["shirt"], target.keys[target.parts["shirt"]]

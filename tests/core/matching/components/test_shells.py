@@ -21,6 +21,8 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.tuning import retune
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
@@ -109,6 +111,7 @@ def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
     assert result.confidence[~there].mean() < 0.6 * result.confidence[there].mean()
 
 
+@pytest.mark.slow
 def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
     faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
@@ -138,6 +141,7 @@ def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, 
     )
 
 
+@pytest.mark.slow
 def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
     target = mannequin(None, 60, 4)
     result = zo.match(at_rest.surface, target.surface)
@@ -175,6 +179,7 @@ def test_a_region_of_both_feet_does_not_exchange_them(at_rest: Mannequin, steppi
     )
 
 
+@pytest.mark.slow
 def test_the_exchanged_sides_are_one_click_away(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     side = np.char.rpartition(stepping.part, ".")[:, 2]
     sided = np.isin(side, ("L", "R"))
@@ -203,6 +208,7 @@ def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepp
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
+@pytest.mark.slow
 def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)

@@ -168,6 +168,7 @@ def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped,
     assert min(error for origin, error in errors.items() if "+" in origin) < 0.05
 
 
+@pytest.mark.slow
 def test_descriptors_find_a_mirror_image_with_the_other_sign(stones: tuple[Shaped, Shaped]) -> None:
     mirror = Surface(stones[1].surface.vertices * [-1, 1, 1], stones[1].surface.triangles[:, ::-1])
     source, target = prepared(stones[0].surface), prepared(mirror)
@@ -223,6 +224,7 @@ def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> N
 
 
 @pytest.mark.parametrize("inwards", [False, True])
+@pytest.mark.slow(but=1)
 def test_an_open_shell_is_matched_directly_whichever_way_it_is_wound(inwards: bool) -> None:
     shell = replace(STONE, kept=lambda places: places @ [0.3, -0.2, 1] > -0.1)
     source, target = shape(shell, 2500, seed=0), shape(shell, 2000, seed=1)
