@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options of what is done along a mesh's own symmetry.
+"""Options of the work along a mesh's own symmetry.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
@@ -12,7 +12,7 @@ from zoomout_core.symmetry.offsets import BLEND
 from ..colors import RED_LENGTH, RED_WEIGHT
 from .once import ONCE
 
-# Directions in the object's own space, by the names that they have in the interface.
+# Directions in the object's own space, by their names in the interface.
 AXES = {
     "X": (1, 0, 0),
     "-X": (-1, 0, 0),
@@ -110,7 +110,7 @@ class KeyOptions:
     )
 
 
-# The options of `LayerOptions` that are kinds of data, in the panel's order.
+# The kinds of data among `LayerOptions`, in the panel's order.
 KINDS_OF_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges", "masks", "selection")
 
 
@@ -162,7 +162,7 @@ class LayerOptions:
     )
 
     def data(self) -> list[str]:
-        """Names of the kinds of data that are chosen."""
+        """Names of the chosen kinds of data."""
         return [name for name in KINDS_OF_DATA if getattr(self, name)]
 
 
