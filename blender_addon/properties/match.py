@@ -22,7 +22,7 @@ def options_of_panel(panel: str, initial: str) -> tuple[Option, ...]:
 
 
 class MatchOptions:
-    """How to match: each option of the table that Blender offers is a property."""
+    """How to match: a property for each option of the core's table that Blender offers."""
 
     __annotations__ = {option.name: option_property(option) for option in OFFERED}
 
@@ -33,7 +33,7 @@ class MatchOptions:
 
 
 class RedoOptions:
-    """Where a target that was matched is matched again."""
+    """Where to match a target again."""
 
     redo_group: StringProperty(
         name="Redo Only",

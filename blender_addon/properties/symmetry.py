@@ -39,7 +39,7 @@ class DetectOptions:
 
 
 class DirectionOptions:
-    """Which side is copied."""
+    """Which side to copy."""
 
     direction: EnumProperty(
         name="Copy",
@@ -60,7 +60,7 @@ class DirectionOptions:
 
 
 class WeightOptions:
-    """Which weights are made symmetric."""
+    """Which weights to make symmetric."""
 
     only_active: BoolProperty(
         name="Active Group Only",
@@ -71,7 +71,7 @@ class WeightOptions:
 
 
 class KeyOptions:
-    """What is done with a shape key."""
+    """How to mirror a shape key."""
 
     key_mode: EnumProperty(
         name="Make",
@@ -115,7 +115,7 @@ KINDS_OF_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edge
 
 
 class LayerOptions:
-    """Which data is made symmetric."""
+    """Which data to make symmetric."""
 
     uv_maps: BoolProperty(name="UV Maps", description="All UV maps", default=True, options=ONCE)
     color_attributes: BoolProperty(
@@ -167,7 +167,7 @@ class LayerOptions:
 
 
 class CheckOptions:
-    """What is compared with its other side."""
+    """Which data to compare between the sides."""
 
     check: EnumProperty(
         name="Check",
@@ -208,7 +208,7 @@ class CheckOptions:
 
 
 class SideOptions:
-    """What belongs to the middle."""
+    """How to separate the sides from the middle."""
 
     middle_width: FloatProperty(
         name="Middle",

@@ -12,7 +12,7 @@ from .once import ONCE
 
 
 class WrapOptions:
-    """How the shape of one mesh is given to the other one's topology."""
+    """How to wrap one mesh onto the other."""
 
     wrap_result: EnumProperty(
         name="Result",

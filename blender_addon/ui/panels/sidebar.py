@@ -31,7 +31,7 @@ PICTURE = 3.2
 
 
 class SidebarPanel:
-    """What the panels have in common."""
+    """The base of the sidebar's panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"

@@ -71,7 +71,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
 
 
 class SymmetrySubpanel(SidebarPanel):
-    """What the panels below that of the symmetry have in common."""
+    """The base of the symmetry's subpanels."""
 
     layout: UILayout  # of the panel
     bl_parent_id = "ZOOMOUT_PT_symmetry"
