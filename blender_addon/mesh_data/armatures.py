@@ -108,7 +108,7 @@ def place_beside(source: Object, target: Object) -> Floats:
 
 
 def can_be_put(source: Object, target: Object) -> bool:
-    """Whether an object bound like another one would get its place, because nothing else, as a constraint, moves it."""
+    """Whether binding an object like another one would give it that place; constraints, for instance, prevent it."""
     wanted, before = place_beside(source, target), Place(target)
     try:
         set_parent(target, _parent_for(source), wanted)
@@ -151,7 +151,7 @@ def reshape(
         obj: the object, before it is moved.
         seen: (n, 3) visible positions of its vertices, in world space.
         at_rest: (n, 3) their new positions, in world space.
-        linear: (n, 3, 3) maps old to new differences of positions around each vertex.
+        linear: (n, 3, 3) maps from old to new differences of positions around each vertex.
         place: (4, 4) the matrix that the object will have.
         stood: (4, 4) the matrix that its visible positions depend on; the object's own when not given.
     """

@@ -13,7 +13,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from .arrays import read_array
 from .surfaces import check_evaluated, positions_in_world
 
-# The attribute of curves with the place on their surface's UV map where each begins.
+# The attribute of curves with the place of each first point on their surface's UV map.
 ROOT_UV = "surface_uv_coordinate"
 
 
@@ -43,7 +43,7 @@ def write_strands(curves: Curves, positions: Floats) -> None:
 
 
 def attach_strands(obj: Object, surface: Object, shape: zo.Surface, strands: Floats) -> None:
-    """Make a mesh the surface of curves, and attach each curve where it begins.
+    """Make a mesh the surface of curves, and attach each curve by its first point.
 
     Args:
         obj: the curves object.

@@ -220,7 +220,7 @@ def is_mirrored(obj: Object) -> bool:
 
 
 def without_faces(obj: Object) -> str:
-    """Why an object whose own mesh has no faces cannot receive data, and what to do."""
+    """The reason why an object without faces in its own mesh cannot receive data, and the remedy."""
     making = [m.name for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
     if not making:
         return message("'{name}' has no faces: choose a mesh with a surface.", name=obj.name)

@@ -104,7 +104,7 @@ def add_worn_copy(
         worn: the original as it was read.
         obj: the original object.
         positions: (n, 3) the copy's points, in world space.
-        turns: (n, 3, 3) map old to new small differences of positions.
+        turns: (n, 3, 3) maps from old to new differences of positions.
         wearer: the object that wears the copy.
         bodies: objects that wear the original; the copy refers to the wearer instead.
         collection: the collection for the copy.
@@ -154,7 +154,7 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
         context: Blender's.
         worn: the copy as it was read.
         positions: (n, 3) its points at rest, in world space.
-        turns: (n, 3, 3) map old to new small differences of positions.
+        turns: (n, 3, 3) maps from old to new differences of positions.
         wearer: the object that wears it, already bound.
     """
     copy = context.scene.objects[worn.name]

@@ -113,7 +113,7 @@ async def prepare_dress(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
-    """`dress` without writing, as a coroutine that keeps no Blender data across an `await`; returns a function.
+    """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
 
     Args:
         context: Blender's; the objects are in its scene.

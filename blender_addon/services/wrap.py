@@ -113,7 +113,7 @@ async def prepare_wrap(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
-    """`wrap` without writing, as a coroutine that keeps no Blender data across an `await`; returns a function.
+    """`wrap` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
 
     Args:
         context: Blender's; both objects are in its scene.
