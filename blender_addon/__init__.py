@@ -31,7 +31,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 
 def register() -> None:
-    """Make the operators, the panels and the scene's settings known to Blender."""
+    """Register the operators, the panels and the scene's settings with Blender."""
     _register_classes()
     watch.register()
     landmark_dots.register()
@@ -46,7 +46,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away again."""
+    """Undo `register`."""
     modal.cancel_all()
     watch.unregister()
     thumbnails.unregister()
@@ -64,7 +64,7 @@ def unregister() -> None:
 
 @contextmanager
 def registered() -> Iterator[None]:
-    """All of that, for as long as it is needed, where it is not there already: for what runs without installing it."""
+    """Register the add-on for a block, unless it is registered already, so that it runs without being installed."""
     if hasattr(bpy.types.Scene, "zoomout"):
         yield
         return

@@ -9,7 +9,7 @@ from . import cli, registered
 if __name__ == "__main__":
     with registered():
         status = cli.main(sys.argv[1:])
-    # What Blender's module does at its exit, once classes were registered, crashes in 4.2 and hangs in 4.5.
+    # Once classes were registered, Blender's module crashes at exit in 4.2 and hangs in 4.5.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

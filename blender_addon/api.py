@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""For scripts and other add-ons: everything that the buttons do, as functions that need neither window nor selection.
+"""Everything that the buttons do, as functions for scripts and add-ons that need neither window nor selection.
 
-In an installed extension this module is `bl_ext.user_default.zoomout_transfer.api`. With two mesh objects of the scene:
+In an installed extension this module is `bl_ext.user_default.zoomout_transfer.api`. With two mesh objects in the scene:
 
 >>> match = api.match_objects(context, hero, scan)
 >>> bool(match.confidence.mean() > 0.5)
@@ -10,7 +10,7 @@ True
 >>> report["written"]["uv_maps"], report["written"]["vertex_groups"]
 (['UVMap'], ['Bone'])
 
-Where the shapes alone lead astray, landmarks settle it: vertices of the one and of the other that correspond.
+Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 
 >>> api.set_landmark(context, hero, number=1, vertex=12)
 >>> api.set_landmark(context, scan, number=1, vertex=40)
@@ -18,25 +18,24 @@ Where the shapes alone lead astray, landmarks settle it: vertices of the one and
 >>> api.landmark_pairs(context, hero, scan).numbers
 (1,)
 
-A target that stands in a pose is taken to the rest pose of the source's armature, and bound to it, so that the bones
-pose it at once, by `bind_to_rig(context, hero, scan)`, which transfers the weights, or by `transfer_objects` with
-`binding=Binding()`.
+`bind_to_rig(context, hero, scan)` moves a posed target to the rest pose of the source's armature, transfers the
+weights and binds the target, so that the bones pose it at once. So does `transfer_objects` with `binding=Binding()`.
 
-The target's topology gets the source's shape, as a shape key, as the mesh itself or as a new object, by `wrap`:
+`wrap` gives the target's topology the source's shape, as a shape key, as the mesh itself or as a new object:
 
 >>> report = api.wrap(context, hero, scan, api.Wrapping(smoothness=0.7))
 >>> report["key"] == hero.name
 True
 
-What the source wears is copied onto the target, fitted to its body and bound to the same rig, by `dress`:
+`dress` copies the source's clothes onto the target, fits them to its body and binds them to the same rig:
 
 >>> report = api.dress(context, hero, scan, [hat], api.Dressing(manner="rigid"))
 >>> report["objects"]
 {'Hat': 'Hat on Scan'}
 
-A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
+`match_collections` matches two characters of several objects, such as body, eyes and clothes, as a whole.
 
-A mesh's own symmetry is found in any pose, stored on the mesh, and used by the functions that follow:
+`detect_symmetry` finds a mesh's own symmetry in any pose and stores it on the mesh, for the functions that follow:
 
 >>> symmetry, *others = api.detect_symmetry(context, body, left="X")
 >>> symmetry.reverses_orientation, symmetry.has_sides
@@ -48,9 +47,9 @@ A mesh's own symmetry is found in any pose, stored on the mesh, and used by the 
 (-1, 1)
 
 Likewise `mirror_shape_key`, `mirror_attributes`, `mirror_sculpt`, `name_sides`, `select_symmetry_line` and
-`check_symmetry`, which shows by colours what differs.
+`check_symmetry`, which colours the mesh by its asymmetry.
 
-Functions report their progress to listeners, which can end them by an exception: nothing is written before the end.
+Functions report their progress to listeners, which can cancel them by an exception. Nothing is written before the end.
 
 >>> import zoomout_core as zo
 >>> stages = []
@@ -119,14 +118,14 @@ __all__ = [
 
 
 def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: str = "") -> None:
-    """Give a landmark a place on an object, in place of the one that it may have there.
+    """Set a landmark at a vertex of an object, or move it there.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        number: of the landmark; it corresponds to the same number on other objects.
-        vertex: of the object's own mesh.
-        name: what it marks.
+        number: the landmark's number; it corresponds to the same number on other objects.
+        vertex: a vertex of the object's own mesh.
+        name: a name for the landmark.
 
     Raises:
         MeshError: there is no such vertex, or the modifiers leave no surface there.

@@ -10,14 +10,14 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.colors import BAD_TO_GOOD, confidence_colors, place_colors
 from zoomout_core.symmetry.self_map import SelfMap
 
-# Of the right side, the middle and the left side.
+# Colours of the right side, the middle and the left side.
 SIDES = BAD_TO_GOOD[1:]
-# Part of white in the colours of the right side, so that the symmetry line shows.
+# Fraction of white in the colours of the right side, so that the symmetry line shows.
 PALENESS = 0.45
 # Number of nearest samples whose colours are blended, weighted by the inverse squared distance.
 BLENDED = 4
-# What red stands for in an asymmetry unless another value is chosen: a length over the square root of the area, and a
-# share of weights. It stays from one check to the next, so that what is mended is seen to get better.
+# Asymmetry that is shown in red by default: a length over the square root of the area, and a share of weights. It is
+# the same for every check, so that colours improve as the mesh is mended.
 RED_LENGTH, RED_WEIGHT = 0.01, 0.1
 
 
@@ -27,7 +27,7 @@ def asymmetry_colors(values: Floats, most: float) -> Floats:
 
 
 def blend_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
-    """(n, 3) colours of points (n, 3), blended from those (s, 3) of some of them by how near they are."""
+    """(n, 3) colours of points (n, 3), blended by distance from the `colors` (s, 3) of the `known` ones (s,)."""
     found = cKDTree(points[known]).query(np.nan_to_num(points), min(BLENDED, len(known)))
     distance, nearest = (np.asarray(array).reshape(len(points), -1) for array in found)
     weight = 1 / np.maximum(distance, 1e-30) ** 2
@@ -35,12 +35,12 @@ def blend_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
 
 
 def pair_colors(symmetry: SelfMap, order: int) -> Floats:
-    """(n, 3) colours of a surface's vertices, the same for all that a symmetry leads to each other, paler on the right.
+    """(n, 3) colours of a surface's vertices, the same throughout each orbit of a symmetry, and paler on the right.
 
-    A colour is that of the largest coordinates along each axis within an orbit, so that it is the same for all of it.
+    An orbit gets the colour of its largest coordinates along each axis.
 
     Args:
-        symmetry: of the surface.
+        symmetry: a symmetry of the surface.
         order: number of repetitions that give the identity, 0 if no small number does.
     """
     places = symmetry.surface.vertices

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work that leaves the window alive: coroutines on Blender's main thread, whose computations run in a thread.
+"""Jobs that keep the window responsive: coroutines on Blender's main thread, whose computations run in a thread.
 
 `bpy` may be touched on the main thread only. A coroutine reads and writes there, and awaits what it computes from
 arrays.
@@ -18,7 +18,7 @@ from zoomout_core.runtime.background import Background
 from zoomout_core.runtime.progress import Progress, progress
 
 Result = TypeVar("Result")
-# What a coroutine gives whoever runs it: a function to call meanwhile, or None for a pause.
+# A coroutine yields a function for its runner to call, or None for a pause.
 Work: TypeAlias = Coroutine[Callable[[], Any] | None, Any, Result]
 
 # Seconds to wait for a computation before the window gets its turn: less than users notice.
@@ -27,7 +27,7 @@ WAIT = 0.02
 
 @types.coroutine
 def compute(work: Callable[[], Result]) -> Generator[Callable[[], Result], Any, Result]:
-    """Call a function, in a thread where the window is to stay alive; it must not touch `bpy`.
+    """Call a function that does not touch `bpy`, in a thread if the coroutine runs as a `Job`.
 
     >>> result = await compute(partial(zo.match, source, target))
     """
@@ -44,7 +44,7 @@ def pause() -> Generator[None, Any, None]:
 
 
 def run(coroutine: Work[Result]) -> Result:
-    """Run a coroutine to its end and return its result; all of it in the calling thread."""
+    """Run a coroutine to its end in the calling thread, and return its result."""
     try:
         work = coroutine.send(None)
         while True:
@@ -62,11 +62,11 @@ class Job(Generic[Result]):
     """A coroutine that advances in slices on the main thread, while its computations run in a thread.
 
     Args:
-        coroutine: to be run.
+        coroutine: the coroutine to run.
 
     Attributes:
-        progress: the latest that was reported.
-        result: what the coroutine returned, once it has finished.
+        progress: the latest progress reported.
+        result: the coroutine's return value, once it has finished.
     """
 
     result: Result
@@ -78,9 +78,9 @@ class Job(Generic[Result]):
         self._background: Background[Any] | None = None
 
     def advance(self, seconds: float) -> bool:
-        """Work for some seconds, or until a computation keeps it waiting; returns whether the coroutine has finished.
+        """Work for some seconds, or until it waits for a computation; returns whether the coroutine has finished.
 
-        It gets to its next `compute` or `pause` at least, unless it waits. What it raises is raised here.
+        Unless it waits, it gets at least to its next `compute` or `pause`. Exceptions of the coroutine are raised here.
         """
         end = monotonic() + seconds
         while True:
@@ -92,19 +92,19 @@ class Job(Generic[Result]):
                 return False
 
     def cancel(self) -> None:
-        """End the coroutine where it is, and its computation when that next reports progress, without waiting."""
+        """Close the coroutine without waiting; its computation ends when it next reports progress."""
         if self._background is not None:
             self._background.cancel()
             self._background = None
         self._context.run(self._running.close)
-        self._given.close()  # which has not begun otherwise
+        self._given.close()  # in case it has not begun
 
     def __del__(self) -> None:
-        # Otherwise the coroutine would be closed in another context, which contextvars refuse.
+        # Otherwise the coroutine would be closed in another context, which contextvars reject.
         self.cancel()
 
     def _is_ready(self, seconds: float) -> bool:
-        """Wait for a computation, up to some seconds; returns whether the coroutine can go on."""
+        """Wait up to some seconds for a computation; returns whether the coroutine can go on."""
         return self._background is None or self._background.wait(seconds)
 
     def _step(self) -> bool:
@@ -133,7 +133,7 @@ class Job(Generic[Result]):
 async def _run_reporting(coroutine: Work[Result], listener: WeakMethod[Callable[[Progress], None]]) -> Result:
     """Run a coroutine and report its progress to a job.
 
-    Only a weak reference to the job is held, so that a dropped job is deleted, and thereby cancelled, at once.
+    The reference to the job is weak, so that a dropped job is deleted, and thereby cancelled, at once.
     """
 
     def listen(latest: Progress) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handlers of Blender's: cached facts and landmarks go with what they are of, and the preview follows what moves."""
+"""Blender's handlers: drop cached facts and landmarks of changed or removed objects, and update the preview."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
     preview.follow_edit(meshes)
     preview.follow_selection()
-    if depsgraph.id_type_updated("SCENE"):  # as where objects are removed
+    if depsgraph.id_type_updated("SCENE"):  # as when objects are removed
         landmarks.forget_removed_objects(scene)
 
 
@@ -47,20 +47,20 @@ HANDLERS = (
 
 
 def register() -> None:
-    """Begin to listen."""
+    """Add the handlers."""
     for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).append(handler)
 
 
 def unregister() -> None:
-    """Stop, and clear what is cached in memory."""
+    """Remove the handlers, and clear the caches."""
     for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).remove(handler)
     forget_everything()
 
 
 def forget_everything() -> None:
-    """Clear what is cached of the file that is open."""
+    """Clear all caches of the open file."""
     mesh_facts.forget_all()
     candidates.clear_cache()
     preview.clear()

@@ -11,9 +11,9 @@ from .scheduling import transfer_all
 from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
 from .shape_keys import check_takes_keys
 
-# In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
-# which of these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes
-# that were evaluated before.
+# In the order of reading and writing. Normals come after edges and faces, because their storage depends on which of
+# these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes that were evaluated
+# before.
 COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
     layers.collect,
     edges.collect,
@@ -23,7 +23,7 @@ COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
     shape_keys.collect,
 )
 
-# The kinds of data that can be chosen, as options and as lists in the report, and what one and several are called.
+# The kinds of data that can be chosen, by their names in options and reports, with singular and plural.
 NOUNS = {
     "uv_maps": ("{count} UV map", "{count} UV maps"),
     "color_attributes": ("{count} color attribute", "{count} color attributes"),
@@ -36,7 +36,7 @@ NOUNS = {
     "shape": ("{count} shape", "{count} shapes"),
 }
 DATA = tuple(NOUNS)
-# Those that are transferred unless others are asked for: the source's shape is no data that a target lacks.
+# Kinds that are transferred by default. The source's shape is not: a target has its own.
 USUAL_DATA = tuple(kind for kind in DATA if kind != "shape")
 
 __all__ = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the adapters of all kinds of data share: the request, the transfer job, and the protocol that they follow."""
+"""The request, the transfer job and the protocol that the adapters of all kinds of data share."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from .settings import Settings
 
 @dataclass(frozen=True, eq=False)
 class TransferRequest:
-    """What is to be transferred, from which objects to which, and how.
+    """Which data to transfer, from which objects to which, and how.
 
     Attributes:
         source: the object that has the data, as it is in the file.
         evaluated: the evaluated object.
         mesh: the evaluated mesh.
         target: the object that receives the data.
-        data: which kinds of it were asked for, see `DATA`.
-        settings: how it is transferred.
-        blend: how it is blended with what the target has.
-        others: objects that have data besides the source, where the target lies on several.
+        data: the requested kinds of data, see `DATA`.
+        settings: how to transfer it.
+        blend: how to blend it with the target's own.
+        others: further sources, where the target matches several.
     """
 
     source: Object
@@ -49,21 +49,21 @@ class TransferRequest:
 
     @cached_property
     def sources(self) -> tuple[EvaluatedObject, ...]:
-        """All objects that have data, the source first."""
+        """All sources, `source` first."""
         return EvaluatedObject(self.source, self.evaluated, self.mesh), *self.others
 
     @property
     def replaces(self) -> bool:
-        """Whether nothing is left of what the target has."""
+        """Whether the transfer replaces all of the target's data."""
         return self.blend.replaces and self.settings.without_partner == "fill"
 
 
 @dataclass
 class Remarks:
-    """What the user is to know.
+    """Remarks for the user.
 
     Attributes:
-        skipped: a reason for each name that is not transferred.
+        skipped: the reason why data is not transferred, by its name.
         notes: sentences.
     """
 
@@ -71,21 +71,21 @@ class Remarks:
     notes: list[str] = field(default_factory=list)
 
     def add(self, notes: Iterable[str]) -> None:
-        """Add sentences, but those that are there already, as of several attributes."""
+        """Add sentences, each only once: several attributes may give the same one."""
         self.notes.extend(note for note in notes if note not in self.notes)
 
 
 @dataclass(frozen=True, eq=False)
 class TransferJob:
-    """One transfer from a source to a target: the match, both surfaces, the settings, and UV maps so far.
+    """One transfer from a source to a target: match, surfaces, settings, and the UV maps so far.
 
     Attributes:
-        match: leads from the target to the source.
+        match: maps the target to the source.
         pair: the surfaces of both.
-        remarks: what the user is to know of the transfer.
-        settings: how data is transferred.
-        blend: how it is blended with what the target has.
-        uv_maps: those transferred so far, by name.
+        remarks: collects remarks for the user.
+        settings: how to transfer data.
+        blend: how to blend it with the target's own.
+        uv_maps: UV maps transferred so far, by name.
     """
 
     match: Match
@@ -111,11 +111,11 @@ class TransferJob:
         """Transfer an attribute of the source to the target.
 
         Args:
-            attribute: of the source.
+            attribute: an attribute of the source.
             what: its name in the progress.
-            source: the source's surface in another pose or space than it was matched in.
-            target: the same of the target.
-            options: of the attribute's kind.
+            source: the source's surface, if in another pose or space than in the match.
+            target: likewise the target's.
+            options: options of the attribute's kind.
         """
         with stage(message("Transferring {what}", what=what)):
             carried = transfer_along(attribute, self._mapped_target(source, target), **options)
@@ -127,7 +127,7 @@ class TransferJob:
         return replace(self, match=match, _mapped_targets={})
 
     def _mapped_target(self, source: Surface | None, target: Surface | None) -> MappedTarget:
-        """The mapped target, with other surfaces in place of its own if given; cached for the next attribute."""
+        """The mapped target, with other surfaces than its own if given; cached for the next attribute."""
         if (source, target) not in self._mapped_targets:
             own = self._mapped_targets[None, None]
             self._mapped_targets[source, target] = replace(
@@ -142,9 +142,9 @@ class TransferJob:
         sharing: Collection[str] = (),
         lacking: Collection[int] = (),
     ) -> Attribute:
-        """A transferred attribute, blended with the one that the target has, see `blend`.
+        """Blend a transferred attribute with the target's own, see `blend`.
 
-        Vertices that map to sources without it (`lacking`, numbers of sources) retain their values.
+        Vertices that map to sources without it (`lacking`, numbers of sources) keep their values.
         """
         how, outside = self.blend, self._on_sources(lacking)
         if self.kept.any() or outside.any():
@@ -164,25 +164,25 @@ class TransferJob:
 
     @cached_property
     def kept(self) -> Booleans:
-        """(n_t,) which vertices of the target stay as they are, for nothing on the source corresponds to them."""
+        """(n_t,) which vertices of the target keep their data, because they have no counterpart on the source."""
         has_partner = self.match.has_partner
         if has_partner is None or self.settings.without_partner == "fill":
             return np.zeros(len(self.match.confidence), dtype=bool)
         return ~has_partner
 
     def _on_sources(self, sources: Collection[int]) -> Booleans:
-        """(n_t,) whether each vertex of the target lies on one of some sources, given by their numbers."""
+        """(n_t,) which vertices of the target map to one of some sources, given by their numbers."""
         first = np.cumsum([len(source.triangles) for source in self.pair.sources])
         return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
 
     def keep_values(self, carried: Attribute, present: Attribute) -> Attribute:
-        """A transferred attribute, which is not blended, with what is there where vertices stay as they are."""
+        """A transferred attribute that is not blended, with the present values at the `kept` vertices."""
         if not self.kept.any():
             return carried
         return blend(carried, present, self.pair.target, Blend(mask=~self.kept))
 
     def note_replaced(self, what: str) -> None:
-        """Say that data of the target is replaced, where others are blended."""
+        """Note that data of the target is replaced, although other data is blended."""
         if not self.blend.replaces:
             note = message(
                 "{what}: replaced those of '{target}' instead of blending with them.",
@@ -193,21 +193,21 @@ class TransferJob:
 
 
 class Adapter(Protocol):
-    """Data of one kind that was chosen: with the source's values until `transfer`, then with the target's.
+    """Chosen data of one kind: it has the source's values until `transfer`, then the target's.
 
-    It holds no Blender data, which may be freed during a long transfer.
+    It refers to no Blender data, which may be freed during a long transfer.
     """
 
     @property
     def kind(self) -> str:
-        """Which kind of data it is, of `DATA`."""
+        """The kind of data, one of `DATA`."""
 
     @property
     def names(self) -> list[str]:
-        """What it is made of, for the report."""
+        """Names of the data, for the report."""
 
     def transfer(self, job: TransferJob) -> None:
-        """Put the target's values in place of the source's; in a thread, which must not touch `bpy`."""
+        """Replace the source's values by the target's; runs in a thread, which must not touch `bpy`."""
 
     def write(self, target: Object) -> None:
-        """Write them to the target."""
+        """Write the values to the target."""

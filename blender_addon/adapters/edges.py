@@ -21,8 +21,8 @@ class MarkAdapter:
     """Marks of one label, see `mesh_data.read_marks`.
 
     Attributes:
-        marks: those of the source, then those of the target.
-        present: those that the target has already, if it has any.
+        marks: the source's, after the transfer the target's.
+        present: those that the target already has, if any.
     """
 
     marks: Attribute
@@ -43,12 +43,12 @@ class MarkAdapter:
 
 @dataclass
 class SeamAdapter:
-    """Seams where the islands of a UV map meet that is transferred as well; the source's would duplicate them.
+    """Seams between the islands of a UV map that is transferred, too; the source's seams would duplicate them.
 
     Attributes:
         uv_map: its name.
-        present: the seams that the target has already, if it has any.
-        marks: the target's, once they are known.
+        present: the seams that the target already has, if any.
+        marks: the target's, once they are computed.
     """
 
     uv_map: str
@@ -72,7 +72,7 @@ class SeamAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The marks that the source has, if they are asked for."""
+    """The source's marks, if requested."""
     if "edges" not in request.data:
         return []
     present = {marks.name: marks for marks in mesh_data.read_marks(request.target.data)}

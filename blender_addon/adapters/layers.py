@@ -23,10 +23,10 @@ class LayerAdapter:
 
     Attributes:
         layer: its values, and how Blender stores them.
-        active: what the source shows and renders, of this layer.
-        present: what the target has already under its name, if that can be blended with it.
+        active: whether the source shows and renders this layer.
+        present: the target's attribute of the same name, if the two can be blended.
         lacking: numbers of the sources that do not have it.
-        at_rest: the source's and the target's own mesh, for what turns from one to the other.
+        at_rest: surfaces of the source's and the target's own mesh, if the layer turns with the surface.
     """
 
     layer: Layer
@@ -60,7 +60,7 @@ class LayerAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The attributes that are asked for.
+    """The requested attributes.
 
     Raises:
         MeshError: the target has no room for them.
@@ -92,7 +92,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
 
 
 def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attribute | None:
-    """The attribute of the target that a layer is blended with, or whose values some vertices retain."""
+    """The target's attribute that a layer is blended with, or whose values some vertices keep."""
     mesh, name = request.target.data, layer.attribute.name
     if (
         (request.replaces and not incomplete)
@@ -104,7 +104,7 @@ def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attrib
 
 
 def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remarks) -> None:
-    """Say which names of what is to turn are none of attributes that can."""
+    """Note the names in `turning` that belong to no attribute that can turn."""
     missing = set(request.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
     remarks.add(
         message(

@@ -20,10 +20,10 @@ class MaterialAdapter:
     """Materials.
 
     Attributes:
-        materials: what the source's slots hold, see `mesh_data.read_materials`, after nothing, and before what the
-            target's slots hold if that is blended with it.
-        face_slots: each face's place in that list.
-        present: the same of the target.
+        materials: None, then the materials in the source's slots, see `mesh_data.read_materials`, then those in the
+            target's slots if both are blended.
+        face_slots: each face's index in that list.
+        present: likewise for the target's faces.
         lacking: numbers of the sources that have no materials.
     """
 
@@ -46,7 +46,7 @@ class MaterialAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The source's materials, if it has any."""
+    """The source's materials, if it has any and they are requested."""
     materials, face_slots, lacking = mesh_data.read_joined_materials(request.sources)
     if not materials or "materials" not in request.data:
         return []

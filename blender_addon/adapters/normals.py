@@ -20,8 +20,8 @@ class NormalAdapter:
     """Custom normals of face corners.
 
     Attributes:
-        normals: those of the source in world space, then those of the target in its mesh's own.
-        target: the target's own mesh, at rest: what normals are stored for.
+        normals: the source's in world space, after the transfer the target's in the space of its mesh.
+        target: surface of the target's own mesh, at rest, for which normals are stored.
         present: the normals that it has.
     """
 
@@ -44,7 +44,7 @@ class NormalAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The source's custom normals, if it has any and they are asked for."""
+    """The source's custom normals, if it has any and they are requested."""
     if "custom_normals" not in request.data:
         return []
     flat = [source.name for source, *_ in request.sources if mesh_data.is_flat(source)]

@@ -23,7 +23,7 @@ def transfer_all(adapters: Sequence[Adapter], job: TransferJob) -> None:
     if not (long and others):
         _in_turn(adapters, job)
         return
-    # Remarks of their own, so that their order does not depend on who is faster.
+    # Separate remarks, so that their order does not depend on which thread is faster.
     aside = replace(job, remarks=Remarks())
     with renaming(lambda _: "Transferring"):
         side_by_side(partial(_in_turn, others, job), partial(_in_turn, long, aside))

@@ -15,24 +15,24 @@ from zoomout_core.transfer import Blend, Mode
 
 from .. import mesh_data
 
-# Below this confidence values are filled in. Mapped ones are as often nearer to the truth as filled ones there, and
-# above it more often; but what the source has no counterpart for, as a tail that only the target has, lies below.
+# Below this confidence, values are filled in. There, mapped values are nearer to the truth as often as filled ones, and
+# above it more often. Parts without a counterpart on the source, such as a tail that only the target has, are below.
 FILL_BELOW = 0.05
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How data is transferred, of whatever kind it is.
+    """How data of any kind is transferred.
 
     Attributes:
         fill_below: numbers, colours and weights of less confidence than this are filled in from around them.
-        without_partner: what becomes of vertices that nothing on the source corresponds to. "fill": they take what is
-            around them. "keep": they stay as they are.
-        mode: how they are blended with what the target has, see `Blend`.
-        factor: how much of them is taken.
-        mask_group: the vertex group of the target that limits where; empty for everywhere.
-        limit: largest number of weights of deforming groups per vertex; 0 for that of the source.
-        flip_names: whether vertex groups change sides, from "Arm.L" to "Arm.R", for a match that does.
+        without_partner: how vertices without a counterpart on the source are treated. "fill": they are filled in from
+            around them. "keep": they keep their data.
+        mode: how values are blended with the target's own, see `Blend`.
+        factor: weight of the transferred values.
+        mask_group: the vertex group of the target that limits the transfer; empty for everywhere.
+        limit: maximum number of weights of deforming groups per vertex; 0 for the source's maximum.
+        flip_names: whether vertex groups swap sides, such as "Arm.L" to "Arm.R", for a match that does.
         group_names: new names of vertex groups by their names on the source.
         turning: names of vectors, quaternions and matrices, in the mesh's own space, that turn with the surface.
     """
@@ -48,16 +48,16 @@ class Settings:
     turning: Collection[str] = ()
 
     def new_name(self, group: str, names: Collection[str]) -> str:
-        """What a vertex group of the source, which has groups and bones of some names, is called on the target."""
+        """A source group's name on the target; `names` are those of all groups and bones of the source."""
         if group in self.group_names:
             return self.group_names[group]
         return counterpart_of(group, names) if self.flip_names else group
 
     def blend(self, target: Object) -> Blend:
-        """How values are blended with those of a target.
+        """How to blend values with a target's own.
 
         Raises:
-            MeshError: it has no such mask.
+            MeshError: the target lacks the mask group.
         """
         if not self.mask_group:
             return Blend(self.mode, self.factor)
@@ -72,9 +72,9 @@ class Binding:
     """How a target is bound to its source's armature.
 
     Attributes:
-        shape: "rest_pose": the target stands in a pose, and is taken to the rest pose. "keep_shape": it stands in the
-            rest pose already. "automatic": whichever is the case.
-        replace: whether it is taken off the armatures that it is bound to; else such a target is refused.
+        shape: "rest_pose": the target is posed, and is moved to the rest pose. "keep_shape": it is in the rest pose
+            already. "automatic": detect which.
+        replace: whether to unbind the target from other armatures; else a bound target is rejected.
     """
 
     shape: Literal["automatic", "rest_pose", "keep_shape"] = "automatic"
@@ -82,15 +82,15 @@ class Binding:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Names with commas between them."""
+    """Split names at commas."""
     return tuple(filter(None, (name.strip() for name in text.split(","))))
 
 
 def parse_group_names(text: str) -> dict[str, str]:
-    """New names of vertex groups by the old ones, from `old = new` pairs with commas between them.
+    """New names of vertex groups by the old ones, from comma-separated `old = new` pairs.
 
     Raises:
-        MeshError: the text is not of that form.
+        MeshError: the text does not have that form.
     """
     names: dict[str, str] = {}
     for pair in parse_names(text):

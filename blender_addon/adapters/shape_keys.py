@@ -25,15 +25,15 @@ from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 class ShapeKeyAdapter:
     """Shape keys.
 
-    Keys move a mesh before it is posed, so they are transferred between both at rest, along the match as posed.
+    Keys move a mesh before it is posed, so they are transferred between both rest shapes, along the match as posed.
 
     Attributes:
-        owners: the objects that have them, for their drivers, and the names of those that each has before others.
-        keys: what they are.
+        owners: the sources with shape keys, each with the names of the keys whose drivers it provides.
+        keys: the keys and their settings.
         offsets: displacement of each vertex, in world space.
         source_rest: (n_s, 3) positions at rest, in world space.
         target_rest: (n_t, 3) positions of the target at rest, in world space.
-        present: how far the target's own keys of these names move it, like `offsets`; zero for those that it lacks.
+        present: displacements of the target's own keys of these names, like `offsets`; zero for keys that it lacks.
     """
 
     owners: Sequence[tuple[str, Sequence[str]]]
@@ -64,13 +64,13 @@ class ShapeKeyAdapter:
 
 @dataclass
 class ShapeAdapter:
-    """The source's shape, as the modifiers leave it, on the vertices of the target.
+    """The source's evaluated shape, on the vertices of the target.
 
     It is placed at the target: the origins of both objects coincide.
 
     Attributes:
-        name: of the key.
-        origin: (3,) that of the source, in world space.
+        name: name of the key.
+        origin: (3,) the source's origin, in world space.
         shape: (n_t, 3) positions in world space, relative to the origin; empty before the transfer.
     """
 
@@ -93,10 +93,10 @@ class ShapeAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The shape keys that the source has, and its shape if that is asked for.
+    """The source's shape keys and its shape, as far as they are requested.
 
     Raises:
-        MeshError: the target cannot take them.
+        MeshError: the target cannot have such shape keys.
     """
     found: list[Adapter] = []
     if "shape_keys" in request.data:
@@ -138,7 +138,7 @@ def _collect_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
 
 
 def _present_offsets(target: Object, names: Sequence[str]) -> Attribute:
-    """How far keys of these names move an object's vertices, in world space; not at all those that it lacks."""
+    """Displacements of an object's vertices by keys of these names, in world space; zero for keys that it lacks."""
     values = np.zeros((len(target.data.vertices), len(names), 3))
     if not _absent(target):
         own = mesh_data.read_own_shape_keys(target.data).offsets
@@ -154,7 +154,7 @@ def _absent(source: Object) -> bool:
 
 
 def _without_keys(source: mesh_data.EvaluatedObject) -> ShapeKeys:
-    """An object at rest, in world space, without the keys that it may have."""
+    """An object at rest, in world space, without its keys."""
     own = source.original.data
     has_other_faces = mesh_data.read_faces(source.mesh) != mesh_data.read_faces(own)
     rest = mesh_data.read_positions(source.mesh) if has_other_faces else mesh_data.read_rest_positions(own)
@@ -163,7 +163,7 @@ def _without_keys(source: mesh_data.EvaluatedObject) -> ShapeKeys:
 
 
 def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeKeys | None:
-    """The keys of an object, in world space; None if there are none that can be transferred."""
+    """The keys of an object, in world space; None if none can be transferred."""
     if _absent(source):
         return None
     if not source.data.shape_keys.use_relative:
@@ -184,7 +184,7 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
 
 
 def check_takes_keys(target: Object, names: Sequence[str]) -> None:
-    """Raise a MeshError if an object cannot take shape keys of some names."""
+    """Raise a MeshError if an object cannot have shape keys of some names."""
     if mesh_data.is_flat(target):
         raise zo.MeshError(
             "'{target}' has a scale of zero and cannot have shape keys: change its scale.", target=target.name

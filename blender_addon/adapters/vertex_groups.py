@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertex groups: those that deform a mesh share each vertex among them, and locked ones stay as they are."""
+"""Vertex groups: deforming ones share each vertex among them, and locked ones stay unchanged."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class WeightAdapter:
 
     Attributes:
         weights: their weights.
-        sharing: how these share a vertex among them and with locked groups, see `weights.mix_weights`.
-        deforming: names of the groups that share a vertex, of the source and of the target.
-        present: what the target has, if that is blended with them.
+        sharing: options for groups that share a vertex among them and with locked groups, see `weights.mix_weights`.
+        deforming: names of the groups that share a vertex, on the source and the target.
+        present: the target's own weights, if they are needed for locked groups, blending or sources without weights.
         lacking: numbers of the sources that have no weights.
     """
 
@@ -51,7 +51,7 @@ class WeightAdapter:
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
-    """The groups that are not locked on the target."""
+    """The source's groups that are not locked on the target."""
     if "vertex_groups" not in request.data:
         return []
     target, settings = request.target, request.settings
@@ -106,7 +106,7 @@ def _deforming_groups(
 ) -> set[str]:
     """The groups that share a vertex among them: those of bones, or of a skin without bones.
 
-    What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
+    Groups that no armature uses may be independent masks; but masks seldom sum to one on every vertex.
     """
     bones = _bones_of_sources(request)
     bones = {request.settings.new_name(name, bones) for name in bones}
@@ -132,5 +132,5 @@ def _deforming_groups(
 
 
 def _bones_of_sources(request: TransferRequest) -> set[str]:
-    """Names of the bones that deform the objects that have data."""
+    """Names of the bones that deform the sources."""
     return set().union(*(mesh_data.deforming_bones(source.original) for source in request.sources))

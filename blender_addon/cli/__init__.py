@@ -24,7 +24,7 @@ from ..scene.files import check_writable_format, save_scene
 from . import arguments, files, pairs, symmetry
 from .arguments import NAME
 
-# What the process ends with: argparse's 2 is for a command line that cannot be understood.
+# Exit codes of the process; argparse uses 2 for an invalid command line.
 DONE, FAILED = 0, 1
 RUN = {
     "match": pairs.match,
@@ -35,33 +35,33 @@ RUN = {
     "carry": files.carry,
     "surface": files.surface,
 }
-# Commands that do something with objects, rather than from a source to targets.
+# Commands that work on single objects, rather than from a source to targets.
 OF_OBJECTS = ("symmetry", "surface")
 
 _handle: Any = None
 
 
 def register() -> None:
-    """Make the command known to Blender."""
+    """Register the command with Blender."""
     global _handle
     _handle = bpy.utils.register_cli_command(NAME, main)
 
 
 def unregister() -> None:
-    """Take it away again."""
+    """Unregister the command."""
     bpy.utils.unregister_cli_command(_handle)
 
 
 def main(command_line: Sequence[str]) -> int:
-    """Run the command on the file that is open.
+    """Run the command on the open file.
 
     Args:
-        command_line: what follows the command's name.
+        command_line: the arguments after the command's name.
 
     Returns:
-        0 if all was done, 1 if some or all was not, 2 if the arguments cannot be understood, 130 if it was interrupted.
+        0 if everything succeeded, 1 if anything failed, 2 if the arguments are invalid, 130 if it was interrupted.
     """
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # without a window Blender has one of its own
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Blender sets its own without a window
     try:
         with handle_interrupts():
             return _run(command_line)
@@ -73,13 +73,13 @@ def main(command_line: Sequence[str]) -> int:
 
 
 def _run(command_line: Sequence[str]) -> int:
-    """`main`, which an interrupt may end."""
+    """`main`, without the handling of interrupts."""
     try:
         options = arguments.parse(command_line)
         _check_paths(options)
     except SystemExit as ended:  # after --help, or with the usage on the terminal
         return int(ended.code or 0)
-    except (ValueError, OSError) as error:  # nothing was done, and what cannot be written to is left alone
+    except (ValueError, OSError) as error:  # nothing was done or written
         print(f"zoomout: {error}", file=sys.stderr)
         return FAILED
     command, done = options.command, "objects" if options.command in OF_OBJECTS else "targets"
@@ -88,10 +88,10 @@ def _run(command_line: Sequence[str]) -> int:
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if options.save and _is_complete(command, len(failed), len(report[done])):
-            if command != "surface":  # which wrote it
+            if command != "surface":  # which has written the file itself
                 save_scene(options.save)
             report["saved"] = options.save
-    except (ValueError, OSError, RuntimeError) as error:  # the last are Blender's own, as of a disk that is full
+    except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
         report["error"] = str(error)
         failed = [report["error"]]
     if options.report:
@@ -111,7 +111,7 @@ def _run(command_line: Sequence[str]) -> int:
 
 
 def _check_paths(options: argparse.Namespace) -> None:
-    """Raise an OutputError if the results could not be written, or would take the place of what they are made from."""
+    """Raise a MeshError or OutputError if results cannot be written, or would overwrite one another or their inputs."""
     given = [path for path in (options.save, options.report) if path]
     if len({Path(path).resolve() for path in given}) < len(given):
         raise zo.MeshError(f"--save and --report both name {options.save}: give them files of their own.")
@@ -126,5 +126,5 @@ def _check_paths(options: argparse.Namespace) -> None:
 
 
 def _is_complete(command: str, failed: int, entries: int) -> bool:
-    """Whether what was done is whole: a target that failed is as it was, an object of several changes may not be."""
+    """Whether the file can be saved: a failed target is unchanged, but a failed object may be changed in part."""
     return failed < entries if command != "symmetry" else not failed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The arguments of the command line. Options that the sidebar has are read from their property definitions."""
+"""The arguments of the command line. The sidebar's options are read from their property definitions."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ..properties.transfer import BindChoice, BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 
 NAME = "zoomout"
-# Pipelines have the time for a match that the sidebar does not offer.
+# Pipelines have time for levels of detail that the sidebar does not offer.
 MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
 
 
 def parse(command_line: Sequence[str]) -> argparse.Namespace:
-    """What a command line says.
+    """Parse a command line.
 
     Raises:
-        SystemExit: it says nothing that can be understood, or asks for help; the terminal shows what there is.
+        SystemExit: the command line is invalid, or asks for help; the usage is printed.
     """
     parser = _parser()
     options = parser.parse_args(command_line)
@@ -43,7 +43,7 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
 
 
 def as_in_sidebar(options: argparse.Namespace, *groups: type) -> Any:
-    """The options of some groups, with the values that Blender's properties have."""
+    """The options of some groups, with the values that Blender's properties would have."""
     values = {}
     for group in groups:
         for name, option in group.__annotations__.items():
@@ -143,7 +143,7 @@ def _add_objects(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_pair(parser: argparse.ArgumentParser) -> None:
-    """Add options of who is matched, and how."""
+    """Add options of which objects to match, and how."""
     _add_objects(parser)
     parser.add_argument("--source-collection", metavar="NAME", help="collection of the meshes to copy data from")
     parser.add_argument("--target-collection", metavar="NAME", help="collection of the meshes that receive the data")
@@ -151,7 +151,7 @@ def _add_pair(parser: argparse.ArgumentParser) -> None:
 
 
 def _check_pair(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with the usage unless there are either objects or collections."""
+    """Exit with the usage unless the options name either objects or collections."""
     objects, collections = (options.source, options.targets), (options.source_collection, options.target_collection)
     if (any(objects) and any(collections)) or not (all(objects) or all(collections)):
         parser.error("give --source and --target, or --source-collection and --target-collection")
@@ -193,7 +193,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[str] = ()) -> None:
-    """Add the options of a group of properties, or some of them."""
+    """Add all or some options of a group of properties."""
     for name in names or group.__annotations__:
         option = group.__annotations__[name]
         definition, kind = option.keywords, _kind(option)
@@ -229,7 +229,7 @@ def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[s
 
 
 def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
-    """What reads a number of a range."""
+    """A parser of numbers in a range."""
 
     def read(text: str) -> float:
         number: float = kind(text)
@@ -239,11 +239,11 @@ def _number(kind: type, least: float | None, most: float | None) -> Callable[[st
             raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
         return number
 
-    read.__name__ = kind.__name__  # argparse names it where a text is no number
+    read.__name__ = kind.__name__  # argparse uses it in the error where a text is no number
     return read
 
 
 def _kind(option: Any) -> str:
-    """Which of Blender's properties an option is, such as "Enum"."""
+    """The type of an option's Blender property, such as "Enum"."""
     name: str = option.function.__name__
     return name.removesuffix("Property")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands `surface` and `carry`, which open the files that they are given."""
+"""The commands `surface` and `carry`, which open files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .arguments import as_in_sidebar
 
 
 def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Write what is shown in a file as one surface, and report on each object, by its name.
+    """Write the visible meshes of a file as one surface, and report on each object by name.
 
     Raises:
         MeshError: the file cannot be used.
@@ -26,7 +26,7 @@ def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     """
     read = read_file(context, options.file, options.role)
     joined = zo.Surface.joined(list(read.values()))
-    # Divided as Blender does it, so that a map by triangles is understood there.
+    # With Blender's triangles, so that a map by triangles can be read there.
     write_shape(zo.Surface(joined.vertices, joined.triangles), options.save)
     return {
         name: {"vertices": len(each.vertices), "faces": len(each.face_start) - 1, "triangles": len(each.triangles)}
@@ -35,10 +35,10 @@ def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Transfer from one file to another, and report on each target, by its name.
+    """Transfer from one file to another, and report on each target by name.
 
     Raises:
-        MeshError: a file cannot be used, or the map is of others.
+        MeshError: a file cannot be used, or the map belongs to other files.
     """
     outcome = carry_file(
         context,

@@ -30,7 +30,7 @@ Result = TypeVar("Result")
 
 
 def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Match, and report on each target, by its name.
+    """Match, and report on each target by name.
 
     Raises:
         MeshError: the collections cannot be matched; nothing was written.
@@ -45,10 +45,10 @@ def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Transfer, and report on each target, by its name.
+    """Transfer, and report on each target by name.
 
     Raises:
-        MeshError: new names of groups are no pairs, or the collections cannot be matched; nothing was written.
+        MeshError: new names of groups are malformed, or the collections cannot be matched; nothing was written.
     """
     settings = BlendOptions.settings(as_in_sidebar(options, BlendOptions))
     binding = BindOptions.how_to_bind(as_in_sidebar(options, BindOptions)) if options.bind else None
@@ -65,10 +65,10 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Wrap, and report on each target, by its name.
+    """Wrap, and report on each target by name.
 
     Raises:
-        MeshError: a source is to be wrapped onto several targets.
+        MeshError: the source is to be wrapped onto several targets.
     """
     wrapping = Wrapping(**WrapOptions.wrap_options(as_in_sidebar(options, WrapOptions)))
     check_one_target(wrapping, options.targets)
@@ -80,10 +80,10 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Dress, and report on each target, by its name.
+    """Dress, and report on each target by name.
 
     Raises:
-        MeshError: there is no collection of the name.
+        MeshError: there is no collection of that name.
     """
     dressing = Dressing(**DressOptions.dress_options(as_in_sidebar(options, DressOptions)))
     of_collection = worn_names(context, options.source, "", options.collection) if options.collection else []
@@ -103,13 +103,13 @@ def _match_options(options: argparse.Namespace) -> dict[str, Any]:
 def _match_collections(
     context: Context, options: argparse.Namespace
 ) -> dict[str, tuple[str, stored_match.StoredMatch]]:
-    """Match the meshes of two collections: for each target its source and the match."""
+    """Match the meshes of two collections; returns the source and the match of each target."""
     names = options.source_collection, options.target_collection
     return run(match_collections_async(context, *names, detail=options.detail))
 
 
 def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
-    """What is reported of a match."""
+    """The report of a match."""
     return {
         "source": source,
         "others": list(match.others) if isinstance(match, stored_match.StoredMatch) else [],
@@ -127,7 +127,7 @@ def _reports(
     work: Callable[[str], Work[Write[Result]]],
     entry: Callable[[str, Result], dict[str, Any]],
 ) -> dict[str, Any]:
-    """What was done on each target, or why it was not, by its name."""
+    """The report on each target, or the reason why it failed, by name."""
     outcome = run(each_target(list(source_of), work))
     done = {name: entry(source_of[name], result) for name, result in outcome.done.items()}
     failed = {name: {"error": reason} for name, reason in outcome.failed.items()}

@@ -24,7 +24,7 @@ from ..storage import stored_symmetry
 
 
 def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
-    """Find symmetries, do what is asked for along them, and report on each object, by its name."""
+    """Find symmetries, do the requested work along them, and report on each object by name."""
     report: dict[str, Any] = {}
     for name in dict.fromkeys(options.objects):
         entry = report[name] = {"done": []}
@@ -33,7 +33,7 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
             try:
                 for sentence in _work(context, obj, options):
                     entry["done"].append(sentence)
-            finally:  # who has to choose another symmetry sees which there are
+            finally:  # list the symmetries even after an error, so that the user can choose another
                 entry |= _describe(obj) if _is_known(obj) else {}
             entry["asymmetry"] = {check: _asymmetry(context, name, check) for check in options.check}
         except zo.MeshError as error:
@@ -42,7 +42,7 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterator[str]:
-    """Do one thing after another; a sentence about each."""
+    """Do the requested steps in turn; yields a sentence about each."""
     if options.anew or not _is_known(obj):
         found = detect_symmetry(context, obj, options.left.upper())
         yield found_summary(obj.name, found)
@@ -61,22 +61,22 @@ def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterato
 
 
 def _is_known(obj: Object) -> bool:
-    """Whether the object's mesh has a symmetry that still holds."""
+    """Whether the object's mesh has a stored symmetry that is still valid."""
     try:
         stored_symmetry.read(obj)
-    except zo.MeshError:  # there is none, or the mesh was edited since
+    except zo.MeshError:  # none is stored, or the mesh was edited since
         return False
     return True
 
 
 def _describe(obj: Object) -> dict[str, Any]:
-    """The symmetries stored on an object's mesh, and the number of the one that is used, from 1."""
+    """The symmetries stored on an object's mesh, and the number of the used one, from 1."""
     stored = stored_symmetry.description(obj.data)
     assert stored is not None  # it was found before
     return {"vertices": stored["vertices"], "candidates": stored["candidates"], "used": stored["chosen"] + 1}
 
 
 def _asymmetry(context: Context, name: str, check: Checked) -> dict[str, float]:
-    """Difference of the sides: a length in the mesh's own units, or the share of weights in other groups."""
+    """Difference between the sides: a length in the mesh's own units, or the share of weights in other groups."""
     values = jobs.run(measure_asymmetry(context, name, check))
     return {"mean": float(np.mean(values)), "most": float(np.max(values, initial=0))}

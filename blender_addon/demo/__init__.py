@@ -39,14 +39,14 @@ UNITS = {
 
 
 class Size(NamedTuple):
-    """How large the demo is.
+    """The size of the demo.
 
     Attributes:
-        cell: about the length of an edge of the character, in metres.
+        cell: approximate edge length of the character, in metres.
         voxel: size of the voxels that its posed copy is rebuilt from.
-        target_vertices: about how many vertices the target has.
-        width: of the picture, in pixels.
-        samples: light paths that are followed from each pixel.
+        target_vertices: approximate number of the target's vertices.
+        width: width of the picture, in pixels.
+        samples: light paths per pixel.
     """
 
     cell: float = 0.0134
@@ -60,16 +60,16 @@ FULL_SIZE = Size()
 
 
 class DemoObjects(NamedTuple):
-    """The objects of the demo, at the same place, and their ground truth.
+    """The objects of the demo, all at the same place, and the ground truth.
 
     Attributes:
         character: the source, at rest.
         armature: its armature.
         target: the posed and remeshed copy, which receives our transfer.
-        baseline: the same mesh once more, which receives Data Transfer's.
+        baseline: another copy of that mesh, which receives Data Transfer's.
         source_surface: the character's surface.
         target_surface: the target's.
-        truth: the values that a correct transfer gives.
+        truth: the values of a correct transfer.
     """
 
     character: bpy.types.Object
@@ -85,11 +85,11 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
     """Run the demo in Blender's current session, which it empties first.
 
     Args:
-        output: folder that demo.blend, demo.png and report.json are written to.
-        size: how large to make it.
+        output: folder for demo.blend, demo.png and report.json.
+        size: the size of the demo.
 
     Returns:
-        What is in report.json; `summary` says it in words.
+        The content of report.json; `summary` puts it into words.
     """
     output = output.resolve()
     output.mkdir(parents=True, exist_ok=True)
@@ -139,7 +139,7 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
 
 
 def summary(report: dict[str, Any]) -> list[str]:
-    """What a report says, a line each."""
+    """The content of a report, as lines of text."""
     vertices, seconds, torn = report["vertices"], report["seconds"], report["torn_faces"]
     lines = [
         f"Matched {vertices['target']:,} vertices in a new pose with a character of {vertices['source']:,} "
@@ -153,7 +153,7 @@ def summary(report: dict[str, Any]) -> list[str]:
 
 
 def make_demo_objects(size: Size) -> DemoObjects:
-    """Build the character, and from it the target, twice, with the ground truth for it."""
+    """Build the character, two copies of the target, and the ground truth."""
     character, armature = build_character(size.cell)
     set_pose(armature)
     posed = posed_copy(character)
@@ -174,7 +174,7 @@ def make_demo_objects(size: Size) -> DemoObjects:
 
 
 def errors(demo: DemoObjects) -> dict[str, Any]:
-    """How far both transfers and the maps under them are off: statistics of each, and how many times ours beats."""
+    """Statistics of the errors of both transfers and their maps, and the ratios between them."""
     found = {
         name: (kind.error(demo.target, demo.truth), kind.error(demo.baseline, demo.truth))
         for name, kind in KINDS.items()

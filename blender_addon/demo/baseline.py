@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's own Data Transfer, at its best: what the demo is measured against.
+"""The demo's baseline: Blender's own Data Transfer, at its best.
 
-It looks for the source in space, so both objects are at the same place; of its mappings, each kind of data gets
-the one that errs least.
+It looks for the source in space, so both objects are at the same place. Each kind of data uses the mapping with the
+smallest error.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CORNER_MAPPINGS = ("NEAREST_NORMAL", "NEAREST_POLYNOR", "NEAREST_POLY", "POLYINT
 
 
 class KindRow(NamedTuple):
-    """A kind of data: what the operator calls it, its mappings, and how its errors are measured."""
+    """A kind of data: its name in the operator, its mappings, and the measure of its errors."""
 
     data_type: str
     option: str
@@ -38,10 +38,10 @@ KINDS = {
 
 
 def transfer_best(source: bpy.types.Object, target: bpy.types.Object, truth: Truth) -> dict[str, dict[str, float]]:
-    """Transfer UVs, weights and colours to a bare target, each with the mapping that errs least on average.
+    """Transfer UVs, weights and colours to a bare target, each with the mapping of the smallest mean error.
 
     Returns:
-        For each kind of data the mean error of every mapping, the best first.
+        The mean error of every mapping for each kind of data, the best first.
     """
     tried = {}
     for name, kind in KINDS.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo's character as a Blender artist would hand it on: UVs, skin weights, an armature and paint."""
+"""The demo's character as a Blender artist would deliver it: UVs, skin weights, an armature and paint."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ BONES = MIDDLE_BONES + LEFT_BONES + [row.mirrored() for row in LEFT_BONES]
 
 
 def build_character(cell: float) -> tuple[bpy.types.Object, bpy.types.Object]:
-    """The character and its armature, linked to the scene.
+    """Build the character and its armature, and link both to the scene.
 
     Args:
-        cell: about the length of an edge, in metres; 0.0135 gives some 25,000 vertices.
+        cell: approximate edge length, in metres; 0.0135 gives about 25,000 vertices.
 
     Returns:
         The mesh object (UV map, vertex groups, colour attribute) and the armature object.
@@ -69,7 +69,7 @@ def build_character(cell: float) -> tuple[bpy.types.Object, bpy.types.Object]:
 
 
 def select_only(active: bpy.types.Object, *others: bpy.types.Object) -> None:
-    """Make the objects the selection, as an artist would before an operator; the first is the active one."""
+    """Select only these objects, and make the first one active."""
     bpy.ops.object.select_all(action="DESELECT")
     for each in (active, *others):
         each.select_set(True)
@@ -84,7 +84,7 @@ EYE, PUPIL = (0.90, 0.90, 0.86), (0.01, 0.01, 0.015)
 
 
 def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
-    """Warm colours on the left, cool ones on the right, stripes behind, and a face."""
+    """Paint warm colours on the left, cool ones on the right, stripes on the back, and a face."""
     x, y, z = vertices.T
     color = np.tile(SKIN, (len(vertices), 1))
 
@@ -131,7 +131,7 @@ def _unwrap(character: bpy.types.Object, vertices: Floats, faces: Integers) -> N
 
 
 def unwrap_islands(obj: bpy.types.Object) -> None:
-    """Give an object an atlas of the islands between its seams."""
+    """Unwrap an object at its seams, into an atlas of islands."""
     obj.data.uv_layers.new(name=UV_MAP)
     select_only(obj)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -147,7 +147,7 @@ def unwrap_islands(obj: bpy.types.Object) -> None:
 
 
 def rig(character: bpy.types.Object, bones: Sequence[BoneRow] = BONES) -> bpy.types.Object:
-    """An armature with the bones of a table, bound to the character with Blender's automatic weights."""
+    """Add an armature with the bones of a table, and bind the character to it with Blender's automatic weights."""
     armature = bpy.data.objects.new("Armature", bpy.data.armatures.new("Armature"))
     bpy.context.scene.collection.objects.link(armature)
     select_only(armature)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo's scene: the source, our target and Data Transfer's, once for each kind of data, and its picture."""
+"""The demo's scene and its picture: the source, our target and Data Transfer's, once for each kind of data."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .character import BONES, PAINT
 from .target import bind
 
 WEIGHT_COLORS = "Weights"
-# Distances between the figures, and how far they are turned to show a side.
+# Distances between the figures, and the angle in degrees by which they are turned to show a side.
 ACROSS, DOWN, TURN = 1.95, 1.98, 14
-# Hues of the bones on the left, on the right and in between: where they begin, and how far they reach.
+# Hues of the bones on the left, on the right and in between: first hue and range.
 HUES = {".L": (0.97, 0.20), ".R": (0.50, 0.26), "": (0.22, 0.20)}
 INK = (0.035, 0.04, 0.05)
 FAINT = (0.22, 0.23, 0.25)
@@ -36,14 +36,14 @@ def arrange(
     baseline: bpy.types.Object,
     report: dict[str, Any],
 ) -> None:
-    """Set the scene up: a column for each object, a row for each kind of data.
+    """Set up the scene: a column for each object, a row for each kind of data.
 
     Args:
         character: the source.
         armature: its armature.
-        target: received our transfer.
-        baseline: received Data Transfer's.
-        report: what `run` returns, for the captions.
+        target: the object with our transfer.
+        baseline: the object with Data Transfer's.
+        report: the report that `run` returns, for the captions.
     """
     columns = [
         (character, armature, "Source", f"{report['vertices']['source']:,} vertices"),
@@ -87,9 +87,9 @@ def render(path: Path, width: int, samples: int) -> None:
     """Render the scene to a PNG file.
 
     Args:
-        path: of the file.
-        width: in pixels; the height follows from the arrangement.
-        samples: light paths that are followed from each pixel.
+        path: path of the file.
+        width: width in pixels; the height follows from the arrangement.
+        samples: light paths per pixel.
     """
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
@@ -126,7 +126,7 @@ def link(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:
 
 
 def _duplicate(figure: bpy.types.Object, material: bpy.types.Material, place: Vector) -> None:
-    """The same mesh once more, in another material."""
+    """Add another object of the same mesh, in another material."""
     copy = link(f"{figure.name} {material.name}", figure.data, place)
     copy.rotation_euler = (0, 0, radians(TURN))
     copy.material_slots[0].link = "OBJECT"
@@ -147,7 +147,7 @@ def podium_mesh() -> bpy.types.Mesh:
 
 
 def color_weights(figure: bpy.types.Object) -> None:
-    """A colour attribute that shows all weights at once: a colour for each bone, warm on the left; black for none."""
+    """Add a colour attribute that shows all weights: a colour for each bone, warm on the left; black for no weight."""
     weights = mesh_data.read_weights(figure, figure.data)
     palette = _bone_colors()
     color = np.clip(weights.values @ np.array([palette[name] for name in weights.labels]), 0, 1)
@@ -172,7 +172,7 @@ def _bone_colors() -> dict[str, Floats]:
 
 def _material(name: str) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
     material = bpy.data.materials.new(name)
-    if material.node_tree is None:  # before Blender 5.0, nodes have to be asked for
+    if material.node_tree is None:  # before Blender 5.0, nodes are off by default
         material.use_nodes = True
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Roughness"].default_value = 0.55
@@ -204,7 +204,7 @@ def checker_material() -> bpy.types.Material:
 
 
 def write(text: str, place: Any, size: float, color: tuple[float, float, float]) -> bpy.types.Object:
-    """A line of text, centred at a place and facing the camera."""
+    """Add a line of text, centred at a place and facing the camera."""
     curve = bpy.data.curves.new("Label", "FONT")
     curve.body, curve.size = text, size
     curve.align_x = "CENTER"
@@ -244,7 +244,7 @@ def light() -> None:
 
 
 def _aim_camera(columns: int, rows: int) -> None:
-    """A camera that sees the whole arrangement from the front, a little from above, without perspective."""
+    """Add an orthographic camera that shows the whole arrangement from the front and slightly above."""
     scene = bpy.context.scene
     width, height = columns * ACROSS + 0.4, rows * DOWN + 0.56
     scene.render.resolution_x, scene.render.resolution_y = 1600, round(1600 * height / width)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where an artist would cut the demo's character open: few seams, out of sight, and none across a limb's outside.
+"""Seams of the demo's character, as an artist would cut it: few, out of sight, and none along a limb's outside.
 
-Arms and legs have a front and a back that stay joined along the outside, down to wrist and ankle; the head's are
-islands of their own, as are the soles; the torso opens along the spine, the tail underneath.
+Front and back of arms and legs stay joined along the outside, down to wrist and ankle. Front and back of the head are
+separate islands, as are the soles. The torso opens along the spine, the tail underneath.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from zoomout_core.samples.grids import triangles_of
 
 from . import shape
 
-# A patch of faces smaller than this part of the mesh is no panel of its own.
+# Patches with a smaller fraction of the mesh's faces are merged into their surroundings.
 SMALLEST_PANEL = 0.006
 FRONT, BACK, SOLE = 0, 1, 2
 
@@ -59,7 +59,7 @@ def seam_edges(vertices: Floats, faces: Integers, edges: Indices, face_edges: In
 
 
 def _between(label: Integers, face_edges: Integers, count: int) -> Booleans:
-    """(count,) which edges lie between faces of different labels (m,)."""
+    """(count,) which edges separate faces of different labels (m,)."""
     low, high = np.full(count, label.max()), np.zeros(count, dtype=int)
     np.minimum.at(low, face_edges, label[:, None])
     np.maximum.at(high, face_edges, label[:, None])
@@ -67,9 +67,9 @@ def _between(label: Integers, face_edges: Integers, count: int) -> Booleans:
 
 
 def _without_strays(label: Integers, faces: Integers) -> Integers:
-    """The labels (m,) of faces, where patches that are too small take those of their surroundings."""
+    """The labels (m,) of faces, where small patches take the labels of their surroundings."""
     at = coo_array((np.ones(faces.size), (np.repeat(np.arange(len(faces)), 4), faces.ravel()))).tocsr()
-    shared = (at @ at.T).tocoo()  # how many vertices two faces share: those of an edge, or one
+    shared = (at @ at.T).tocoo()  # number of vertices that two faces share: those of an edge, or one
     joined = (label[shared.row] == label[shared.col]) & (shared.data > 1)
     patches = coo_array((shared.data[joined], (shared.row[joined], shared.col[joined])), shape=shared.shape)
     _, patch = connected_components(patches, directed=False)

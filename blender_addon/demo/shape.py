@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from zoomout_core.arrays import Floats
 from zoomout_core.samples.implicit import Ellipsoid, Limb, Solid, both_sides, distance
 
-# The space that the character fills, with room to spare: its lowest and highest corner.
+# Bounding box of the character with a margin: its lowest and highest corner.
 BOUNDS = np.array([[-1.0, -0.6, -0.1], [1.0, 1.1, 1.85]])
 
 TORSO: list[Solid] = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo's target: the character in another pose, as another mesh, without any of its data."""
+"""The demo's target: the character in another pose, as another mesh, without its data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mathutils import Matrix
 
 from .character import select_only
 
-# Degrees about the axes x, y, z (to the left, to the back, up), turned in this order, seen from the parent bone.
+# Rotations in degrees about x, y and z (left, back, up), in this order, relative to the parent bone.
 POSE: dict[str, tuple[float, float, float]] = {
     "hips": (6, -12, -16),
     "spine": (6, -10, -10),
@@ -44,7 +44,7 @@ POSE: dict[str, tuple[float, float, float]] = {
 
 
 def set_pose(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, float]] = POSE) -> None:
-    """Put the armature into a pose, given as the table above."""
+    """Pose the armature, by a table such as `POSE`."""
     for name, degrees in pose.items():
         bone = armature.pose.bones[name]
         turn = Matrix.Identity(3)
@@ -56,24 +56,24 @@ def set_pose(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, 
 
 
 def clear_pose(armature: bpy.types.Object) -> None:
-    """Put the armature back to rest."""
+    """Return the armature to its rest pose."""
     for bone in armature.pose.bones:
         bone.rotation_quaternion = (1, 0, 0, 0)
     bpy.context.view_layer.update()
 
 
 def posed_copy(character: bpy.types.Object) -> bpy.types.Object:
-    """The character as its armature deforms it now, as an object of its own."""
+    """A copy of the character as its armature deforms it now."""
     return _evaluated_copy(character, "Posed")
 
 
 def remeshed(posed: bpy.types.Object, voxel: float, vertices: int) -> bpy.types.Object:
-    """The same surface as another mesh: rebuilt from voxels, then thinned out.
+    """The same surface as another mesh: rebuilt from voxels, then decimated.
 
     Args:
-        posed: the object to rebuild; it stays as it is.
+        posed: the object to rebuild; it is not changed.
         voxel: size of the voxels, in metres.
-        vertices: about how many are to be left.
+        vertices: approximate number of vertices to keep.
     """
     dense = rebuilt(posed, voxel)
     decimate = dense.modifiers.new("Decimate", "DECIMATE")
@@ -86,7 +86,7 @@ def remeshed(posed: bpy.types.Object, voxel: float, vertices: int) -> bpy.types.
 
 
 def rebuilt(posed: bpy.types.Object, voxel: float) -> bpy.types.Object:
-    """The same surface rebuilt from voxels of a size in metres; nothing inside is left."""
+    """The same surface rebuilt from voxels of a size in metres, without anything inside."""
     remesh = posed.modifiers.new("Remesh", "REMESH")
     remesh.mode, remesh.voxel_size = "VOXEL", voxel
     dense = _evaluated_copy(posed, "Dense")
@@ -95,7 +95,7 @@ def rebuilt(posed: bpy.types.Object, voxel: float) -> bpy.types.Object:
 
 
 def bind(target: bpy.types.Object, armature: bpy.types.Object) -> bpy.types.Object:
-    """Give the target an armature of its own, a copy whose rest is the pose that the target stands in."""
+    """Give the target its own armature, a copy whose rest pose is the target's pose."""
     rig = armature.copy()
     rig.data = armature.data.copy()
     rig.name = f"{target.name} Armature"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What should have arrived on the target, and how far off a transfer is.
+"""The ground truth on the target, and the errors of a transfer.
 
-The target was made from the character's posed surface, so the closest point of that surface tells where on the
-character each vertex and corner of the target belongs.
+The target was made from the character's posed surface, so each vertex and corner of the target belongs to the closest
+point of that surface.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from zoomout_core.mesh.triangles import triangle_areas, triangle_normals, vertex
 from .. import mesh_data
 from .character import PAINT, UV_MAP
 
-# A corner belongs where the point this far from it towards the middle of its face does: seams run between.
+# To stay on its side of a seam, a corner takes the place of a point this far towards the middle of its face.
 INWARD = 0.01
-# A face is torn if an edge is this many times as long in the atlas as the source's scale makes it.
+# A face is torn if an edge is this many times as long in the atlas as at the source's scale.
 TORN = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The right answer at each vertex and corner of the target.
+    """The correct values at each vertex and corner of the target.
 
     Attributes:
-        surface_map: the point of the character that each vertex of the target stems from.
-        known: (n,) where that is certain; in folds, surfaces meet that face different ways.
-        known_corner: (c,) the same for the corners.
+        surface_map: the point of the character that each vertex of the target comes from.
+        known: (n,) where that is certain; in folds, surfaces that face different ways meet.
+        known_corner: (c,) the same for corners.
         uv: (c, 2) coordinates in the atlas.
         group_names: the character's vertex groups.
         weights: (n, groups) skin weights.
         color: (n, 3) paint, scene-linear.
-        uv_scale: length in the atlas of a unit of length on the character.
+        uv_scale: length in the atlas per unit of length on the character.
     """
 
     surface_map: zo.SurfaceMap
@@ -52,10 +52,10 @@ class Truth:
 
 
 def find_truth(character: bpy.types.Object, source: zo.Surface, posed: Floats, target: zo.Surface) -> Truth:
-    """The truth for a target that was made from the character in a pose.
+    """The truth for a target that was made from the posed character.
 
     Args:
-        character: carries the data.
+        character: the object with the data.
         source: its surface at rest.
         posed: (n_s, 3) its vertices in the pose.
         target: the surface that was rebuilt from the posed one.
@@ -92,13 +92,13 @@ def _uv_scale(source: zo.Surface, triangle_uv: Floats) -> float:
 
 
 def uv_error(result: bpy.types.Object, truth: Truth) -> Floats:
-    """Distance from the right place in the atlas, for each corner; the atlas is one wide."""
+    """Distance from the correct place in the atlas, for each corner; the atlas has a width of 1."""
     uv = mesh_data.read_layer(result.data, UV_MAP).attribute.values
     return np.linalg.norm(uv - truth.uv, axis=1)[truth.known_corner]
 
 
 def weight_error(result: bpy.types.Object, truth: Truth) -> Floats:
-    """Sum of the weights' absolute differences, for each vertex: two if all weight is on the wrong bones."""
+    """Sum of the weights' absolute differences, for each vertex: 2 if all weight is on the wrong bones."""
     weights = mesh_data.read_weights(result, result.data)
     column = [truth.group_names.index(name) for name in weights.labels]
     aligned = np.zeros_like(truth.weights)
@@ -113,13 +113,13 @@ def color_error(result: bpy.types.Object, truth: Truth) -> Floats:
 
 
 def correspondence_error(surface_map: zo.SurfaceMap, truth: Truth, source: zo.Surface) -> Floats:
-    """Distance on the character at rest, over the square root of its area, for each vertex; straight through space."""
+    """Euclidean distance on the character at rest, over the square root of its area, for each vertex."""
     offset = surface_map.interpolate(source.vertices) - truth.surface_map.interpolate(source.vertices)
     return np.linalg.norm(offset, axis=1)[truth.known] / np.sqrt(source.area)
 
 
 def torn_faces(result: bpy.types.Object, target: zo.Surface, truth: Truth) -> int:
-    """How many faces are torn across the atlas, because their corners lie in different islands."""
+    """Number of faces that are torn across the atlas, because their corners are in different islands."""
     uv = mesh_data.read_layer(result.data, UV_MAP).attribute.values[target.triangle_corners]
     points = target.vertices[target.triangles]
     in_atlas, in_space = (np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2) for p in (uv, points))
@@ -128,5 +128,5 @@ def torn_faces(result: bpy.types.Object, target: zo.Surface, truth: Truth) -> in
 
 
 def unweighted_vertices(result: bpy.types.Object) -> int:
-    """How many vertices no bone moves."""
+    """Number of vertices that no bone moves."""
     return int((mesh_data.read_weights(result, result.data).values.sum(axis=1) == 0).sum())

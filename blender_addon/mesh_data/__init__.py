@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's meshes as arrays, and arrays back onto meshes: the only place that converts between the two.
+"""The only package that converts between Blender's meshes and arrays.
 
-Whole arrays go through `foreach_get` and `foreach_set`.
+Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
 from .armatures import (

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Armatures: which bones move an object, where these hang, and binding another object to the same ones.
+"""Armatures: the bones that move an object, their hierarchy, and binding another object to the same ones.
 
-The armatures themselves are never written to: they may belong to another file.
+The armatures themselves are never changed: they may belong to another file.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .matrices import transform_points, world_matrix
 from .shape_keys import read_key_positions, read_rest_positions
 from .surfaces import is_mirrored, positions_in_world
 
-# What an object's matrix follows from, besides its parent.
+# The properties that determine an object's matrix, besides those of its parent.
 OF_PLACE = ("location", "rotation_mode", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
 DELTAS = {
     "delta_location": (0, 0, 0),
@@ -28,7 +28,7 @@ DELTAS = {
     "delta_scale": (1, 1, 1),
 }
 OF_PARENT = ("parent", "parent_type", "parent_bone", "matrix_parent_inverse")
-# Two matrices whose entries differ by less, over the largest, are the same in single precision.
+# Matrices whose entries differ by less, over the largest entry, are equal in single precision.
 ROUNDING = 1e-4
 
 
@@ -37,8 +37,8 @@ class Bones:
     """The deforming bones of all armatures of an object.
 
     Attributes:
-        names: of the bones, as vertex groups are called.
-        parents: (b,) the number of the next deforming bone above each, -1 for none.
+        names: names of the bones and of their vertex groups.
+        parents: (b,) the number of each bone's nearest deforming ancestor, -1 for none.
     """
 
     names: tuple[str, ...]
@@ -46,18 +46,18 @@ class Bones:
 
 
 def armatures_of(obj: Object) -> list[Object]:
-    """The armatures that deform an object: by its modifiers in their order, else as its parent."""
+    """The armatures that deform an object: those of its modifiers in order, else its parent."""
     found = [modifier.object for modifier in armature_modifiers(obj)]
     return list(dict.fromkeys(found)) or ([obj.parent] if _is_deformed_by_parent(obj) else [])
 
 
 def armature_modifiers(obj: Object) -> list[ArmatureModifier]:
-    """The modifiers that let armatures deform an object."""
+    """The modifiers by which armatures deform an object."""
     return [modifier for modifier in obj.modifiers if modifier.type == "ARMATURE" and modifier.object]
 
 
 def read_bones(obj: Object) -> Bones:
-    """The deforming bones of an object's armatures; of bones of one name the first one counts."""
+    """The deforming bones of an object's armatures, the first of each name."""
     above: dict[str, str | None] = {}
     for armature in armatures_of(obj):
         for bone in armature.data.bones:
@@ -75,7 +75,7 @@ def preserves_volume(obj: Object) -> bool:
 
 
 def bind_like(source: Object, target: Object) -> None:
-    """Give an object the armature modifiers of another one, and their armature as its parent, at the other's place."""
+    """Give an object the armature modifiers of another one, and their armature as its parent, in the same place."""
     given = armature_modifiers(source)
     place = _place_of_modifiers(source, target)
     for number, one in enumerate(given):
@@ -87,7 +87,7 @@ def bind_like(source: Object, target: Object) -> None:
 
 
 def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
-    """Give an object an armature modifier like another one, at a place in its list."""
+    """Copy an armature modifier to an object, at a place in its list."""
     made = obj.modifiers.new(modifier.name, "ARMATURE")
     for option in modifier.bl_rna.properties:
         if not option.is_readonly and option.identifier != "name":
@@ -96,19 +96,19 @@ def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
 
 
 def hang_like(source: Object, target: Object) -> None:
-    """Hang an object from what another one hangs from, in the same place."""
+    """Give an object the parent and the transform of another one."""
     for name in (*OF_PARENT, *OF_PLACE, *DELTAS):
         setattr(target, name, _copy(getattr(source, name)))
 
 
 def place_beside(source: Object, target: Object) -> Floats:
-    """The matrix (4, 4) that an object is given to be bound like another one: the same, mirrored if one of both is."""
+    """The matrix (4, 4) for binding an object like another one: the same, mirrored if only one of the two is."""
     flipped = is_mirrored(source) != is_mirrored(target)
     return world_matrix(source) @ np.diag([-1.0 if flipped else 1.0, 1, 1, 1])
 
 
 def can_be_put(source: Object, target: Object) -> bool:
-    """Whether an object would stand where another one does, if it were bound like that: nothing else holds it."""
+    """Whether binding an object like another one would give it that place; constraints, for instance, prevent it."""
     wanted, before = place_beside(source, target), Place(target)
     try:
         set_parent(target, _parent_for(source), wanted)
@@ -121,7 +121,7 @@ def can_be_put(source: Object, target: Object) -> bool:
 
 
 def unbind(obj: Object) -> None:
-    """Take an object off its armatures; it keeps its place."""
+    """Unbind an object from its armatures; it keeps its place."""
     for modifier in armature_modifiers(obj):
         obj.modifiers.remove(modifier)
     if _is_deformed_by_parent(obj):
@@ -131,7 +131,7 @@ def unbind(obj: Object) -> None:
 
 
 def matrix_at_rest(obj: Object) -> Floats:
-    """The matrix (4, 4) of an object in the world, were the bone that it hangs from at rest."""
+    """The world matrix (4, 4) that an object would have if its parent bone were at rest."""
     armature = obj.parent
     if armature is None or obj.parent_type != "BONE" or obj.parent_bone not in armature.pose.bones:
         return world_matrix(obj)
@@ -143,17 +143,17 @@ def matrix_at_rest(obj: Object) -> Floats:
 def reshape(
     obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: Floats, stood: Floats | None = None
 ) -> None:
-    """Move the vertices of an object, and of its shape keys, before it is given another place.
+    """Move the vertices of an object, and of its shape keys, before it gets another matrix.
 
-    Where it has no shape keys, it gets the shape that is seen of it, which an armature may have posed.
+    Without shape keys, the object gets its visible shape, which an armature may have posed.
 
     Args:
-        obj: as it stands.
-        seen: (n, 3) where its vertices are seen, in world space.
-        at_rest: (n, 3) where these are to be, in world space.
-        linear: (n, 3, 3) what becomes of differences around each vertex.
+        obj: the object, before it is moved.
+        seen: (n, 3) visible positions of its vertices, in world space.
+        at_rest: (n, 3) their new positions, in world space.
+        linear: (n, 3, 3) maps from old to new differences of positions around each vertex.
         place: (4, 4) the matrix that the object will have.
-        stood: (4, 4) the matrix by which its vertices are seen there; the object's own when not given.
+        stood: (4, 4) the matrix that its visible positions depend on; the object's own when not given.
     """
     mesh, to_world = obj.data, world_matrix(obj) if stood is None else stood
     to_object = np.linalg.inv(place)
@@ -172,7 +172,7 @@ def reshape(
 
 
 def stands_as_modelled(obj: Object, seen: Floats) -> bool:
-    """Whether vertices are seen (n, 3), in world space, where the mesh of an object has them."""
+    """Whether visible vertices (n, 3), in world space, are where the object's own mesh has them."""
     off = np.abs(positions_in_world(obj, read_rest_positions(obj.data)) - seen).max(initial=0)
     return bool(off <= ROUNDING * np.ptp(seen, axis=0).max(initial=0))
 
@@ -182,13 +182,13 @@ def _is_deformed_by_parent(obj: Object) -> bool:
 
 
 def _parent_for(source: Object) -> Object:
-    """The armature that an object bound like another one hangs from."""
+    """The parent of an object that is bound like another one: one of its armatures."""
     armatures = armatures_of(source)
     return source.parent if source.parent in armatures else armatures[0]
 
 
 def _place_of_modifiers(source: Object, target: Object) -> int:
-    """Where the source has its armatures among other modifiers: behind those of a type that come first there."""
+    """The index for the source's armature modifiers: after modifiers of types that precede them on the source."""
     before: set[str] = set()
     for modifier in source.modifiers:
         if modifier.type == "ARMATURE":
@@ -201,7 +201,7 @@ def _place_of_modifiers(source: Object, target: Object) -> int:
 
 
 def set_parent(obj: Object, parent: Object, place: Floats) -> None:
-    """Hang an object from a parent, at a place (4, 4) in the world, sheared as that may be."""
+    """Parent an object, at a world matrix (4, 4) that may be sheared; its children keep their places."""
     children = [(child, world_matrix(child)) for child in obj.children]
     obj.parent, obj.parent_type = parent, "OBJECT"
     for name, value in DELTAS.items():
@@ -215,7 +215,7 @@ def set_parent(obj: Object, parent: Object, place: Floats) -> None:
 
 
 class Place:
-    """What an object's place follows from, and that of its children, to bring it back."""
+    """The transform properties of an object and of its children, to restore them."""
 
     def __init__(self, obj: Object) -> None:
         self._obj = obj
@@ -223,7 +223,7 @@ class Place:
         self._children = [(child, child.matrix_parent_inverse.copy()) for child in obj.children]
 
     def restore(self) -> None:
-        """Make it what it was."""
+        """Restore the properties."""
         for name, value in self._own.items():
             setattr(self._obj, name, value)
         for child, inverse in self._children:
@@ -231,7 +231,7 @@ class Place:
 
 
 def _copy(value: object) -> object:
-    """A value of a property, which writing to the property leaves as it is."""
+    """A copy of a property's value, which does not change with the property."""
     if isinstance(value, (Matrix, Vector, Euler, Quaternion)):
         return value.copy()
     return tuple(value) if isinstance(value, bpy_prop_array) else value

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The base of an object: its own mesh where shape keys and modifiers move it, before others give it other vertices.
+"""The base of an object: its own mesh as shape keys and modifiers move it, before modifiers change its vertices.
 
-Data is written to the mesh itself, so this is what a target is matched by; what later modifiers make is only shown.
+Data is written to the mesh itself, so a target is matched by its base; the result of later modifiers is only displayed.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from .surfaces import (
 
 # Name of an attribute on a temporary mesh.
 CARRIED = "zoomout_carried"
-# Modifiers that pose whatever mesh they are given: behind one that adds vertices, they move the base alike.
+# Modifiers that pose any mesh: after one that adds vertices, they move the base likewise.
 POSING = frozenset({"ARMATURE", "LATTICE"})
 
 
 @contextmanager
 def temporary_copy(obj: Object, depsgraph: Depsgraph) -> Iterator[Object]:
-    """A copy of an object that shares its mesh, in the scene while it is needed."""
+    """A copy of an object that shares its mesh, in the scene until the block ends."""
     copy = obj.copy()
     try:
         depsgraph.scene.collection.objects.link(copy)
@@ -49,7 +49,7 @@ def temporary_copy(obj: Object, depsgraph: Depsgraph) -> Iterator[Object]:
 def read_base_positions(obj: Object, depsgraph: Depsgraph) -> np.ndarray:
     """(n, 3) positions of the vertices of an object's own mesh, in its own space.
 
-    Modifiers move them as long as they keep the vertices; of those behind the first that does not, `POSING` alone.
+    Modifiers apply up to the first that changes the vertices; after that, only those in `POSING`.
 
     Raises:
         MeshError: the object is not evaluated.
@@ -60,7 +60,7 @@ def read_base_positions(obj: Object, depsgraph: Depsgraph) -> np.ndarray:
 
 @contextmanager
 def base_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]]:
-    """An evaluated object, and its mesh as modifiers leave it that keep its vertices, see `read_base_positions`.
+    """An evaluated object, and its mesh after modifiers that keep its vertices, see `read_base_positions`.
 
     Raises:
         MeshError: the object is not evaluated.
@@ -77,7 +77,7 @@ def base_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]
 
 
 def is_cage(obj: Object) -> bool:
-    """Whether a Catmull-Clark subdivision is the last modifier that is shown, and the only one that adds vertices."""
+    """Whether Catmull-Clark subdivision is the last visible modifier, and the only one that adds vertices."""
     adding = [each for each in obj.modifiers if each.show_viewport and each.type not in VERTEX_PRESERVING]
     if [each.type for each in adding] != ["SUBSURF"]:
         return False
@@ -87,7 +87,7 @@ def is_cage(obj: Object) -> bool:
 
 
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
-    """The surface of an object's own mesh, its vertices at `read_base_positions`, in world space.
+    """The surface of an object's own mesh at `read_base_positions`, in world space.
 
     Raises:
         MeshError: the mesh itself has no surface, or the object is not evaluated.
@@ -99,7 +99,7 @@ def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
 
 
 def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
-    """The faces of the surface that `read_target_surface` gives, in a fraction of its time.
+    """The faces of the surface from `read_target_surface`, in a fraction of its time.
 
     Raises:
         MeshError: the object is not evaluated.
@@ -109,12 +109,12 @@ def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
 
 
 def read_mirrored_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface | None:
-    """The surface that `read_target_surface` gives, with the other half that a Mirror modifier makes of it.
+    """The surface from `read_target_surface`, with the other half that a Mirror modifier adds.
 
     Returns:
-        The whole, in world space: its first vertices are those of the mesh itself, as far as the modifier does not
-        merge them into the plane. None where there is no such modifier, where others that change vertices come first,
-        or where it cuts the mesh.
+        The whole surface, in world space. It begins with the vertices of the mesh itself, except that the modifier may
+        merge some into the plane. None without a Mirror modifier, if others that change vertices come first, or if it
+        bisects the mesh.
     """
     generating = [one for one in obj.modifiers if one.show_viewport and one.type not in VERTEX_PRESERVING]
     if not generating or generating[0].type != "MIRROR" or any(generating[0].use_bisect_axis):
@@ -131,10 +131,10 @@ def read_mirrored_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface | Non
 
 
 def values_through_modifiers(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats | None:
-    """What all modifiers of an object make of values of its own vertices (n, 3) or corners (c, 2).
+    """Pass values of an object's own vertices (n, 3) or corners (c, 2) through all its modifiers.
 
     Returns:
-        Values of the elements of the evaluated mesh; None where modifiers lose them, as *Remesh* does.
+        Values of the elements of the evaluated mesh; None if modifiers lose them, as *Remesh* does.
     """
     domain = Domain.POINT if values.shape[1] == 3 else Domain.CORNER
     vectors = np.zeros((len(values), 3), np.float32)
@@ -152,9 +152,9 @@ def values_through_modifiers(obj: Object, depsgraph: Depsgraph, values: Floats) 
 
 
 def remove_generating(obj: Object, keep: str = "") -> None:
-    """Take the modifiers off an object from the first on that may give it other vertices, but those of `POSING`.
+    """Remove an object's modifiers from the first on that may change its vertices, except those in `POSING`.
 
-    One of them may be kept by its name.
+    The modifier named `keep` stays.
     """
     changed = False
     for modifier in list(obj.modifiers):

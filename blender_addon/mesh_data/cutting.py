@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cutting a mesh open along the seams of a UV map that it is to receive."""
+"""Cutting a mesh along the seams of a UV map that it will receive."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from zoomout_core.transfer.uv.seam_cut import SeamCut
 from ..jobs import pause
 from .surfaces import read_positions
 
-# Edges or faces to divide before the window gets its turn: some ten milliseconds' work.
+# Edges or faces to divide between two pauses for the window: about 10 ms.
 PIECE = 2000
 
 
 async def divide(mesh: Mesh, cut: SeamCut) -> BMesh:
-    """A copy of a mesh with the new vertices of a cut, and its faces divided between them; what it carries is mixed.
+    """A copy of a mesh with the new vertices of a cut and divided faces; its data is interpolated.
 
-    New vertices come after those that the mesh has, in the order of the cut, and so do further parts of faces.
+    New vertices and faces follow the mesh's own, in the order of the cut.
 
     Args:
-        mesh: read at once; it may be freed meanwhile.
+        mesh: the mesh; it is read at once, and may be freed meanwhile.
         cut: where to divide it.
 
     Returns:
-        The copy, for `write_divided`, which the caller frees.
+        The copy, for `write_divided`; the caller frees it.
     """
     copy = bmesh.new()
     try:
@@ -42,7 +42,7 @@ async def divide(mesh: Mesh, cut: SeamCut) -> BMesh:
 
 
 def write_divided(mesh: Mesh, divided: BMesh) -> None:
-    """Put the divided copy of a mesh in its place."""
+    """Overwrite a mesh with its divided copy."""
     divided.to_mesh(mesh)
     mesh.update()
 
@@ -69,7 +69,7 @@ async def _divide(copy: BMesh, cut: SeamCut, points: list[list[float]]) -> None:
     await _pause_at(0.9)
     for number, vertex in enumerate(vertices):
         vertex.index = number
-    copy.verts.sort()  # Blender puts new vertices where it has deleted others
+    copy.verts.sort()  # Blender reuses the places of deleted vertices
 
 
 async def _pause_at(fraction: float) -> None:
@@ -78,13 +78,13 @@ async def _pause_at(fraction: float) -> None:
 
 
 def _points(mesh: Mesh, cut: SeamCut) -> list[list[float]]:
-    """Where seams meet within faces, in the mesh's own space."""
+    """The points where seams meet within faces, in the mesh's own space."""
     points: list[list[float]] = np.einsum("hc,hcx->hx", cut.weights, read_positions(mesh)[cut.corners]).tolist()
     return points
 
 
 def _divide_from(face: BMFace, spokes: list[BMVert], point: list[float]) -> BMVert:
-    """Give a face a vertex at a point within it, and edges from there to some of its vertices; the first is on an edge.
+    """Add a vertex within a face, and edges from there to some of its vertices, of which the first is on an edge.
 
     Returns:
         The new vertex.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about a mesh: whether it is still the same, and whether anything about it makes matching hard."""
+"""Facts about a mesh: whether it has changed, and whether anything makes matching hard."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .surfaces import Faces, read_faces, read_positions
 
 @dataclass(frozen=True)
 class MeshFacts:
-    """What is known of a mesh.
+    """Facts about a mesh.
 
     Attributes:
-        content: changes when a vertex moves or faces connect others, see `content_hash`.
-        parts: number of loose parts of its faces; vertices at equal positions count as one.
-        non_manifold_edges: number of edges of more than two faces.
-        marks: labels of the marks that it has, see `read_marks`.
+        content: hash that changes when a vertex moves or faces connect other vertices, see `content_hash`.
+        parts: number of loose parts; vertices at equal positions count as one.
+        non_manifold_edges: number of edges with more than two faces.
+        marks: labels of its marks, see `read_marks`.
     """
 
     content: str
@@ -41,7 +41,7 @@ def content_hash(mesh: Mesh) -> str:
 
 
 async def inspect_mesh(mesh: Mesh) -> MeshFacts:
-    """Inspect a mesh; it is read at once, and may be removed while facts are computed."""
+    """Inspect a mesh; it is read at once, and may be removed during the computation."""
     positions, faces = read_positions(mesh), read_faces(mesh)
     edges = read_array(mesh.edges, "vertices", np.int32, 2)
     edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)
@@ -60,11 +60,11 @@ def _content(positions: np.ndarray, faces: Faces) -> str:
 
 
 def _count_parts(positions: np.ndarray, edges: Integers) -> int:
-    """Number of parts that edges (e, 2) form; only if there are several are vertices at equal positions merged."""
+    """Number of parts that edges (e, 2) form; if there are several, vertices at equal positions are merged."""
     count = _count_components(len(positions), edges)
     if count < 2:
         return count
-    _, place = np.unique(positions + np.float32(0), axis=0, return_inverse=True)  # which makes -0 of 0
+    _, place = np.unique(positions + np.float32(0), axis=0, return_inverse=True)  # turns -0 into 0
     return _count_components(len(positions), place.reshape(-1)[edges])
 
 

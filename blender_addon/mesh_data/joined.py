@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several objects read as one: their elements follow each other, and what has the same name is one layer.
+"""Several objects read as one: their elements are concatenated, and data of the same name becomes one layer.
 
-What an object lacks is nothing there: no weight, no mark, no offset, a value of zero.
+Where an object lacks a layer, its elements have no weight, no mark, no offset, or a value of zero.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class EvaluatedObject(NamedTuple):
 
     Attributes:
         original: the object as it is in the file.
-        evaluated: the same after its modifiers.
+        evaluated: the object after its modifiers.
         mesh: the evaluated mesh.
     """
 
@@ -44,10 +44,10 @@ class EvaluatedObject(NamedTuple):
 
 
 class JoinedLayer(NamedTuple):
-    """A layer of some of several objects.
+    """A layer that some or all of several objects have.
 
     Attributes:
-        layer: of all of their elements.
+        layer: values of all their elements.
         lacking: numbers of the objects that do not have it.
     """
 
@@ -58,7 +58,7 @@ class JoinedLayer(NamedTuple):
 def read_joined_layers(
     objects: Sequence[EvaluatedObject], turning: Collection[str] = ()
 ) -> tuple[list[JoinedLayer], dict[str, str]]:
-    """`read_layers` of several objects; what they show as their UV maps is one, under the first one's name."""
+    """`read_layers` of several objects; their active UV maps become one, named like the first."""
     shown, skipped = read_joined_active_layers(objects).uv, dict[str, str]()
     found: list[dict[str, Layer]] = []
     for obj in objects:
@@ -85,16 +85,16 @@ def read_joined_layers(
 
 
 def read_joined_active_layers(objects: Sequence[EvaluatedObject]) -> ActiveLayers:
-    """What is shown and rendered of the first object that has such layers."""
+    """The shown and rendered layers, each from the first object that has one."""
     of_each = [astuple(read_active_layers(obj.mesh)) for obj in objects]
     return ActiveLayers(*(next(filter(None, names), None) for names in zip(*of_each, strict=True)))
 
 
 def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
-    """The UV maps that the objects show.
+    """The active UV maps of the objects, as one.
 
     Raises:
-        MeshError: none has one.
+        MeshError: no object has a UV map.
     """
     name = read_joined_active_layers(objects).uv
     if name is None:
@@ -116,9 +116,9 @@ def read_joined_marks(objects: Sequence[EvaluatedObject]) -> list[Attribute]:
 
 
 def read_joined_materials(objects: Sequence[EvaluatedObject]) -> tuple[list[str | None], Attribute, tuple[int, ...]]:
-    """The names of the materials of several objects, each face's place in that list, and which objects have none.
+    """The names of the materials of several objects, each face's index in that list, and which objects have none.
 
-    Faces of objects without materials have places of no meaning.
+    The indices of faces without materials have no meaning.
     """
     found = [read_materials(obj.evaluated, obj.mesh) for obj in objects]
     first = np.cumsum([0, *(len(names) for names, _ in found)])
@@ -131,7 +131,7 @@ def read_joined_materials(objects: Sequence[EvaluatedObject]) -> tuple[list[str 
 
 
 def read_joined_weights(objects: Sequence[EvaluatedObject]) -> tuple[Attribute, tuple[int, ...]]:
-    """The weights of the groups of several objects, by name, and which objects have none."""
+    """The weights of several objects, with groups joined by name, and which objects have none."""
     found = [read_weights(obj.evaluated, obj.mesh) for obj in objects]
     lacking = tuple(number for number, weights in enumerate(found) if weights.values.nnz == 0)
     if len(found) == 1:
@@ -148,7 +148,7 @@ def read_joined_weights(objects: Sequence[EvaluatedObject]) -> tuple[Attribute, 
 
 
 def read_joined_normals(objects: Sequence[EvaluatedObject]) -> Attribute | None:
-    """The normals of the corners of several objects in world space, if any of these has custom ones."""
+    """The corner normals of several objects in world space, if any object has custom ones."""
     if not any(obj.mesh.has_custom_normals for obj in objects):
         return None
     return _join([read_normals(obj.evaluated, obj.mesh) for obj in objects], objects)
@@ -161,7 +161,7 @@ def read_joined_at_rest(objects: Sequence[EvaluatedObject]) -> zo.Surface:
 
 
 def _with_shown_as(name: str | None, mesh: Mesh, layers: dict[str, Layer]) -> dict[str, Layer]:
-    """Layers of a mesh, the UV map that is shown under a name, unless another layer has that."""
+    """Layers of a mesh, with the active UV map renamed, unless another layer has the name."""
     own = read_active_layers(mesh).uv
     if name is None or name in layers or own not in layers:
         return layers
@@ -170,7 +170,7 @@ def _with_shown_as(name: str | None, mesh: Mesh, layers: dict[str, Layer]) -> di
 
 
 def _alike(layer: Layer, other: Layer) -> bool:
-    """Whether two layers can be one."""
+    """Whether two layers can be joined."""
     return (layer.role, layer.data_type, layer.attribute.domain) == (
         other.role,
         other.data_type,
@@ -179,7 +179,7 @@ def _alike(layer: Layer, other: Layer) -> bool:
 
 
 def _join(parts: Sequence[Attribute | None], objects: Sequence[EvaluatedObject]) -> Attribute:
-    """One attribute of several objects, some of which may lack it."""
+    """Join an attribute of several objects, some of which may lack it."""
     present = next(part for part in parts if part is not None)
     if len(parts) == 1:
         return present

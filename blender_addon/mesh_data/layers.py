@@ -20,19 +20,19 @@ from .arrays import read_array
 from .marks import MARK_ATTRIBUTES
 from .normals import CUSTOM_NORMAL
 
-# Blender refuses more UV maps in its panels, and draws no more than these.
+# Blender's panels do not allow more UV maps, and it draws no more than these.
 MAX_UV_MAPS = 8
-# The attributes of a stored match: for each vertex a triangle of the source, barycentric coordinates, and confidence.
+# The attributes of a stored match: triangle of the source, barycentric coordinates and confidence of each vertex.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
-# That of a match which knows it: whether there is something on the source for a vertex.
+# A further attribute of newer matches: whether a vertex has a counterpart on the source.
 HAS_PARTNER = "zoomout_has_partner"
 # Prefix of the names of the attributes that store a mesh's own symmetry.
 SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"
-# Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
+# Attributes that other modules read and write: faces' materials, marks of edges and vertices, and custom normals.
 READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
 # Types of attributes that may be directions or rotations.
 MAY_TURN = frozenset({"FLOAT_VECTOR", "QUATERNION", "FLOAT4X4"})
-# Internal attributes that hold what was made on a mesh, and those that hold how it was being edited.
+# Internal attributes with the user's work, and those with the state of editing.
 SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
 EDITING_STATES = (".select_", ".hide_", ".uv_select_", ".vs.", ".es.")
 PINS = ".pn."
@@ -43,9 +43,9 @@ class Storage:
     """How Blender stores attributes of one type.
 
     Attributes:
-        kind: what such values mean, unless the attribute's role says otherwise.
-        element: the property of each element that holds the value.
-        width: numbers in a value.
+        kind: meaning of the values, unless the attribute's role implies another.
+        element: the property of each element with the value.
+        width: count of numbers per value.
         dtype: their type.
     """
 
@@ -74,7 +74,7 @@ STORAGE = {
 
 
 class Role(Enum):
-    """What Blender uses an attribute as; the values are the names of the options and of the report's lists."""
+    """Blender's use of an attribute; the values are the names of options and of lists in the report."""
 
     UV_MAP = "uv_maps"
     COLOR = "color_attributes"
@@ -83,11 +83,11 @@ class Role(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """An attribute, with what Blender needs to make it anew on another mesh.
+    """An attribute, with all that is needed to create it on another mesh.
 
     Attributes:
         attribute: its values.
-        role: what Blender uses it as.
+        role: Blender's use of it.
         data_type: a key of `STORAGE`.
         turning: whether it is a direction or a rotation, in the mesh's own space, that turns with the surface.
     """
@@ -108,7 +108,7 @@ class ActiveLayers:
     color_render: str | None
 
     def among(self, names: Collection[str]) -> ActiveLayers:
-        """The same, without layers of other names."""
+        """The same, with None in place of other names."""
         return ActiveLayers(*(name if name in names else None for name in astuple(self)))
 
 
@@ -116,11 +116,11 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
     """UV maps, colour attributes and other attributes, and why some of the others cannot be transferred.
 
     Args:
-        mesh: has them.
-        turning: names of directions and rotations, which turn with the surface.
+        mesh: the mesh to read.
+        turning: names of directions and rotations that turn with the surface.
 
     Returns:
-        Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
+        Layers in the order of Blender's lists, and the reason for each attribute that is left out.
     """
     layers, skipped = [], dict[str, str]()
     for name, role, reason in _list_attributes(mesh):
@@ -136,12 +136,12 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
 
 
 def count_layers(mesh: Mesh) -> dict[Role, int]:
-    """How many attributes of each role `read_layers` would read; their values are not read."""
+    """Number of attributes of each role that `read_layers` would read, without reading their values."""
     return Counter(role for _, role, reason in _list_attributes(mesh) if reason is None)
 
 
 def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
-    """Name and role of each attribute, and why it cannot be transferred, in the order of Blender's lists."""
+    """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so."""
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
@@ -152,11 +152,11 @@ def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
 
 
 def untransferable_data(obj: Object, mesh: Mesh) -> dict[str, str]:
-    """What else an object carries, besides attributes, that cannot be transferred, each with the reason.
+    """Data of an object, besides attributes, that cannot be transferred, each with the reason.
 
     Args:
         obj: the object as it is in the file.
-        mesh: its mesh as the modifiers leave it.
+        mesh: its evaluated mesh.
     """
     found = (
         (message("skin radii"), bool(mesh.skin_vertices), "they belong to the edges used by the Skin modifier"),
@@ -200,10 +200,10 @@ def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC, turning: bool =
     """One attribute of a mesh: values (count,) or (count, width), colours scene-linear, matrices row by row.
 
     Args:
-        mesh: has it.
-        name: of the attribute.
-        role: what Blender uses it as.
-        turning: whether it is meant to turn with the surface, which attributes of some types cannot.
+        mesh: the mesh to read.
+        name: name of the attribute.
+        role: Blender's use of it.
+        turning: whether it turns with the surface; ignored for types that cannot, see `MAY_TURN`.
     """
     attribute = mesh.attributes[name]
     turning = turning and attribute.data_type in MAY_TURN
@@ -214,24 +214,24 @@ def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC, turning: bool =
 
 def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
     storage = STORAGE[attribute.data_type]
-    if attribute.data_type == "STRING":  # Blender hands out no arrays of these
+    if attribute.data_type == "STRING":  # Blender provides no arrays of strings
         return np.array([element.value for element in attribute.data])
     values = read_array(attribute.data, storage.element, storage.dtype, storage.width)
     return _transpose(values) if storage.kind is Kind.MATRIX else values
 
 
 def _transpose(matrices: np.ndarray) -> np.ndarray:
-    """Matrices (count, 16), column by column, row by row, or the reverse."""
+    """Convert matrices (count, 16) from column-major to row-major order, or back."""
     return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
 
 
 def fits(attribute: bpy.types.Attribute, layer: Layer) -> bool:
-    """Whether an attribute can take a layer's values as it is."""
+    """Whether an attribute has the type and domain for a layer's values."""
     return (attribute.data_type, attribute.domain) == (layer.data_type, layer.attribute.domain.name)
 
 
 def write_layer(mesh: Mesh, layer: Layer) -> None:
-    """Write an attribute to a mesh; one of the same name is overwritten, or replaced if it is of another type."""
+    """Write an attribute to a mesh; overwrites one of the same name, or replaces it if its type differs."""
     name, domain = layer.attribute.name, layer.attribute.domain.name
     storage = STORAGE[layer.data_type]
     present = mesh.attributes.get(name)
@@ -250,7 +250,7 @@ def write_layer(mesh: Mesh, layer: Layer) -> None:
 
 
 def read_active_layers(mesh: Mesh) -> ActiveLayers:
-    """Which UV maps and colour attributes are shown, and which are rendered."""
+    """The names of the shown and rendered UV maps and colour attributes."""
     rendered = [layer.name for layer in mesh.uv_layers if layer.active_render]
     return ActiveLayers(
         uv=mesh.uv_layers.active.name if mesh.uv_layers.active else None,
@@ -261,7 +261,7 @@ def read_active_layers(mesh: Mesh) -> ActiveLayers:
 
 
 def write_active_layers(mesh: Mesh, active: ActiveLayers) -> None:
-    """Make layers of the mesh the shown and the rendered ones; None leaves what is."""
+    """Set the shown and rendered layers of a mesh; None keeps the present one."""
     if active.uv is not None:
         mesh.uv_layers.active = mesh.uv_layers[active.uv]
     if active.uv_render is not None:

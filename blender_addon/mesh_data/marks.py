@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Marks of single edges and vertices: seams, sharp edges, creases, bevel weights, and lines of Freestyle."""
+"""Marks of single edges and vertices: seams, sharp edges, creases, bevel weights, and Freestyle lines."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class MarkRow(NamedTuple):
 
     Attributes:
         attribute: the attribute's name since Blender 5.0.
-        label: what the user knows it as.
-        domain: what is marked.
-        kind: a mark is there or not, or has a strength.
-        element: a property of each edge that holds it, in some or all versions; then the attribute, if there is one,
-            may have other names.
+        label: its name for the user.
+        domain: edges or vertices.
+        kind: boolean, or a strength.
+        element: the edge property that stores it in some or all versions; then the attribute, if there is one, may
+            have other names.
     """
 
     attribute: str
@@ -43,18 +43,18 @@ MARKS = (
     MarkRow("crease_vert", message("vertex creases"), Domain.POINT, Kind.MARK),
     MarkRow("bevel_weight_vert", message("vertex bevel weights"), Domain.POINT, Kind.MARK),
 )
-# Attributes that hold marks, as they are called in any version.
+# Attributes of marks, by their names in all versions.
 MARK_ATTRIBUTES = frozenset({row.attribute for row in MARKS} | {".uv_seam"})
 
 
 def read_marks(mesh: Mesh) -> list[Attribute]:
-    """The marks that a mesh has, by their labels."""
+    """The marks of a mesh, named by their labels."""
     found = ((row, _read(mesh, row)) for row in MARKS)
     return [Attribute(row.label, row.domain, row.kind, values) for row, values in found if values.any()]
 
 
 def write_marks(mesh: Mesh, marks: Attribute) -> None:
-    """Give a mesh the marks of one label, in place of those that it has."""
+    """Replace a mesh's marks of one label."""
     (row,) = (row for row in MARKS if row.label == marks.name)
     if _is_property(row):
         mesh.edges.foreach_set(row.element, np.ascontiguousarray(marks.values, dtype=np.bool_))

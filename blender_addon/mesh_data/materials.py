@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials, and which face has which."""
+"""The materials of objects and faces."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .arrays import read_array
 def read_materials(obj: Object, mesh: Mesh) -> tuple[list[str | None], Attribute]:
     """The full names of the materials in an object's slots (None where empty), and each face's slot.
 
-    Blender shows faces that name a slot beyond the last one in the last; they are read so.
+    Slot numbers beyond the last slot are read as the last, as Blender displays them.
     """
     names = [material and material.name_full for material in mesh.materials]
     for i, slot in enumerate(obj.material_slots[: len(names)]):
@@ -29,7 +29,7 @@ def read_materials(obj: Object, mesh: Mesh) -> tuple[list[str | None], Attribute
 
 
 def write_materials(obj: Object, names: Sequence[str | None], slots: Attribute) -> None:
-    """Give faces the materials that `slots` has for them, by name; slots that are missing are appended."""
+    """Assign the materials in `slots` to faces, by name; missing slots are appended."""
     present, _ = read_materials(obj, obj.data)
     by_name = {material.name_full: material for material in bpy.data.materials}
     used, face_slot = np.unique(slots.values, return_inverse=True)

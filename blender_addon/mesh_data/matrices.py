@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where objects stand in the world, in double precision.
+"""World matrices of objects, in double precision.
 
-Blender keeps positions and matrices in single precision: at a million units from the world's origin these are 0.06
-apart. What lies there is read relative to its object, so that nothing is lost as long as sums are in double precision.
+Blender stores positions and matrices in single precision, with steps of 0.06 at a million units from the world's
+origin. Positions are relative to their object, so sums in double precision lose nothing there.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from bpy.types import Object
 
 from zoomout_core.arrays import Floats
 
-# What an entry of a product of matrices may be off by in single precision, for each factor, over what its terms add up
-# to without their signs.
+# Maximum rounding error of an entry of a matrix product in single precision, per factor, over the sum of the absolute
+# values of its terms.
 ROUNDING = 4 * float(np.finfo(np.float32).eps)
-# How an object hangs from its parent's matrix alone.
+# Types of parents that move an object by their matrix alone.
 BY_MATRIX = frozenset({"OBJECT", "ARMATURE"})
 
 
 def world_matrix(obj: Object) -> Floats:
-    """(4, 4) from an object's own space into the world's, as the product of its own and its parents' matrices.
+    """(4, 4) from an object's own space to world space, as the product of its own and its parents' matrices.
 
-    It is Blender's product, in single precision, where something else moves the object: constraints, the bone or the
-    vertices that it hangs from, or physics.
+    If anything else moves the object, such as constraints, a parent bone or vertices, or physics, it is Blender's own
+    matrix, in single precision.
     """
     seen = np.array(obj.matrix_world, np.float64)
     parts = _parts(obj)
@@ -35,13 +35,13 @@ def world_matrix(obj: Object) -> Floats:
 
 
 def transform_points(matrix: Floats, positions: Floats) -> Floats:
-    """Positions (..., 3), moved by a matrix (4, 4)."""
-    with np.errstate(invalid="ignore"):  # of positions that are not finite, which surfaces refuse
+    """Positions (..., 3), transformed by a matrix (4, 4)."""
+    with np.errstate(invalid="ignore"):  # positions that are not finite are rejected by surfaces
         return np.asarray(positions @ matrix[:3, :3].T + matrix[:3, 3])
 
 
 def _parts(obj: Object) -> list[Floats]:
-    """The matrices (4, 4) whose product moves an object to where it is, if nothing else does."""
+    """The matrices (4, 4) whose product is an object's world matrix, unless something else moves it."""
     if obj.constraints or (obj.parent is not None and obj.parent_type not in BY_MATRIX):
         return [np.array(obj.matrix_world, np.float64)]
     own = np.array(obj.matrix_basis, np.float64)

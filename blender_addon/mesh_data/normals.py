@@ -18,28 +18,28 @@ ENCODED = "INT16_2D"
 
 
 def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
-    """The normals of a mesh's corners in world space, if it has custom ones."""
+    """The corner normals of a mesh in world space, if it has custom ones."""
     return read_normals(obj, mesh) if mesh.has_custom_normals else None
 
 
 def read_normals(obj: Object, mesh: Mesh) -> Attribute:
-    """The normals of a mesh's corners in world space, as displayed."""
+    """The corner normals of a mesh in world space, as displayed."""
     own = read_own_normals(mesh)
-    # Normals transform by the inverse transpose; they point outwards on mirrored objects as well.
+    # Normals transform by the inverse transpose; on mirrored objects they point outwards as well.
     normals = own.values @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(own, values=normals)
 
 
 def read_own_normals(mesh: Mesh) -> Attribute:
-    """The normals of a mesh's corners in its own space."""
+    """The corner normals of a mesh in its own space."""
     normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
     return Attribute(CUSTOM_NORMAL, Domain.CORNER, Kind.NORMAL, normals)
 
 
 def write_custom_normals(mesh: Mesh, normals: Attribute) -> None:
-    """Give corners their normals, in the mesh's own space; Blender marks edges as sharp where these jump."""
+    """Write corner normals, in the mesh's own space; Blender marks edges as sharp where these differ."""
     present = mesh.attributes.get(CUSTOM_NORMAL)
     if present is not None and present.data_type != ENCODED:
-        mesh.attributes.remove(present)  # Blender would write to another attribute, and show this one
+        mesh.attributes.remove(present)  # Blender would write to another attribute, and display this one
     mesh.normals_split_custom_set(normals.values.astype(np.float32))

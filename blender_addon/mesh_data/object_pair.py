@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surfaces of two objects of a match, and the fingerprints by which later edits are noticed.
+"""The surfaces of the two objects of a match, and fingerprints that detect later edits.
 
-A target that is a part of a character may receive from several objects: then these are the source, joined in order.
+A target that is a part of a character may have several sources, which are joined in order.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import zoomout_core as zo
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Identifies the state of an object, so that edits are noticed; it does not depend on the pose.
+    """Identifies the state of an object, to detect edits; it does not depend on the pose.
 
     Attributes:
-        name: of the object.
+        name: name of the object.
         digest: hash of its content, whether it is mirrored, and the faces of its surface.
-        content: of its own mesh, see `mesh_data.content_hash`.
+        content: hash of its own mesh, see `mesh_data.content_hash`.
         mirrored: whether its matrix mirrors it.
         size: number of vertices and of faces of its surface.
-        at_base: whether this is its own mesh, before modifiers that were added later give it other vertices; else it
-            is what they leave. Of a target it always is its own mesh.
+        at_base: whether its surface is its own mesh, before modifiers that were added later change its vertices; else
+            it is the evaluated mesh. For a target it always is its own mesh.
     """
 
     name: str
@@ -39,10 +39,10 @@ class ObjectPair:
     """The surfaces of two objects, or of several sources and a target.
 
     Attributes:
-        sources: evaluated; they have the data. The first one gives the largest share.
-        target: its own mesh at the evaluated positions; it receives the data.
-        source_fingerprints: those of the sources, when they were read.
-        target_fingerprint: that of the target.
+        sources: evaluated surfaces of the sources; the first one provides the largest share.
+        target: the target's own mesh at the evaluated positions.
+        source_fingerprints: fingerprints of the sources, taken when they were read.
+        target_fingerprint: fingerprint of the target.
     """
 
     sources: tuple[zo.Surface, ...]
@@ -57,15 +57,15 @@ class ObjectPair:
 
     @property
     def source_names(self) -> tuple[str, ...]:
-        """Of the sources' objects."""
+        """Names of the source objects."""
         return tuple(fingerprint.name for fingerprint in self.source_fingerprints)
 
     @property
     def source_name(self) -> str:
-        """Of the first source's object."""
+        """Name of the first source object."""
         return self.source_fingerprints[0].name
 
     @property
     def target_name(self) -> str:
-        """Of the target's object."""
+        """Name of the target object."""
         return self.target_fingerprint.name

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which vertices, edges and faces are selected in Edit Mode.
+"""The selected vertices, edges and faces of Edit Mode.
 
-They are written as the attributes that Blender stores them in. Blender 5.0 gives meshes made by `from_pydata` an
+Selections are written to the attributes in which Blender stores them. Blender 5.0 gives meshes made by `from_pydata` an
 attribute of another type under the name of selected edges, and `foreach_set` on edges then writes past its end.
 """
 
@@ -20,7 +20,7 @@ SELECTED = {Domain.POINT: ".select_vert", Domain.EDGE: ".select_edge", Domain.FA
 
 
 def read_selection(mesh: Mesh) -> list[Attribute]:
-    """Which vertices, and which faces, are selected; nothing where none is."""
+    """The selection of vertices and of faces; one that is empty is left out."""
     found = (
         Attribute(message("selection"), domain, Kind.BOOLEAN, read_array(elements, "select", np.bool_))
         for domain, elements in ((Domain.POINT, mesh.vertices), (Domain.FACE, mesh.polygons))
@@ -29,7 +29,7 @@ def read_selection(mesh: Mesh) -> list[Attribute]:
 
 
 def write_selection(mesh: Mesh, selected: Attribute) -> None:
-    """Select vertices, and the edges between them, or faces, and no others of their kind."""
+    """Select only these vertices, with the edges between them, or only these faces."""
     _write(mesh, selected.domain, selected.values)
     if selected.domain is Domain.POINT:
         ends = read_array(mesh.edges, "vertices", np.int32, 2)
@@ -37,9 +37,9 @@ def write_selection(mesh: Mesh, selected: Attribute) -> None:
 
 
 def select_only(mesh: Mesh, selected: Attribute) -> None:
-    """Select vertices or faces with all that belongs to them as Edit Mode has it, and nothing else.
+    """Select only these vertices or faces, with their other elements as in Edit Mode.
 
-    Edges and faces whose vertices are all selected are so, too; of faces their edges and vertices are.
+    Vertices select the edges and faces between them; faces select their edges and vertices.
     """
     corner_vertex = read_array(mesh.loops, "vertex_index", np.int32)
     start = read_array(mesh.polygons, "loop_start", np.int32)

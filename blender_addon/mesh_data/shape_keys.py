@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys: their offsets as an array, and how Blender plays them.
+"""Shape keys: their offsets as an array, and their settings in Blender.
 
-Offsets count from the key that a key is relative to, which need not be the Basis. They belong to the mesh before
-its modifiers: an armature poses what the keys have moved.
+Offsets are relative to a key's reference key, which need not be the Basis. They apply before modifiers: an armature
+poses the mesh that the keys have moved.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from .arrays import read_array
 from .surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
 
-# Properties of a key besides its place and the key that it is relative to; the range comes before the value in it.
+# Properties of a key besides its place and its reference key; the range comes before the value, which it clamps.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
 BASIS = "Basis"
 
@@ -33,9 +33,9 @@ class ShapeKey:
     """A shape key without its shape.
 
     Attributes:
-        name: as the user knows it.
-        base: the number of the key that its offsets count from, -1 for the Basis.
-        relative_to: the name of the key that Blender takes it relative to; None for the Basis.
+        name: the key's name in Blender.
+        base: the number of the key that its offsets are relative to, -1 for the Basis.
+        relative_to: the name of its reference key in Blender; None for the Basis.
         settings: values of the properties in `SETTINGS`.
     """
 
@@ -47,12 +47,12 @@ class ShapeKey:
 
 @dataclass(frozen=True, eq=False)
 class ShapeKeys:
-    """The shape keys of a mesh but the first, which is the shape that they start from.
+    """The shape keys of a mesh, without the Basis.
 
     Attributes:
-        keys: in the order of Blender's list.
+        keys: the keys in the order of Blender's list.
         offsets: (n, keys, 3) in the object's space.
-        rest: (n, 3) the shape that they start from.
+        rest: (n, 3) positions of the Basis.
     """
 
     keys: tuple[ShapeKey, ...]
@@ -61,24 +61,24 @@ class ShapeKeys:
 
 
 def offsets_of(names: tuple[str, ...], values: Floats) -> Attribute:
-    """Offsets (n, keys, 3) of shape keys of some names."""
+    """An attribute of the offsets (n, keys, 3) of shape keys with some names."""
     return Attribute(message("shape keys"), Domain.POINT, Kind.OFFSET, values, names)
 
 
 def read_rest_positions(mesh: Mesh) -> Floats:
-    """(n, 3) positions of the vertices that shape keys start from, or of the mesh if it has none."""
+    """(n, 3) positions of the Basis shape key, or of the mesh without shape keys."""
     if mesh.shape_keys is None:
         return read_positions(mesh)
     return read_array(mesh.shape_keys.reference_key.points, "co", np.float32, 3)
 
 
 def read_key_positions(mesh: Mesh, name: str) -> Floats:
-    """(n, 3) positions of the vertices that a shape key stores."""
+    """(n, 3) positions in a shape key."""
     return read_array(mesh.shape_keys.key_blocks[name].points, "co", np.float32, 3)
 
 
 def move_vertices(mesh: Mesh, offsets: Floats) -> None:
-    """Move the vertices of a mesh by (n, 3), in its own space; its shape keys move along."""
+    """Move the vertices of a mesh by offsets (n, 3), in its own space, together with its shape keys."""
     mesh.vertices.foreach_set("co", np.ascontiguousarray(read_positions(mesh) + offsets, np.float32).ravel())
     for block in mesh.shape_keys.key_blocks if mesh.shape_keys else ():
         moved = read_key_positions(mesh, block.name) + offsets
@@ -86,14 +86,14 @@ def move_vertices(mesh: Mesh, offsets: Floats) -> None:
 
 
 def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
-    """The shape keys of an object that has some, on the vertices that its modifiers leave.
+    """The shape keys of an object that has some, on the vertices of its evaluated mesh.
 
     Args:
         obj: the object as it is in the file.
-        faces: of its mesh as the modifiers leave it.
+        faces: the faces of its evaluated mesh.
 
     Returns:
-        The keys, or None where other modifiers than those that deform make a difference to the mesh's faces.
+        The keys, or None if the faces differ without deforming modifiers or with a single key.
     """
     if faces == read_faces(obj.data):
         return read_own_shape_keys(obj.data)
@@ -104,14 +104,14 @@ def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
 
 
 def read_undeformed_positions(obj: Object, faces: Faces) -> Floats | None:
-    """(n, 3) positions of an object, without what deforms it, on the vertices that its modifiers leave.
+    """(n, 3) undeformed positions of an object, on the vertices of its evaluated mesh.
 
     Args:
         obj: the object as it is in the file.
-        faces: of its mesh as the modifiers leave it.
+        faces: the faces of its evaluated mesh.
 
     Returns:
-        The positions, or None where other modifiers than those that deform make a difference to the mesh's faces.
+        The positions, or None if the faces differ without deforming modifiers.
     """
     if faces == read_faces(obj.data):
         return read_rest_positions(obj.data)
@@ -128,16 +128,16 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
 
 
 def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:
-    """The shape keys of several objects as of one: keys of a name are one, and do not move what lacks them.
+    """Join the shape keys of several objects by name; a key does not move objects that lack it.
 
-    How a key is set, and what it is relative to, is as on the first object that has it: where it is relative to another
-    one, its offsets are of no use, and it does not move that object.
+    A key takes its settings and reference key from the first object that has it. On objects where its reference key
+    differs, its offsets do not fit, and it does not move them.
 
     Args:
-        of_each: of each object, in one space.
+        of_each: the shape keys of each object, in a common space.
 
     Returns:
-        The keys, and for each object the names of those that it has before the others.
+        The keys, and for each object the names of the keys that it is the first to have.
     """
     if len(of_each) == 1:
         return of_each[0], [list(of_each[0].offsets.labels)]
@@ -158,14 +158,14 @@ def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[
 
 
 def _renumber(key: ShapeKey, keys: Sequence[ShapeKey], columns: Mapping[str, int]) -> ShapeKey:
-    """A key among others, whose base is numbered as in `columns`."""
+    """A key with its base renumbered by `columns`."""
     return replace(key, base=-1 if key.base < 0 else columns[keys[key.base].name])
 
 
 def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
-    """Write keys with offsets (n, keys, 3) in the object's space; those of the same names are overwritten.
+    """Write keys with offsets (n, keys, 3) in the object's space; keys of the same names are overwritten.
 
-    Other keys that are relative to those move along, as when a key is edited: what they do stays the same.
+    Other keys that are relative to these move along, as in Blender, so that their offsets stay the same.
     """
     mesh = obj.data
     active = obj.active_shape_key_index
@@ -187,7 +187,7 @@ def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> 
     for number, key in enumerate(keys):
         block = blocks.get(key.name) or obj.shape_key_add(name=key.name, from_mix=False)
         block.points.foreach_set("co", np.ascontiguousarray(shape(number), np.float32).ravel())
-        block.slider_min = -10.0  # its least, so that no maximum lies below it
+        block.slider_min = -10.0  # its lower limit, so that no maximum is below it
         for name, value in key.settings.items():
             setattr(block, name, value)
     for key in keys:
@@ -200,13 +200,13 @@ def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> 
 
 
 def write_shape(obj: Object, name: str, shape: Floats) -> None:
-    """Write a key of a shape (n, 3) in the object's space that nothing shows yet; one of that name is overwritten."""
+    """Write a shape (n, 3) in the object's space as a key of value 0; a key of that name is overwritten."""
     settings = {"slider_max": 1.0, "slider_min": 0.0, "value": 0.0, "mute": False, "vertex_group": ""}
     write_shape_keys(obj, [ShapeKey(name, -1, None, settings)], (shape - read_rest_positions(obj.data))[:, None])
 
 
 def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
-    """Give keys of some names the drivers that they have on the source, and its action where there is no other."""
+    """Copy the source's drivers of some keys, and its action if the target has none."""
     animation = source.animation_data
     if animation is None:
         return
@@ -233,7 +233,7 @@ def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
 
 
 def _following(key: Key, names: Collection[str]) -> dict[str, str]:
-    """Keys that are relative, directly or by way of others, to one of these names, by their names; themselves not."""
+    """Other keys that are relative, directly or indirectly, to keys of these names: key name to the first such name."""
     following = {}
     for block in key.key_blocks:
         base = block.relative_key
@@ -259,14 +259,14 @@ def _keys(key: Key) -> tuple[ShapeKey, ...]:
         base = block.relative_key
         settings = {name: getattr(block, name) for name in SETTINGS}
         relative_to = None if base == key.reference_key else base.name
-        # Keys that are relative to each other in a circle have nothing to start from but the Basis.
+        # Keys that are relative to each other in a circle start from the Basis.
         number = numbers[base.name] if relative_to and _ends(block, key) else -1
         keys.append(ShapeKey(block.name, number, relative_to, settings))
     return tuple(keys)
 
 
 def _ends(block: bpy.types.ShapeKey, key: Key) -> bool:
-    """Whether the keys that a key is relative to, one after the other, end at the Basis."""
+    """Whether a key's chain of reference keys ends at the Basis."""
     for _ in key.key_blocks:
         if block == key.reference_key:
             return True
@@ -276,14 +276,14 @@ def _ends(block: bpy.types.ShapeKey, key: Key) -> bool:
 
 @contextmanager
 def _undeformed_copy(obj: Object) -> Iterator[Object]:
-    """A temporary copy of an object without deforming modifiers; those that generate vertices stay."""
+    """A temporary copy of an object without deforming modifiers; generating modifiers stay."""
     copy = obj.copy()
     copy.data = obj.data.copy()
     try:
         keys = copy.data.shape_keys
         for owner in (copy, keys) if keys else (copy,):
             owner.animation_data_clear()
-        copy.parent = None  # which may be an armature that deforms it without a modifier
+        copy.parent = None  # an armature may deform it as its parent
         for modifier in [modifier for modifier in copy.modifiers if modifier.type in VERTEX_PRESERVING]:
             copy.modifiers.remove(modifier)
         copy.show_only_shape_key = False
@@ -299,7 +299,7 @@ def _undeformed_copy(obj: Object) -> Iterator[Object]:
 
 
 def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], faces: Faces) -> tuple[Floats, list[Floats]] | None:
-    """What the modifiers make of the rest shape and of each key's offset; None if they make other faces."""
+    """The rest shape and each key's offset after the modifiers; None if they make other faces."""
     blocks = obj.data.shape_keys.key_blocks
     rest, offsets = _evaluated_positions(obj, faces), []
     for key in keys:
@@ -314,7 +314,7 @@ def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], faces: Faces) -> t
 
 
 def _evaluated_positions(obj: Object, faces: Faces) -> Floats | None:
-    """(n, 3) positions that the modifiers leave, or None if they make other faces."""
+    """(n, 3) positions after the modifiers, or None if they make other faces."""
     bpy.context.view_layer.update()
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     try:

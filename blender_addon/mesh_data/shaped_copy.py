@@ -14,19 +14,19 @@ from .surfaces import VERTEX_PRESERVING, is_mirrored
 
 
 def add_shaped_copy(context: Context, obj: Object, name: str, shape: Floats, place: Floats) -> Object:
-    """Add a copy of an object, with a mesh of its own, in the collections that the object is in.
+    """Add a copy of an object with its own mesh, in the object's collections.
 
-    It has neither shape keys, parent, constraints and animation, nor modifiers that deform it; groups, materials and
-    attributes are the object's.
+    It has no shape keys, parent, constraints, animation or deforming modifiers, but the object's groups, materials and
+    attributes.
 
     Args:
         context: Blender's.
-        obj: what is copied.
-        name: of the new object.
+        obj: the object to copy.
+        name: name of the new object.
         shape: (n, 3) positions in world space.
-        place: (3,) where its origin is to be.
+        place: (3,) its origin.
     """
-    place = place.astype(np.float32)  # as Blender keeps it
+    place = place.astype(np.float32)  # as Blender stores it
     copy = obj.copy()
     copy.data = obj.data.copy()
     copy.name = copy.data.name = name
@@ -37,7 +37,7 @@ def add_shaped_copy(context: Context, obj: Object, name: str, shape: Floats, pla
         copy.constraints.remove(constraint)
     for modifier in [modifier for modifier in copy.modifiers if modifier.type in VERTEX_PRESERVING]:
         copy.modifiers.remove(modifier)
-    if is_mirrored(obj):  # its new matrix does not turn faces over
+    if is_mirrored(obj):  # its new matrix does not flip faces
         copy.data.flip_normals()
     copy.data.vertices.foreach_set("co", np.ascontiguousarray(shape - place, np.float32).ravel())
     copy.data.update()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strands of hair: curves objects, as points and lines, and back; and where they are attached to a surface."""
+"""Strands of hair: converting curves objects to points and lines and back, and attaching them to a surface."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from zoomout_core.geometry.closest_points import closest_points
 from .arrays import read_array
 from .surfaces import check_evaluated, positions_in_world
 
-# The attribute of curves that says where on the UV map of their surface each begins.
+# The attribute of curves with the place of each first point on their surface's UV map.
 ROOT_UV = "surface_uv_coordinate"
 
 
 def read_strands(obj: Object, depsgraph: Depsgraph | None = None) -> zo.Lines:
-    """The strands of a curves object in world space, as modifiers leave them where they keep the points.
+    """The strands of a curves object in world space, after its modifiers if these keep the points.
 
     Args:
         obj: a curves object.
-        depsgraph: Blender's; None for strands as they are without modifiers.
+        depsgraph: Blender's; None for strands without modifiers.
 
     Raises:
-        MeshError: there are none, or the object is not evaluated.
+        MeshError: there are no strands, or the object is not evaluated.
     """
     points = _positions(obj.data)
     if depsgraph is not None:
@@ -43,13 +43,13 @@ def write_strands(curves: Curves, positions: Floats) -> None:
 
 
 def attach_strands(obj: Object, surface: Object, shape: zo.Surface, strands: Floats) -> None:
-    """Make a mesh the surface of curves, and attach each where it begins.
+    """Make a mesh the surface of curves, and attach each curve by its first point.
 
     Args:
         obj: the curves object.
-        surface: the mesh object; its UV map of the same name is taken, else its active one.
-        shape: its surface, whose corners are its mesh's,
-        strands: (n, 3) and the points of the curves, in the same space.
+        surface: the mesh object; the curves use its UV map of the same name, else its active one.
+        shape: its surface, with the corners of its mesh.
+        strands: (n, 3) points of the curves, in the space of `shape`.
     """
     curves, layers = obj.data, surface.data.uv_layers
     curves.surface = surface
@@ -70,12 +70,12 @@ def _positions(curves: Curves) -> np.ndarray:
 
 
 def _first_points(curves: Curves) -> Integers:
-    """(s + 1,) the first point of each strand, and the number of points."""
+    """(s + 1,) the first point of each strand, then the number of points."""
     return read_array(curves.curve_offset_data, "value", np.int32).astype(np.int64)
 
 
 def _edges(first: Integers) -> Integers:
-    """(e, 2) points that follow each other on a strand."""
+    """(e, 2) pairs of consecutive points on a strand."""
     points = np.arange(first[-1] - 1)
     inside = np.ones(len(points), dtype=bool)
     inside[first[1:-1] - 1] = False

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on the evaluated surface of an object, stored so that they are found again after poses, edits and saving.
+"""Points on the evaluated surface of an object, stored so that they persist through posing, editing and saving.
 
-A surface point lies in a face of the evaluated mesh and moves with it. Where an edit changed the number of vertices or
-faces, so that the face is no longer known, the nearest point of the surface takes its place.
+A surface point belongs to a face of the evaluated mesh and moves with it. If an edit changed the number of vertices or
+faces, so that the face is unknown, the nearest point of the surface replaces it.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class SurfacePoint:
     """A point in a face of the evaluated mesh of an object.
 
     Attributes:
-        face: that it lies in.
-        vertices: three of the face's.
+        face: the face that contains it.
+        vertices: three vertices of the face.
         weights: barycentric coordinates in their triangle.
-        position: (3,) where it was when it was set, in the object's own space.
-        counts: vertices and faces that the mesh had then.
+        position: (3,) its position when it was set, in the object's own space.
+        counts: the number of vertices and faces that the mesh had then.
     """
 
     face: int
@@ -89,7 +89,7 @@ def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> S
     """The point of the evaluated surface at a vertex of the object's own mesh.
 
     Raises:
-        MeshError: the modifiers leave nothing there, or the object is disabled.
+        MeshError: the modifiers leave no surface there, or the object is disabled.
     """
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         same_vertices = len(mesh.vertices) == len(obj.data.vertices)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of Blender as surfaces of the core, in world space."""
+"""Blender's objects as surfaces of the core, in world space."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Faces:
     """How the faces of a mesh connect its vertices.
 
     Attributes:
-        vertices: their number.
+        vertices: number of vertices.
         start: (f,) the first corner of each face.
         corner_vertex: (c,) the vertex of each corner.
     """
@@ -57,7 +57,7 @@ class Faces:
 
 @contextmanager
 def evaluated_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]]:
-    """The evaluated object and its mesh as the modifiers leave it, with all data layers.
+    """The evaluated object and its mesh, with all data layers.
 
     Raises:
         MeshError: the object is disabled, so that Blender does not evaluate it.
@@ -86,13 +86,13 @@ def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
 
 
 def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
-    """The surface of an object as the modifiers leave it, in world space.
+    """The evaluated surface of an object, in world space.
 
-    Where they leave the faces as they are, these are divided into triangles like those of the object's own
-    mesh: Blender divides a quad another way when a pose folds it, and a match would not outlive that.
+    If modifiers keep the faces, these are triangulated like those of the object's own mesh: Blender triangulates a
+    quad differently when a pose folds it, which would invalidate a match.
 
     Raises:
-        MeshError: there is no surface, or it is not evaluated.
+        MeshError: there is no surface, or the object is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         own = obj.data if read_faces(mesh) == read_faces(obj.data) else mesh
@@ -100,7 +100,7 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
 
 
 def read_source_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
-    """The faces of the surface that `read_source_surface` gives, in a fraction of its time.
+    """The faces of the surface from `read_source_surface`, in a fraction of its time.
 
     Raises:
         MeshError: the object is not evaluated.
@@ -110,12 +110,12 @@ def read_source_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
 
 
 def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None, positions: np.ndarray | None = None) -> zo.Surface:
-    """The surface of an object's own mesh, as it is there: in the mesh's own space.
+    """The surface of an object's own mesh, in the mesh's own space.
 
     Args:
         obj: the object.
-        evaluated: the mesh that modifiers leave; if they change its faces, it is taken instead.
-        positions: (n, 3) of its vertices, if these are not where the mesh has them.
+        evaluated: the evaluated mesh; it is used instead if modifiers change the faces.
+        positions: (n, 3) positions of the vertices, if other than the mesh's.
 
     Raises:
         MeshError: there is no surface.
@@ -131,7 +131,7 @@ def read_positions(mesh: Mesh) -> np.ndarray:
 
 
 def read_faces(mesh: Mesh) -> Faces:
-    """Number of vertices, and vertices of faces: equal for meshes of the same topology."""
+    """The faces of a mesh, which are equal for meshes of the same topology."""
     return Faces(
         len(mesh.vertices),
         read_array(mesh.polygons, "loop_start", np.int32),
@@ -140,39 +140,39 @@ def read_faces(mesh: Mesh) -> Faces:
 
 
 def positions_in_world(obj: Object, positions: Floats) -> Floats:
-    """Positions (..., 3) in the object's space, in world space."""
+    """Transform positions (..., 3) from the object's space to world space."""
     return transform_points(world_matrix(obj), positions)
 
 
 def directions_in_world(obj: Object, directions: Floats) -> Floats:
-    """Differences of positions (..., 3) in the object's space, in world space."""
+    """Transform differences of positions (..., 3) from the object's space to world space."""
     return directions @ world_matrix(obj)[:3, :3].T
 
 
 def positions_in_object(obj: Object, positions: Floats) -> Floats:
-    """Positions (..., 3) in world space, in the object's space; of a flat one as near as there is."""
+    """Transform positions (..., 3) from world space to the object's space; the nearest ones for a flat object."""
     return to_object(obj, positions - origin(obj))
 
 
 def to_object(obj: Object, directions: Floats) -> Floats:
-    """Differences of positions (..., 3) in world space, in the object's space; of a flat one as near as there is."""
+    """Transform differences of positions (..., 3) from world to the object's space; the nearest for a flat object."""
     return directions @ np.linalg.pinv(world_matrix(obj)[:3, :3]).T
 
 
 def origin(obj: Object) -> Floats:
-    """(3,) where the origin of an object is, in world space."""
+    """(3,) the origin of an object, in world space."""
     return world_matrix(obj)[:3, 3]
 
 
 def is_flat(obj: Object) -> bool:
-    """Whether an object's matrix leaves nothing of some direction."""
+    """Whether an object's matrix is singular, as with a scale of zero."""
     return bool(np.linalg.matrix_rank(np.array(obj.matrix_world)[:3, :3]) < 3)
 
 
 def world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
-    """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
+    """A mesh in world space, with Blender's numbers of corners and triangles, and the edges of `with_edges`.
 
-    A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
+    A mirroring object matrix would turn the surface inside out, so the winding of triangles is then reversed.
     """
     surface = _surface(obj, mesh, positions_in_world(obj, positions), with_edges, is_mirrored(obj))
     surface.rounding = single_precision_step(positions) * float(np.linalg.norm(world_matrix(obj)[:3, :3], 2))
@@ -198,9 +198,9 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
 
 
 def _read_corner_vertices(mesh: Mesh) -> Integers:
-    """(c,) the vertex of each corner: from the attribute that stores them, which is copied as a whole.
+    """(c,) the vertex of each corner, read from Blender's attribute at once.
 
-    Through `loops` Blender calls a function for each, which takes many times as long.
+    Through `loops`, Blender would call a function for each corner, which is many times slower.
     """
     if not mesh.loops:  # then there may be no attribute
         return np.empty(0, np.int32)
@@ -208,7 +208,7 @@ def _read_corner_vertices(mesh: Mesh) -> Integers:
 
 
 def _read_edges(mesh: Mesh) -> Integers:
-    """(e, 2) the vertices of each edge; read as those of corners are."""
+    """(e, 2) the vertices of each edge, read like those of corners."""
     if not mesh.edges:
         return np.empty((0, 2), np.int32)
     return read_array(mesh.attributes[".edge_verts"].data, "value", np.int32, 2)
@@ -220,7 +220,7 @@ def is_mirrored(obj: Object) -> bool:
 
 
 def without_faces(obj: Object) -> str:
-    """Why an object whose own mesh has no faces cannot receive data, and what to do."""
+    """The reason why an object without faces in its own mesh cannot receive data, and the remedy."""
     making = [m.name for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
     if not making:
         return message("'{name}' has no faces: choose a mesh with a surface.", name=obj.name)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Vertex groups.
 
-Weights have neither `foreach_get` nor `foreach_set`: they are read in one pass over `MeshVertex.groups`, and
-written with one `VertexGroup.add` a weight, those of one all at once. A weight takes about a microsecond and a half;
-setting and filling lists of vertices of equal weights takes as long where few are equal. BMesh's deform layer takes
-half the time, but its round trip writes all the rest of the mesh anew.
+Weights have neither `foreach_get` nor `foreach_set`. They are read in one pass over `MeshVertex.groups`, and written by
+one `VertexGroup.add` per weight, and one for all weights of 1. A weight takes about 1.5 microseconds; lists of vertices
+of equal weight take as long where few weights are equal. BMesh's deform layer takes half the time, but its round trip
+rewrites the rest of the mesh.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..jobs import pause
 
-# A weight of a vertex in a group, as it is read.
+# Record of a vertex's weight in a group.
 ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
-# Vertices whose weights are read before the window gets its turn: about 10 ms, or some times 10 ms where many groups
-# overlap.
+# Vertices whose weights are read between two pauses for the window: about 10 ms, or a few times as long where many
+# groups overlap.
 PIECE = 2000
 
 
@@ -42,10 +42,10 @@ def read_weights(obj: Object, mesh: Mesh) -> Attribute:
 
 
 def read_mask(obj: Object, name: str) -> Floats:
-    """(n,) the weights of the vertex group of a name, in [0, 1].
+    """(n,) the weights of a vertex group, in [0, 1].
 
     Raises:
-        MeshError: the object has none.
+        MeshError: the object has no group of that name.
     """
     weights = read_weights(obj, obj.data)
     if name not in weights.labels:
@@ -58,10 +58,10 @@ def read_mask(obj: Object, name: str) -> Floats:
 async def read_weights_in_pieces(
     fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]],
 ) -> Attribute:
-    """`read_weights`, some vertices at a time, between which the window gets its turn.
+    """`read_weights`, some vertices at a time, with pauses for the window.
 
     Args:
-        fetch: gives the object and its mesh anew each time, of as many vertices.
+        fetch: finds the object and its mesh again for each piece; the number of vertices stays the same.
     """
     with fetch() as (obj, mesh):
         names, count = _group_names(obj), len(mesh.vertices)
@@ -85,7 +85,7 @@ def _entries(mesh: Mesh, first: int, end: int) -> np.ndarray:
 
 
 def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> Attribute:
-    """The attribute of the records of all vertices."""
+    """The attribute from the records of all vertices."""
     found = np.concatenate([np.empty(0, ENTRY), *entries])
     found = found[found["group"] < len(names)]
     values = csr_array((found["weight"], (found["vertex"], found["group"])), shape=(count, len(names)))
@@ -105,12 +105,12 @@ def write_weights(obj: Object, weights: Attribute) -> None:
 
 
 def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
-    """Write what differs between two states of some vertex groups, which stay where they are in the list.
+    """Write the differences between two states of some vertex groups, which keep their places in the list.
 
     Args:
         obj: the object.
-        before: their weights as they are there; a group that has none may not be there, and is made.
-        after: their weights as they are to be, with the same labels.
+        before: their present weights; a group without weights may be missing, and is added.
+        after: their new weights, with the same labels.
     """
     groups = obj.vertex_groups
     old, new = csc_array(before.values), csc_array(after.values)
@@ -126,7 +126,7 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
 
 
 def _members(columns: csc_array, column: int) -> tuple[Indices, SingleFloats]:
-    """The vertices in a group, and the weight of each, in single precision, as Blender has it."""
+    """The vertices in a group and their weights, in Blender's single precision."""
     entries = slice(*columns.indptr[column : column + 2])
     return columns.indices[entries], columns.data[entries].astype(np.float32)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an object wears: other objects, as shapes in world space, and copies of them in other shapes."""
+"""Objects that another object wears, as shapes in world space, and copies of them in other shapes."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from .surfaces import VERTEX_PRESERVING, check_evaluated
 
 # Types of objects that can be worn.
 TYPES = frozenset({"MESH", "CURVES"})
-# Modifiers that are bound to each vertex of another mesh.
+# Modifiers that are bound to the vertices of another mesh.
 BOUND_TO_VERTICES = frozenset({"MESH_DEFORM", "SURFACE_DEFORM"})
-# A custom property of copies: the name of the object that each is of.
+# A custom property of copies: the name of the original object.
 COPY_OF = "zoomout_dressed"
 
 
@@ -37,12 +37,12 @@ class Worn:
     """An object that is worn.
 
     Attributes:
-        name: of the object.
-        shape: in world space.
-        stood: (4, 4) the matrix by which it is there.
-        at_rest: whether it is as it is without what deforms it.
-        hangs_from_bone: whether a bone moves it as a whole.
-        content: hash of its own data, by which edits are noticed.
+        name: name of the object.
+        shape: its shape in world space.
+        stood: (4, 4) the world matrix of that shape.
+        at_rest: whether the shape is undeformed.
+        hangs_from_bone: whether its parent is a bone.
+        content: hash of its own data, to detect edits.
     """
 
     name: str
@@ -57,13 +57,13 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
     """Read an object that is worn.
 
     Args:
-        obj: of one of `TYPES`.
+        obj: an object of one of `TYPES`.
         depsgraph: Blender's.
-        at_rest: without what deforms it, and where it is while bones are at rest; else as it is seen, before modifiers
-            that add or remove vertices.
+        at_rest: whether to read it undeformed, and placed as while bones are at rest; else it is read as displayed,
+            before modifiers that add or remove vertices.
 
     Raises:
-        MeshError: it is of another type, has no points, or is not evaluated.
+        MeshError: the object has another type, has no points, or is not evaluated.
     """
     if obj.type not in TYPES:
         raise zo.MeshError("'{name}' is neither a mesh nor hair curves: convert it to one of them.", name=obj.name)
@@ -95,20 +95,20 @@ def add_worn_copy(
     collection: BlenderCollection,
     moved: Floats,
 ) -> tuple[Object, list[str]]:
-    """Add a copy of an object in another shape, that another object wears.
+    """Add a copy of an object in another shape, for another object to wear.
 
-    At rest it hangs, and is deformed, as what it is a copy of, by the same bones. Else it hangs from its wearer, and
-    has none of the modifiers that made its shape.
+    At rest, the copy has the parent and deformation of the original, by the same bones. Else the wearer is its parent,
+    and it has none of the modifiers that made its shape.
 
     Args:
-        worn: as it was read.
-        obj: what is copied.
-        positions: (n, 3) of the copy's points, in world space.
-        turns: (n, 3, 3) what becomes of small differences of positions.
-        wearer: what wears the copy.
-        bodies: what wore the object: references to these become such to the wearer.
-        collection: the copy is linked to.
-        moved: (4, 4) how all that was worn has moved, where it is not at rest.
+        worn: the original as it was read.
+        obj: the original object.
+        positions: (n, 3) the copy's points, in world space.
+        turns: (n, 3, 3) maps from old to new differences of positions.
+        wearer: the object that wears the copy.
+        bodies: objects that wear the original; the copy refers to the wearer instead.
+        collection: the collection for the copy.
+        moved: (4, 4) the motion of all worn objects, if not at rest.
 
     Returns:
         The copy, and notes.
@@ -143,19 +143,19 @@ def add_worn_copy(
 
 
 def worn_copies(wearer: Object) -> list[Object]:
-    """The copies that hang from an object that wears them."""
+    """The copies that are children of their wearer."""
     return [child for child in wearer.children if COPY_OF in child]
 
 
 def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Floats, wearer: Object) -> None:
-    """Take a copy to rest, and bind it as what it is a copy of is bound, if that is still there.
+    """Move a copy to rest, and bind it like its original, if that still exists.
 
     Args:
         context: Blender's.
         worn: the copy as it was read.
-        positions: (n, 3) of its points at rest, in world space.
-        turns: (n, 3, 3) what becomes of small differences of positions.
-        wearer: what wears it, bound already.
+        positions: (n, 3) its points at rest, in world space.
+        turns: (n, 3, 3) maps from old to new differences of positions.
+        wearer: the object that wears it, already bound.
     """
     copy = context.scene.objects[worn.name]
     original = context.scene.objects.get(copy[COPY_OF])
@@ -171,12 +171,12 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
 
 
 def worn_copies_in(collection: BlenderCollection, name: str) -> list[Object]:
-    """Copies of an object that were made before, in a collection."""
+    """Earlier copies of an object in a collection."""
     return [each for each in collection.objects if each.get(COPY_OF) == name]
 
 
 def collection_beside(context: Context, obj: Object, name: str) -> BlenderCollection:
-    """The collection of some name beside an object, made where there is none."""
+    """The collection of some name beside an object, created if missing."""
     parent = next(iter(obj.users_collection), context.scene.collection)
     found = parent.children.get(name)
     if found is None:
@@ -205,7 +205,7 @@ def _curves(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> 
 
 
 def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats, place: Floats) -> None:
-    """Move the points of a copy to positions (n, 3) in world space, before it is given a place (4, 4)."""
+    """Move the points of a copy to positions (n, 3) in world space, before it gets the matrix `place` (4, 4)."""
     if copy.type == "CURVES":
         write_strands(copy.data, transform_points(np.linalg.inv(place), positions))
     else:
@@ -213,7 +213,7 @@ def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats,
 
 
 def _free(copy: Object) -> None:
-    """Take what makes a copy's shape and place off it."""
+    """Remove the animation, constraints and modifiers that determine a copy's shape and place."""
     copy.animation_data_clear()
     for constraint in list(copy.constraints):
         copy.constraints.remove(constraint)
@@ -222,7 +222,7 @@ def _free(copy: Object) -> None:
 
 
 def _refer_to(copy: Object, wearer: Object, bodies: Collection[Object]) -> list[str]:
-    """Let what refers to bodies refer to their wearer, as far as it can; notes."""
+    """Redirect a copy's references from bodies to the wearer, as far as possible; returns notes."""
     notes = list[str]()
     for modifier in list(copy.modifiers):
         for prop in modifier.bl_rna.properties:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing that leaves things as they were where it fails, at whatever step.
+"""Writing that is rolled back if it fails at any step.
 
-Blender's own undo takes back a whole operator that has ended well; here one that fails is taken back, as are functions
-of scripts and commands.
+Blender's own undo reverts an operator that has succeeded; this reverts operators, functions of scripts and commands
+that fail.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from bpy.types import ID, Key, Object
 
 from .armatures import Place, copy_modifier
 
-# Collections of the file that writing adds to; what refers to others comes before these.
+# Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
 ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions")
 
 
 class Writing:
-    """What is being written, and how it was before."""
+    """The objects that are being written, and their state before."""
 
     def __init__(self) -> None:
         self._before: list[_Before] = []
@@ -28,25 +28,25 @@ class Writing:
         self._present = {one.session_uid for kind in ADDED_TO for one in getattr(bpy.data, kind)}
 
     def keep(self, obj: Object) -> None:
-        """Remember an object that is written to, with its data, its place and that of its children."""
+        """Remember an object before it is written to, with its data, its place and its children's."""
         before = _Before(obj)
         self._before.append(before)
         for writing in _enclosing:
             writing._present |= before.copies
 
     def replace(self, obj: Object) -> None:
-        """Let others have the names of an object and its data; it is removed when all is written."""
+        """Free the names of an object and its data for others; both are removed when all is written."""
         for one in (obj, obj.data):
             self._replaced.append((one, one.name))
             one.name = f"{one.name} before"
 
     def take_over(self, other: Writing) -> None:
-        """Be able to take back what another one has written, too."""
+        """Roll back another writing, too, if this one fails."""
         self._before += other._before
         self._replaced += other._replaced
 
     def take_back(self) -> None:
-        """Bring back what was there, and remove what was not."""
+        """Restore changed objects, and remove added ones."""
         for before in reversed(self._before):
             before.restore()
         for kind in ADDED_TO:
@@ -56,7 +56,7 @@ class Writing:
         bpy.context.view_layer.update()
 
     def finish(self) -> None:
-        """Forget what was there."""
+        """Remove replaced objects and forget the state before."""
         objects, data = ([one for one, _ in self._replaced[first::2]] for first in (0, 1))
         bpy.data.batch_remove(objects)
         bpy.data.batch_remove([one for one in data if not one.users])
@@ -64,19 +64,19 @@ class Writing:
             before.forget()
 
 
-# What encloses what is being written: the writing for several targets, of which each is written for itself.
+# Nested writings, the innermost last: writing for several targets encloses the writing of each.
 _enclosing: list[Writing] = []
 
 
 @contextmanager
 def all_or_nothing(*objects: Object) -> Iterator[Writing]:
-    """A context in which objects are written to, and after which all is as it was before if that fails.
+    """A context for writing to objects, which restores them if the block fails.
 
-    Where it lies within another one, that one takes back what this has written as well.
+    An enclosing context rolls back the writing of this one, too.
 
     Args:
-        objects: whose data, vertex groups, shape keys, materials, place or armature modifiers are written. New objects
-            and data-blocks need not be named.
+        objects: objects whose data, vertex groups, shape keys, materials, place or armature modifiers are written. New
+            objects and data-blocks need not be named.
     """
     writing = Writing()
     _enclosing.append(writing)
@@ -96,7 +96,7 @@ def all_or_nothing(*objects: Object) -> Iterator[Writing]:
 
 
 class _Before:
-    """An object as it was, kept as a copy that is in no scene.
+    """The state of an object before, as a copy outside any scene.
 
     Attributes:
         copies: `session_uid` of the copy and of its data.
@@ -112,7 +112,7 @@ class _Before:
         self.copies = {self._copy.session_uid, self._copy.data.session_uid}
 
     def restore(self) -> None:
-        """Put the copy's data in place of the object's, wherever that is used, and what else was the object's back."""
+        """Replace the object's data by the copy's wherever it is used, and restore its place and modifiers."""
         written, data = self._obj.data, self._copy.data
         if self._name_of_keys and written.shape_keys:
             _let_drivers_refer(written.shape_keys, data.shape_keys)
@@ -128,7 +128,7 @@ class _Before:
         bpy.data.batch_remove([self._copy])
 
     def _restore_modifiers(self) -> None:
-        """Bring back the armature modifiers; of others none is added or removed."""
+        """Restore the armature modifiers; writing does not add or remove others."""
         for one in [one for one in self._obj.modifiers if one.type == "ARMATURE"]:
             self._obj.modifiers.remove(one)
         for place, one in enumerate(self._copy.modifiers):
@@ -143,7 +143,7 @@ class _Before:
 
 
 def _let_drivers_refer(before: Key, now: Key) -> None:
-    """Let drivers that refer to shape keys refer to others."""
+    """Redirect drivers from one data-block of shape keys to another."""
     for user in bpy.data.user_map(subset=[before])[before]:
         animation = getattr(user, "animation_data", None)
         for curve in animation.drivers if animation else ():

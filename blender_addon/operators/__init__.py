@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: thin, the work is in functions that scripts can call as well."""
+"""Operators: thin wrappers of functions that scripts can call as well."""
 
 from . import select_faults, symmetry
 from .bend_match import ZOOMOUT_OT_bend_match
@@ -23,7 +23,7 @@ from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .transfer import ZOOMOUT_OT_transfer
 from .wrap import ZOOMOUT_OT_wrap
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (
     ZOOMOUT_OT_match,
     ZOOMOUT_OT_use_candidate,

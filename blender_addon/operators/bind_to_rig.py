@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bind the active mesh, and others that are selected, to the armature of a source."""
+"""Bind the active and other selected meshes to the armature of a source."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
     bl_options = {"REGISTER", "UNDO"}
 
     def draw(self, context: Context) -> None:
-        """What can be adjusted: the match is what it was."""
+        """Draw the options that can be adjusted without matching again."""
         self.layout.use_property_split = True
         for names in (BindOptions.__annotations__, BLENDING, NAMING):
             column = self.layout.box().column()

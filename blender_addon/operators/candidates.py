@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Use another one of the maps that a match found: the one with the sides swapped, the next, or any of the list.
+"""Use another candidate of a match: the one with swapped sides, the next, or any in the list.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import IntProperty
@@ -21,10 +21,10 @@ class CandidateOperator(ModalOperator):
     """The base of operators that put another candidate in place of the stored match."""
 
     def place(self, listing: CandidateList) -> int:
-        """Which candidate of a list to use.
+        """The index of the candidate to use.
 
         Raises:
-            MeshError: there is none such.
+            MeshError: there is no such candidate.
         """
         raise NotImplementedError
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose all the data that a transfer can take, or none of it.
+"""Turn on all kinds of data for a transfer, or turn them off.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import BoolProperty
@@ -19,7 +19,7 @@ class ZOOMOUT_OT_choose_data(Operator):
     every: BoolProperty(name="All", description="Turn everything on instead of off", default=True)
 
     def execute(self, context: Context) -> set[str]:
-        """Set the check marks."""
+        """Set or clear all kinds."""
         for name in USUAL_DATA:
             setattr(context.scene.zoomout, name, self.every)
         return {"FINISHED"}

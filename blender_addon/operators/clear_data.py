@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remove what is kept of matches, of some meshes or of the whole file.
+"""Remove stored matches and related data from some meshes or the whole file.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import BoolProperty
@@ -39,18 +39,18 @@ class ZOOMOUT_OT_clear_match_data(ModalOperator):
 
     @classmethod
     def description(cls, context: Context, properties: OperatorProperties) -> str:
-        """Of what a button clears."""
+        """The tooltip of a button, for the meshes or the whole file."""
         return translated(OF_FILE if properties.whole_file else cls.bl_description)
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether nothing else is at work."""
+        """Whether no other operator is running."""
         if activity.running:
             cls.poll_message_set(translated(activity.AT_WORK))
         return not activity.running
 
     def invoke(self, context: Context, event: Event) -> set[str]:
-        """Ask before a whole file is cleared."""
+        """Ask before clearing a whole file."""
         if self.whole_file:
             return context.window_manager.invoke_confirm(self, event)
         return super().invoke(context, event)

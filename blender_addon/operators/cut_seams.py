@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut the active mesh open along the seams of its source, so that UV islands end exactly where the source's do."""
+"""Cut the active mesh along the seams of its source, so that UV islands end exactly where the source's do."""
 
 from __future__ import annotations
 

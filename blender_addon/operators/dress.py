@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress the active mesh with what a source wears."""
+"""Dress the active mesh with the clothes of a source."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
     )
 
     def draw(self, context: Context) -> None:
-        """What can be adjusted: the match is what it was."""
+        """Draw the options that can be adjusted without matching again."""
         self.layout.use_property_split = True
         for name in DressOptions.__annotations__:
             self.layout.prop(self, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks from what is selected or named on the objects, and landmarks that go."""
+"""Set landmarks from selected or named places on objects, confirm and remove them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ..services.propose_partners import propose_partners
 from ..translations import reported, translated
 from . import modes
 
-# More vertices are not selected to mark places one by one.
+# A selection of more vertices is probably not meant to set landmarks one by one.
 MAX_SELECTED = 64
 
 
@@ -37,18 +37,18 @@ class LandmarkOperator(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether there are objects that may have landmarks."""
+        """Whether there are objects for landmarks."""
         reason = obstacle(context)
         if reason:
             cls.poll_message_set(translated(reason).removesuffix("."))
         return not reason
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Change the landmarks on the source, which is the first, and the targets."""
+        """Change the landmarks on the source, which is the first object, and the targets; returns a report."""
         raise NotImplementedError
 
     def execute(self, context: Context) -> set[str]:
-        """Change them, and report."""
+        """Change the landmarks in Object Mode, and report."""
         left = modes.leave(context, self)
         return modes.come_back_after(context, left, self, self._finish_change(context))
 
@@ -72,19 +72,19 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether vertices of objects that may have landmarks can be selected."""
+        """Whether vertices of objects for landmarks can be selected."""
         if context.mode != "EDIT_MESH":
             cls.poll_message_set(translated("Switch to Edit Mode"))
             return False
         return super().poll(context)
 
     def execute(self, context: Context) -> set[str]:
-        """Note what is selected before Edit Mode is left."""
+        """Read the selection before leaving Edit Mode."""
         self._selected = {obj.name: _selected_vertices(obj) for obj in context.objects_in_mode}
         return super().execute(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Place them on the objects whose vertices are selected."""
+        """Set landmarks at the selected vertices."""
         selected = {obj: self._selected.get(obj.name, []) for obj in objects}
         count = sum(map(len, selected.values()))
         if not count:
@@ -115,7 +115,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     bl_description = "Place landmarks at vertex groups or empties that have the same name on the source and the target"
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Place them."""
+        """Import landmarks."""
         count = import_landmarks(context, objects, self.what)
         return message("Imported {landmarks}", landmarks=landmarks_in_words(count))
 
@@ -126,7 +126,7 @@ class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
     bl_description = "Accept all landmark positions that the match proposed, drawn as pale dots"
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Confirm them."""
+        """Confirm proposed landmarks."""
         return message("Confirmed {landmarks}", landmarks=landmarks_in_words(confirm_landmarks(context.scene, objects)))
 
 
@@ -137,7 +137,7 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether one is chosen."""
+        """Whether a landmark is chosen."""
         settings = context.scene.zoomout
         if settings.active_landmark >= len(settings.landmarks):
             cls.poll_message_set(translated("Choose a landmark in the list"))
@@ -145,7 +145,7 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
         return super().poll(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Remove it."""
+        """Remove the chosen landmark."""
         settings = context.scene.zoomout
         number = settings.landmarks[settings.active_landmark].number
         remove_landmark(context.scene, number, objects)
@@ -158,12 +158,12 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
     bl_description = "Remove all landmarks from the source and the targets"
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Remove them."""
+        """Remove the landmarks on the objects."""
         return message("Removed {landmarks}", landmarks=landmarks_in_words(remove_landmarks_on(context.scene, objects)))
 
 
 def _selected_vertices(obj: Object) -> list[int]:
-    """The selected vertices of a mesh that is being edited, those of the selection's history first, in its order."""
+    """The selected vertices of a mesh in Edit Mode, first those in the selection history, in its order."""
     editable = bmesh.from_edit_mesh(obj.data)
     editable.verts.index_update()
     history = [item.index for item in editable.select_history if isinstance(item, bmesh.types.BMVert)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match the active mesh, and others that are selected, with a source, and store the results on them."""
+"""Match the active and other selected meshes with a source, and store the results on them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def draw(self, context: Context) -> None:
-        """A match takes too long to follow each change of an option."""
+        """Draw a hint instead of options, because a match takes too long for interactive changes."""
         self.layout.label(text="Change the options in the sidebar, then match again")
 
     async def work(self, context: Context) -> str:
@@ -50,7 +50,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
 
 
 def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> str:
-    """What was matched, in one sentence."""
+    """The result in one sentence."""
     names = list(outcome.done)
     confidences = [match.confidence for match in outcome.done.values()]
     doubtful, vertices = (sum(map(count, confidences)) for count in (stored_match.low_confidence, len))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match all meshes of a collection with those of another one, each with its counterpart."""
+"""Match each mesh of a collection with its counterpart in another one."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
 
 
 def _select(context: Context, names: Sequence[str]) -> None:
-    """Select the targets alone, so that a transfer is to them, each from what it was matched with."""
+    """Select only the targets, so that a transfer uses each target's own source."""
     for obj in context.selected_objects:
         obj.select_set(False)
     targets = [context.view_layer.objects[name] for name in names if name in context.view_layer.objects]

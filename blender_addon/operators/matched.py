@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the operators have in common that work on the match of the active mesh."""
+"""The base of operators on the match of the active mesh."""
 
 from __future__ import annotations
 

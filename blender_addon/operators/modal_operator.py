@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators whose work is a coroutine: with a window it runs in slices that ESC can end, else straight through.
+"""Operators whose work is a coroutine: with a window it runs in slices and ESC cancels it, else it runs at once.
 
-They run in Object Mode: another mode is left before, and comes back at the end, whatever that is.
+They run in Object Mode, and restore the previous mode at the end, even after an error.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from ..services.targets import Outcome
 from ..translations import reported, translated
 from . import activity, modal, modes
 
-# Seconds of work between two events; the piece of work that is then running may take up to a tenth of a second more.
+# Seconds of work between two events; the piece of work then running may take up to 0.1 seconds more.
 SLICE = 0.05
-# Seconds between two redraws of the progress, which take time from the work, much of it without a GPU.
+# Seconds between two redraws of the progress, which slow the work down, especially without a GPU.
 REDRAWN = 0.2
-# Events that pass through to the view meanwhile, so that it can be rotated and zoomed.
+# Events that pass through to the view, so that it can be rotated and zoomed during the work.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 
-# When the progress was last drawn.
+# Time of the last redraw of the progress.
 _drawn = 0.0
 
 
@@ -38,14 +38,14 @@ class ModalOperator(Operator):
     """The base of operators that take long."""
 
     async def work(self, context: Context) -> str:
-        """The work, which returns a sentence for the user; it writes only after its last `await`."""
+        """Do the work and return a sentence for the user; it writes only after its last `await`."""
         raise NotImplementedError
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
-        """Warn of each target that was left out.
+        """Warn about each target that was left out.
 
         Raises:
-            MeshError: all were.
+            MeshError: all targets were left out.
         """
         outcome.check()
         for name, reason in outcome.failed.items():
@@ -60,7 +60,7 @@ class ModalOperator(Operator):
         return not reason
 
     def execute(self, context: Context) -> set[str]:
-        """Run to the end."""
+        """Run the work at once."""
         left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
@@ -72,7 +72,7 @@ class ModalOperator(Operator):
         return result
 
     def invoke(self, context: Context, event: Event) -> set[str]:
-        """Begin to work in slices, or run to the end where there is no window to watch, or none that lets it."""
+        """Start to work in slices, or run at once without a window that can receive a modal operator."""
         if bpy.app.background or not modal.can_begin(context.window):
             return self.execute(context)
         self._left = modes.leave(context, self)
@@ -83,7 +83,7 @@ class ModalOperator(Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
-        """Work for a slice at each tick of the timer; ESC ends it."""
+        """Work for a slice at each tick of the timer; ESC cancels."""
         if event.type == "ESC":
             self._end(context)
             self.report({"INFO"}, reported("Cancelled; nothing was changed"))
@@ -104,7 +104,7 @@ class ModalOperator(Operator):
         return modes.come_back_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
-        """Leave nothing behind: Blender calls this when a file is loaded or the window closes."""
+        """Clean up; Blender calls this when a file is loaded or the window closes."""
         self._end(context)
         modes.come_back_later(context, self._left)
 

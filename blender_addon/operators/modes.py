@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Leaving the mode of the active object, such as Edit or Sculpt Mode, while an operator works, and coming back to it.
+"""Leaving the mode of the active object, such as Edit or Sculpt Mode, during an operator, and restoring it.
 
-What was changed in a mode may be in the mesh only once that is left. Selections within meshes and the tools of modes
-are kept by Blender.
+Changes made in a mode may not be in the mesh before the mode is left. Blender keeps the selections within meshes and
+the tools of modes.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from bpy.types import Context, Object, Operator, Window
 
 from ..translations import translated
 
-# Modes whose undo steps are not of the whole file: what an operator did is pushed before these are entered again.
+# Modes whose undo steps do not cover the whole file: an operator's step is pushed before these are entered again.
 OWN_UNDO = frozenset({"EDIT", "PARTICLE_EDIT", "TEXTURE_PAINT"})
-# What the history of undo calls the state before an operator.
+# Name of the state before an operator in the undo history.
 BEFORE = "Sculpted"
 
 
 @dataclass(frozen=True)
 class Left:
-    """A mode that was left.
+    """A mode to restore.
 
     Attributes:
-        mode: of the active object, as `Object.mode` says it.
-        active: `session_uid` of that object.
-        others: those of the other objects that were in the mode.
+        mode: the active object's mode, a value of `Object.mode`.
+        active: `session_uid` of the active object.
+        others: `session_uid` of the other objects in the mode.
     """
 
     mode: str
@@ -36,10 +36,10 @@ class Left:
 
 
 def leave(context: Context, operator: Operator) -> Left | None:
-    """Switch to Object Mode for an operator; None where that is on already.
+    """Switch to Object Mode for an operator; returns None if it is on already.
 
-    From what an operator did Blender cannot undo to a stroke in Sculpt Mode, which alone is stored: a step of the
-    whole file goes before.
+    Undo steps of Sculpt Mode store only the strokes, and Blender cannot undo an operator back to one. So a step of the
+    whole file is pushed before.
     """
     obj = context.active_object
     if obj is None or obj.mode == "OBJECT":
@@ -53,11 +53,11 @@ def leave(context: Context, operator: Operator) -> Left | None:
 
 
 def come_back(context: Context, left: Left | None) -> None:
-    """Switch to the mode that was left, unless another object was made active, or is in a mode."""
+    """Restore the mode, unless another object has become active, or the object is in another mode."""
     obj = None if left is None else context.view_layer.objects.active
     if left is None or obj is None or obj.session_uid != left.active or obj.mode != "OBJECT":
         return
-    # The objects that enter Edit Mode with the active one are those that are selected.
+    # All selected objects enter Edit Mode with the active one.
     wrong = [] if left.mode != "EDIT" else [other for other in _others(context) if _is_wrong(other, left)]
     for other in wrong:
         other.select_set(not other.select_get())
@@ -67,31 +67,31 @@ def come_back(context: Context, left: Left | None) -> None:
 
 
 def come_back_later(context: Context, left: Left | None) -> None:
-    """Switch to the mode that was left once Blender is idle, if no other file is opened before."""
+    """Restore the mode once Blender is idle, unless another file is opened before."""
     window = context.window
     if left is not None:
         bpy.app.timers.register(lambda: _come_back_in(window, left), first_interval=0)
 
 
 def come_back_after(context: Context, left: Left | None, operator: Operator, result: set[str]) -> set[str]:
-    """Switch to the mode that was left at the end of an operator, so that what that did is one undo step.
+    """Restore the mode at the end of an operator, so that its changes are one undo step.
 
-    Blender pushes that step after the operator. In Edit Mode it would be of the mesh alone, and undo would leave what
-    is not in the mesh: vertex groups, modifiers, and that there is a match.
+    Blender pushes that step after the operator. In Edit Mode it would cover only the mesh, and undo would not revert
+    vertex groups, modifiers and the existence of a match.
 
     Args:
         context: Blender's.
-        left: what `leave` gave.
-        operator: that ends.
-        result: what it returns.
+        left: the result of `leave`.
+        operator: the operator that ends.
+        result: the operator's return value.
 
     Returns:
-        The result.
+        The `result`.
     """
     done = result == {"FINISHED"} and "UNDO" in operator.bl_options
     if left is None or left.mode not in OWN_UNDO or not done:
         come_back(context, left)
-    elif bpy.app.background:  # where nothing is pushed, and no timer runs
+    elif bpy.app.background:  # Blender pushes no step, and runs no timers
         bpy.ops.ed.undo_push(message=translated(operator.bl_label))
         come_back(context, left)
     else:
@@ -106,11 +106,11 @@ def _come_back_in(window: Window, left: Left) -> None:
 
 
 def _others(context: Context) -> list[Object]:
-    """Meshes besides the active object that are selected, or may be."""
+    """Visible objects other than the active one."""
     active = context.view_layer.objects.active
     return [obj for obj in context.view_layer.objects if obj not in (None, active) and obj.visible_get()]
 
 
 def _is_wrong(obj: Object, left: Left) -> bool:
-    """Whether an object is selected though it was not in the mode, or the other way round."""
+    """Whether an object is selected although it was not in the mode, or vice versa."""
     return obj.select_get() != (obj.session_uid in left.others)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Place landmarks by clicking on the source and on the targets in the 3D view, and move them by dragging."""
+"""Place landmarks by clicking on the source and the targets in the 3D view, and move them by dragging."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from . import modal, modes
 
 
 class Pointed(NamedTuple):
-    """Where the mouse is in a 3D view."""
+    """The place of the mouse in a 3D view."""
 
     area: Area
     region: Region
@@ -45,7 +45,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         "matched, the partner is proposed: drag it, or click it to confirm. Backspace removes the last landmark, ESC "
         "or the right mouse button finishes"
     )
-    bl_options = {"REGISTER"}  # each click is an undo step of its own
+    bl_options = {"REGISTER"}  # each click is a separate undo step
 
     @classmethod
     def poll(cls, context: Context) -> bool:
@@ -56,7 +56,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return not reason
 
     def invoke(self, context: Context, event: Event) -> set[str]:
-        """Begin to follow the mouse."""
+        """Start to follow the mouse."""
         if not modal.can_begin(context.window):
             text = "Landmarks are placed with the mouse: move it over a 3D viewport, and try again"
             self.report({"ERROR"}, reported(text))
@@ -72,7 +72,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
-        """Place, drag or end; other events pass through to the view."""
+        """Place or drag landmarks, or end; other events pass through to the view."""
         if event.type in ("ESC", "RIGHTMOUSE", "RET") and event.value == "PRESS":
             self._end(context)
             result = {"FINISHED"} if self._placed else {"CANCELLED"}
@@ -89,7 +89,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return {"PASS_THROUGH"}
 
     def cancel(self, context: Context) -> None:
-        """Leave nothing behind: Blender calls this when a file is loaded or the window closes."""
+        """Clean up; Blender calls this when a file is loaded or the window closes."""
         self._end(context)
         modes.come_back_later(context, self._left)
 
@@ -99,7 +99,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         context.workspace.status_text_set(None)
 
     def _press(self, context: Context, pointed: Pointed) -> set[str]:
-        """Take hold of the dot under the mouse, or place a landmark."""
+        """Start to drag the dot under the mouse, or place a landmark."""
         view = pointed.area.spaces.active
         shown = dots(context, pointed.region, view.region_3d, view)
         dot = dot_at(shown, pointed.place, context.preferences.system.ui_scale)
@@ -129,7 +129,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return self._show(context)
 
     def _drop(self, context: Context) -> set[str]:
-        """Take a proposed one as it is, and propose the partners anew of one that has no other yet."""
+        """Confirm the dragged landmark, and update its proposed partners."""
         number, name = self._dragged
         self._dragged = None
         objects = self._present(context)
@@ -145,12 +145,12 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return self._show(context)
 
     def _present(self, context: Context) -> list[Object]:
-        """The objects that may be clicked on, as far as they are still there."""
+        """The objects to click on that still exist."""
         found = (context.scene.objects.get(name) for name in self._objects)
         return [obj for obj in found if obj is not None]
 
     def _show(self, context: Context) -> set[str]:
-        """Say what to click on next, and have the dots drawn."""
+        """Show the next step in the status bar, and redraw the dots."""
         context.workspace.status_text_set(translated(_advice(context, self._present(context))))
         for area in context.window.screen.areas:
             if area.type == "VIEW_3D":
@@ -164,7 +164,7 @@ def _clickable(context: Context) -> list[Object]:
 
 
 def _advice(context: Context, objects: list[Object]) -> str:
-    """What to click on next, for the status bar."""
+    """The next object to click on, for the status bar."""
     waiting = [
         (number, obj)
         for obj in objects
@@ -205,7 +205,7 @@ def _inside(box: Area | Region, event: Event) -> bool:
 
 
 def _first_hit(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, SurfacePoint] | None:
-    """The object that is nearest to the viewer at a place in a view, and the surface point there."""
+    """The object nearest to the viewer at a place in a view, and the surface point there."""
     view = pointed.area.spaces.active
     origin = region_2d_to_origin_3d(pointed.region, view.region_3d, pointed.place)
     direction = region_2d_to_vector_3d(pointed.region, view.region_3d, pointed.place)

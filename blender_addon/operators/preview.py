@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Show a match or a symmetry by colours over objects, and stop showing it.
+"""Show or hide a preview of a match or a symmetry, by colours over objects.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import EnumProperty
@@ -17,7 +17,7 @@ from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
 from .modal_operator import ModalOperator
 
-# An asymmetry has options, and so an operator of its own.
+# Asymmetry has options, and therefore a separate operator.
 KINDS = {name: kind for name, kind in (OF_MATCH | OF_SYMMETRY).items() if name != ASYMMETRY}
 
 
@@ -38,7 +38,7 @@ class ZOOMOUT_OT_preview(ModalOperator):
 
     @classmethod
     def description(cls, context: Context, properties: OperatorProperties) -> str:
-        """Of the kind that a button shows."""
+        """The tooltip of the preview that a button shows."""
         return translated(KINDS[properties.kind].description)
 
     async def work(self, context: Context) -> str:
@@ -61,12 +61,12 @@ class ZOOMOUT_OT_clear_preview(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether there are any."""
+        """Whether there is a preview."""
         if preview.current() is None:
             cls.poll_message_set(translated("There is no preview"))
         return preview.current() is not None
 
     def execute(self, context: Context) -> set[str]:
-        """Take the colours away."""
+        """Remove the preview."""
         preview.clear()
         return {"FINISHED"}

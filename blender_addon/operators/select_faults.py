@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Select where the match of the active mesh is in doubt, turned over, or without a partner."""
+"""Select elements of the active mesh where the match is doubtful, flipped, or without a partner."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class SelectOperator(MatchedOperator):
 
     bl_options = {"REGISTER", "UNDO"}
     what = ""
-    # Which elements can be selected, as `ToolSettings.mesh_select_mode` has it: vertices, edges, faces.
+    # The value of `ToolSettings.mesh_select_mode`: vertices, edges, faces.
     selecting = (True, False, False)
 
     async def work(self, context: Context) -> str:
         result = await select_faults_async(context, context.active_object.name, self.what)
-        context.tool_settings.mesh_select_mode = self.selecting  # Edit Mode would deselect what it does not select
+        context.tool_settings.mesh_select_mode = self.selecting  # Edit Mode deselects elements of other modes
         return result
 
 

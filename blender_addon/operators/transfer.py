@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transfer data from a source to the active mesh, and to others that are selected, along their matches."""
+"""Transfer data from a source to the active and other selected meshes, along their matches."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ZOOMOUT_OT_transfer(
     bl_options = {"REGISTER", "UNDO"}
 
     def draw(self, context: Context) -> None:
-        """What can be adjusted: the match is what it was."""
+        """Draw the options that can be adjusted without matching again."""
         self.layout.use_property_split = True
         column = self.layout.column(heading="Data")
         for name in TransferOptions.__annotations__:
@@ -62,10 +62,10 @@ class ZOOMOUT_OT_transfer(
 
 
 def _own_sources(context: Context) -> dict[str, str]:
-    """For the names of all targets the sources that they were matched with.
+    """The names of the sources that all targets were matched with, by the targets' names.
 
     Raises:
-        MeshError: one was not.
+        MeshError: a target was not matched.
     """
     stored = {obj.name: stored_match.description(obj.data) for obj in chosen_targets(context)}
     for name, description in stored.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wrap the active mesh, and others that are selected, onto a source, or the source onto the active mesh."""
+"""Wrap the active and other selected meshes onto a source, or the source onto the active mesh."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def draw(self, context: Context) -> None:
-        """What can be adjusted: the match is what it was."""
+        """Draw the options that can be adjusted without matching again."""
         self.layout.use_property_split = True
         for name in WrapOptions.__annotations__:
             self.layout.prop(self, name)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Named sets of options, stored as Blender stores presets: in the user's folder, for all files.
+"""Named sets of options, stored as Blender's presets in the user's folder, for all files.
 
-Some are shipped in the folder `zoomout`; their names are those of their files.
+Shipped presets are in the folder `zoomout`, and are named by their files.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class ZOOMOUT_OT_add_transfer_preset(SettingsPreset, Operator):
     )
 
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (
     ZOOMOUT_PT_match_presets,
     ZOOMOUT_PT_transfer_presets,
@@ -77,5 +77,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Forget them."""
+    """Unregister the shipped presets."""
     bpy.utils.unregister_preset_path(HOME)

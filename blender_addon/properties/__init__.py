@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options: each is defined once, and is a setting of the scene as well as a property of the operators."""
+"""Options, each defined once, both for the scene's settings and for the operators' properties."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The collections of two characters that consist of several objects.
+"""Settings of the collections of two characters.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import PointerProperty
@@ -9,7 +9,7 @@ from bpy.types import Collection
 
 
 class CollectionSettings:
-    """Which collections are matched."""
+    """Which collections to match."""
 
     source_collection: PointerProperty(
         name="Source",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Options of dressing.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from .once import ONCE
 
 
 class DressOptions:
-    """How what belongs to the source is carried onto the target."""
+    """How to dress the target."""
 
     dress_manner: EnumProperty(
         name="Parts",
@@ -56,7 +56,7 @@ class DressOptions:
 
 
 class DressCollection:
-    """What is carried."""
+    """The collection of worn objects."""
 
     dress_collection: PointerProperty(
         name="Collection",

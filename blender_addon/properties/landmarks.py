@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks, stored on the scene: they persist through saving, undo, and renaming of the objects.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import (
@@ -40,7 +40,7 @@ class ZOOMOUT_PG_place(PropertyGroup):
     )
 
     def take(self, place: SurfacePoint) -> None:
-        """Take the values of a surface point."""
+        """Store a surface point."""
         for name in SurfacePoint.__annotations__:
             setattr(self, name, getattr(place, name))
 
@@ -94,5 +94,5 @@ class ImportOptions:
     )
 
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (ZOOMOUT_PG_place, ZOOMOUT_PG_landmark)

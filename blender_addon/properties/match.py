@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Options of a match, from the core's table.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from typing import Any
@@ -17,23 +17,23 @@ OFFERED = select_options(tuple(OPTIONS.values()), Door.BLENDER)
 
 
 def options_of_panel(panel: str, initial: str) -> tuple[Option, ...]:
-    """The options that a panel shows for a start, in capitals as in Blender."""
+    """The options that a panel shows for a start (`initial`), which is in capitals as in Blender."""
     return tuple(option for option in OFFERED if option.panel == panel and initial.lower() in option.starts)
 
 
 class MatchOptions:
-    """How to match: each option of the table that Blender offers is a property."""
+    """How to match: a property for each option of the core's table that Blender offers."""
 
     __annotations__ = {option.name: option_property(option) for option in OFFERED}
 
     def match_options(self) -> dict[str, Any]:
-        """The arguments of `operators.match.match_objects` that are chosen here, as far as the start uses them."""
+        """The chosen arguments of `services.match.match_objects` that the start uses."""
         chosen = {option.name: argument(option, getattr(self, option.name)) for option in OFFERED}
         return {option.name: chosen[option.name] for option in OFFERED if chosen["initial"] in option.starts}
 
 
 class RedoOptions:
-    """Where a target that was matched is matched again."""
+    """Where to match a target again."""
 
     redo_group: StringProperty(
         name="Redo Only",
@@ -51,11 +51,11 @@ class RedoOptions:
     )
 
     def redo_options(self) -> dict[str, Any]:
-        """The arguments of `match_objects` that are chosen here."""
+        """The chosen arguments of `match_objects`."""
         return {"redo_group": self.redo_group, "redo_keeps": self.redo_keeps}
 
 
 def option_label(name: str) -> str:
-    """What an argument of `match_objects` is called in the interface, or its name if it is not there."""
+    """The label of an argument of `match_objects` in the interface, or its name if it has none."""
     option = MatchOptions.__annotations__.get(name)
     return option.keywords["name"] if option else name

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the options of operators behave."""
+"""Flags of operators' options."""
 
-# An operator's own options hold for one call only; options that are not set come from the scene.
+# An operator's options apply to one call; unset options come from the scene.
 ONCE = {"SKIP_SAVE"}

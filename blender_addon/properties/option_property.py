@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's properties for rows of the core's table of options."""
+"""Blender properties for rows of the core's table of options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .once import ONCE
 
 
 def option_property(option: Option) -> Any:
-    """The property that a row of the table stands for."""
+    """The property for a row of the table."""
     named = {"name": option.label, "description": option.help, "options": ONCE}
     ends = {"min": option.minimum, "max": option.maximum, "soft_max": option.soft_maximum}
     limits = {name: end for name, end in ends.items() if end is not None}
@@ -37,8 +37,8 @@ def option_property(option: Option) -> Any:
 
 
 def argument(option: Option, value: Any) -> Any:
-    """What the value of such a property is in Python."""
+    """The argument in Python for the value of such a property."""
     if option.kind in (Kind.START, Kind.CHOICE):
         return value.lower()
-    # A half turn in single precision is more than one.
+    # In single precision, 180 degrees come back as slightly more.
     return round(math.degrees(value), 3) if option.kind is Kind.ANGLE else value

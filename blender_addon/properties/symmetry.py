@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options of what is done along a mesh's own symmetry.
+"""Options of the work along a mesh's own symmetry.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
@@ -12,7 +12,7 @@ from zoomout_core.symmetry.offsets import BLEND
 from ..colors import RED_LENGTH, RED_WEIGHT
 from .once import ONCE
 
-# Directions in the object's own space, by the names that they have in the interface.
+# Directions in the object's own space, by their names in the interface.
 AXES = {
     "X": (1, 0, 0),
     "-X": (-1, 0, 0),
@@ -39,7 +39,7 @@ class DetectOptions:
 
 
 class DirectionOptions:
-    """Which side is copied."""
+    """Which side to copy."""
 
     direction: EnumProperty(
         name="Copy",
@@ -60,7 +60,7 @@ class DirectionOptions:
 
 
 class WeightOptions:
-    """Which weights are made symmetric."""
+    """Which weights to make symmetric."""
 
     only_active: BoolProperty(
         name="Active Group Only",
@@ -71,7 +71,7 @@ class WeightOptions:
 
 
 class KeyOptions:
-    """What is done with a shape key."""
+    """How to mirror a shape key."""
 
     key_mode: EnumProperty(
         name="Make",
@@ -110,12 +110,12 @@ class KeyOptions:
     )
 
 
-# The options of `LayerOptions` that are kinds of data, in the panel's order.
+# The kinds of data among `LayerOptions`, in the panel's order.
 KINDS_OF_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges", "masks", "selection")
 
 
 class LayerOptions:
-    """Which data is made symmetric."""
+    """Which data to make symmetric."""
 
     uv_maps: BoolProperty(name="UV Maps", description="All UV maps", default=True, options=ONCE)
     color_attributes: BoolProperty(
@@ -162,12 +162,12 @@ class LayerOptions:
     )
 
     def data(self) -> list[str]:
-        """Names of the kinds of data that are chosen."""
+        """Names of the chosen kinds of data."""
         return [name for name in KINDS_OF_DATA if getattr(self, name)]
 
 
 class CheckOptions:
-    """What is compared with its other side."""
+    """Which data to compare between the sides."""
 
     check: EnumProperty(
         name="Check",
@@ -208,7 +208,7 @@ class CheckOptions:
 
 
 class SideOptions:
-    """What belongs to the middle."""
+    """How to separate the sides from the middle."""
 
     middle_width: FloatProperty(
         name="Middle",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Options of a transfer.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from ..adapters import FILL_BELOW, Binding, Settings, parse_group_names, parse_names
 from .once import ONCE
 
-# Options that say where and how much, and those that say what becomes of groups and attributes.
+# Options of blending, and options of groups and attributes.
 BLENDING = ("fill_below", "without_partner", "mode", "factor", "mask_group")
 NAMING = ("limit", "flip_names", "group_names", "turning")
 
@@ -86,7 +86,7 @@ class TransferOptions:
     )
 
     def data(self) -> list[str]:
-        """Names of the kinds of data that are chosen."""
+        """Names of the chosen kinds of data."""
         return [name for name in TransferOptions.__annotations__ if getattr(self, name)]
 
 
@@ -185,10 +185,10 @@ class BlendOptions:
     )
 
     def settings(self) -> Settings:
-        """What is chosen here.
+        """The chosen settings.
 
         Raises:
-            MeshError: new names of groups are not given as pairs.
+            MeshError: new names of groups are not pairs.
         """
         chosen = {name: getattr(self, name) for name in BlendOptions.__annotations__}
         names, turning = parse_group_names(self.group_names), parse_names(self.turning)
@@ -243,5 +243,5 @@ class BindOptions:
     )
 
     def how_to_bind(self) -> Binding:
-        """What is chosen here."""
+        """The chosen binding."""
         return Binding(self.binding.lower(), self.replace_binding)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Options of a wrap.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from .once import ONCE
 
 
 class WrapOptions:
-    """How the shape of one mesh is given to the other one's topology."""
+    """How to wrap one mesh onto the other."""
 
     wrap_result: EnumProperty(
         name="Result",

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of the scene: which are meant, reading them, recognising edits, and what was cached of their meshes."""
+"""Objects of the scene: choosing and reading them, detecting edits, and cached facts about their meshes."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files as scenes: opened or imported, joined by the meshes of another one, and written again."""
+"""Files as scenes: opening or importing them, appending meshes of another file, and writing them."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from zoomout_core.runtime.outputs import atomic_write, atomic_write_together
 from .. import mesh_data
 
 BLEND = ".blend"
-# Which of Blender's own add-ons reads and writes a format.
+# Blender's add-ons that read and write formats.
 ADDONS = {".glb": "io_scene_gltf2", ".gltf": "io_scene_gltf2", ".fbx": "io_scene_fbx"}
 
 
 def _import_fbx(filepath: str) -> None:
-    # From 5.0 on Blender's menus offer the one that is compiled; before it was an experiment, or missing.
+    # Since 5.0, Blender's menus offer the importer in C++; before, it was experimental or missing.
     compiled = bpy.app.version >= (5, 0)
     (bpy.ops.wm.fbx_import if compiled else bpy.ops.import_scene.fbx)(filepath=filepath)
 
 
 def _import_gltf(filepath: str) -> None:
-    bpy.ops.import_scene.gltf(filepath=filepath, disable_bone_shape=True)  # a mesh that other exporters would export
+    bpy.ops.import_scene.gltf(filepath=filepath, disable_bone_shape=True)  # exporters would write these meshes
 
 
 IMPORTERS: dict[str, Callable[..., Any]] = {
@@ -41,7 +41,7 @@ IMPORTERS: dict[str, Callable[..., Any]] = {
     ".ply": lambda filepath: bpy.ops.wm.ply_import(filepath=filepath),
     ".stl": lambda filepath: bpy.ops.wm.stl_import(filepath=filepath),
 }
-# Modifiers but those of armatures are left out: applied, they would cost a mesh its shape keys.
+# Modifiers other than armatures are not exported: applying them would lose a mesh's shape keys.
 EXPORTERS: dict[str, Callable[..., Any]] = {
     ".fbx": lambda filepath: bpy.ops.export_scene.fbx(
         filepath=filepath, path_mode="COPY", embed_textures=True, use_mesh_modifiers=False
@@ -55,10 +55,10 @@ READABLE, WRITABLE = (BLEND, *IMPORTERS), (BLEND, *EXPORTERS)
 
 
 def open_scene(context: Context, path: str | Path) -> None:
-    """Open a file in place of the one that is open, or import it into an empty scene; scripts in it are not run.
+    """Open a file instead of the current one, or import it into an empty scene, without running its scripts.
 
     Raises:
-        MeshError: there is none, it is of no format that is known here, or it cannot be read.
+        MeshError: the file does not exist, its format is not supported, or it cannot be read.
     """
     path = Path(path)
     ending = path.suffix.lower()
@@ -68,7 +68,7 @@ def open_scene(context: Context, path: str | Path) -> None:
         raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
     try:
         if ending == BLEND:
-            # With its windows, which know the scene and the view layer that were shown.
+            # With its windows, which determine the active scene and view layer.
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=True, use_scripts=False)
         else:
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -86,9 +86,9 @@ def open_scene(context: Context, path: str | Path) -> None:
 
 
 def shown_meshes(context: Context) -> list[str]:
-    """Names of the mesh objects with faces that are shown in the scene, sorted; of those that share a mesh, the first.
+    """Sorted names of the visible mesh objects with faces; of those that share a mesh, the first.
 
-    A file that is imported twice may have its objects in another order, but calls them alike.
+    Importing a file again may change the order of its objects, but not their names.
     """
     first: dict[Any, str] = {}
     for obj in sorted(context.view_layer.objects, key=lambda each: each.name):
@@ -99,10 +99,10 @@ def shown_meshes(context: Context) -> list[str]:
 
 @contextmanager
 def keep_as_blend(path: str | Path) -> Iterator[Path]:
-    """The file of the scene that was opened from a path, as a .blend: where it is none, one that goes with the context.
+    """The .blend file of the open scene: the file at `path` itself, or a temporary one if that has another format.
 
     Raises:
-        RuntimeError: it could not be written.
+        RuntimeError: the temporary file could not be written.
     """
     if Path(path).suffix.lower() == BLEND:
         yield Path(path)
@@ -114,18 +114,18 @@ def keep_as_blend(path: str | Path) -> Iterator[Path]:
 
 
 class Brought:
-    """Mesh objects of another file, in the scene for a while, with what they need.
+    """Mesh objects of another file, temporarily in the scene, with the data that they need.
 
     Args:
         context: Blender's.
         library: a .blend file.
-        names: of its objects.
+        names: names of its objects.
 
     Attributes:
-        names: that they have here.
+        names: names of the objects in the scene.
 
     Raises:
-        MeshError: one of them is in that file by a link.
+        MeshError: an object is linked into that file from another one.
     """
 
     def __init__(self, context: Context, library: Path, names: Sequence[str]) -> None:
@@ -143,7 +143,7 @@ class Brought:
         context.view_layer.update()
 
     def remove(self, context: Context, users: Sequence[str]) -> None:
-        """Remove the objects again, and what came with them, but for what others have come to use.
+        """Remove the objects and the data that came with them, except data that others now use.
 
         Args:
             context: Blender's.
@@ -158,7 +158,7 @@ class Brought:
         for each in _all_data():
             if each.session_uid in self._uids:
                 each.use_fake_user = False
-        # Data without users would not be saved, whoever's it is.
+        # Data without users would not be saved in any case.
         bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
         for library in [each for each in bpy.data.libraries if not each.users_id]:
             bpy.data.libraries.remove(library)
@@ -166,11 +166,11 @@ class Brought:
 
 
 def save_scene(path: str | Path) -> None:
-    """Write the scene that is open to a file, by whose ending it is saved or exported: whole, or not at all.
+    """Save or export the open scene by the extension of a path, completely or not at all.
 
     Raises:
-        MeshError: no such file can be written.
-        OutputError: it could not be written; what was there before is there still.
+        MeshError: the extension is not supported.
+        OutputError: the file could not be written; an earlier file is unchanged.
     """
     check_writable_format(path)
     ending = Path(path).suffix.lower()
@@ -184,19 +184,19 @@ def save_scene(path: str | Path) -> None:
 
 
 def check_writable_format(path: str | Path) -> None:
-    """Raise a MeshError if no file of this ending can be written."""
+    """Raise a MeshError if the extension of a path is not supported for writing."""
     if Path(path).suffix.lower() not in WRITABLE:
         raise zo.MeshError(f"{path} has no supported file extension: use {', '.join(WRITABLE)}.")
 
 
 def _enable(ending: str) -> None:
-    """Turn on the add-on of Blender that a format needs, for this session."""
+    """Turn on the Blender add-on that a format needs, for this session."""
     if ending in ADDONS:
         addon_utils.enable(ADDONS[ending])
 
 
 def _posing(obj: Object) -> list[Object]:
-    """What poses an object, and what these and the object itself hang from."""
+    """The armatures and the parent of an object, with all their ancestors."""
     found: dict[Object, None] = {}
     ahead = [*mesh_data.armatures_of(obj), obj.parent]
     while ahead:
@@ -215,5 +215,5 @@ def _all_data() -> Iterator[ID]:
 
 
 def _reason(error: RuntimeError) -> str:
-    """What one of Blender's operators says, as a part of a sentence."""
+    """The error of one of Blender's operators, as a part of a sentence."""
     return " ".join(str(error).split()).removeprefix("Error: ").rstrip(".")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks: numbered places on objects, of which those of the same number correspond.
+"""Landmarks: numbered places on objects; places with the same number correspond.
 
 They are stored on the scene, each with a place on every object that it was set on: one source may have many targets.
-A place may be a proposal, where a match leads. It is shown, but does not count before it is moved or confirmed: as
-evidence it would prove the match that it followed.
+A place may be a proposal from a match. It is shown, but does not count until it is moved or confirmed: as evidence, it
+would only prove the match that it came from.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from .selection import participants
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPairs:
-    """The landmarks that two objects have in common, as `zoomout_core.match` takes them.
+    """The landmarks that two objects have in common, for `zoomout_core.match`.
 
     Attributes:
-        numbers: of the landmarks.
+        numbers: numbers of the landmarks.
         source: (m, 3) points on the source, in world space.
         target: (m, 3) points on the target, in world space.
-        notes: sentences about landmarks that are not among them.
+        notes: sentences about landmarks that were left out.
     """
 
     numbers: tuple[int, ...]
@@ -47,7 +47,7 @@ NO_LANDMARKS = LandmarkPairs((), np.empty((0, 3)), np.empty((0, 3)), ())
 
 
 def landmark_pairs(context: Context, source: Object, target: Object) -> LandmarkPairs:
-    """The landmarks that two objects have in common, where they are now.
+    """The landmarks that two objects have in common, at their present places.
 
     Raises:
         MeshError: an object is disabled.
@@ -84,26 +84,26 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
 
 
 def _how_missing(scene: Scene, obj: Object, number: int) -> str:
-    """A landmark, and in what way an object lacks it, for a note."""
+    """A landmark that an object lacks, or has only as a proposal, in words for a note."""
     proposed = number in surface_points_on(scene, obj, proposed=True)
     how = "{number} (only proposed on '{name}')" if proposed else "{number} (missing on '{name}')"
     return message(how, number=number, name=obj.name)
 
 
 def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
-    """What changes when a landmark that two objects have in common is placed, moved or removed, but not with poses."""
+    """A hash of the common landmarks of two objects that does not depend on poses."""
     of_source, of_target = surface_points_on(scene, source), surface_points_on(scene, target)
     common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
     return hash_of(repr(common))
 
 
 def landmarks_in_words(number: int) -> str:
-    """So many landmarks, in a sentence."""
+    """A number of landmarks, in words."""
     return plural(number, "1 landmark", "{count} landmarks")
 
 
 def obstacle(context: Context) -> str:
-    """Why the landmarks of the source and the targets cannot be changed now, or nothing."""
+    """The reason why the landmarks of the source and the targets cannot be changed now, or an empty string."""
     try:
         participants(context)
     except zo.MeshError as error:
@@ -112,8 +112,8 @@ def obstacle(context: Context) -> str:
 
 
 def surface_points_on(scene: Scene, obj: Object, proposed: bool = False) -> dict[int, SurfacePoint]:
-    """The surface points of all landmarks on an object, by their numbers; those that are `proposed` if wanted."""
-    settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
+    """The surface points of all landmarks on an object, by number; with proposals if `proposed`."""
+    settings = getattr(scene, "zoomout", None)  # absent if the extension is not registered
     landmarks = settings.landmarks if settings else ()
     found = ((landmark.number, _stored_place(landmark, obj)) for landmark in landmarks)
     return {
@@ -122,7 +122,7 @@ def surface_points_on(scene: Scene, obj: Object, proposed: bool = False) -> dict
 
 
 def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Depsgraph) -> dict[int, Floats | None]:
-    """Where places on an object are now, in world space; None for those that edits took the surface away from.
+    """Present positions of places on an object, in world space; None for places whose surface was removed.
 
     Raises:
         MeshError: the object is disabled.
@@ -144,7 +144,7 @@ def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Dep
 def set_landmark(
     scene: Scene, obj: Object, place: SurfacePoint, number: int, name: str = "", proposed: bool = False
 ) -> None:
-    """Give a landmark a place on an object, in place of the one that it may have there."""
+    """Set the place of a landmark on an object; it replaces an earlier one."""
     forget_removed_objects(scene)
     landmark = _landmark(scene, number)
     if name:
@@ -156,7 +156,7 @@ def set_landmark(
 
 
 def confirm_landmarks(scene: Scene, objects: Sequence[Object], numbers: Collection[int] | None = None) -> int:
-    """Take the proposed places of landmarks, or of all, on some objects as they are; how many there were."""
+    """Confirm the proposed places of some or all landmarks on some objects; returns their number."""
     found = [
         stored
         for landmark in scene.zoomout.landmarks
@@ -169,10 +169,9 @@ def confirm_landmarks(scene: Scene, objects: Sequence[Object], numbers: Collecti
 
 
 def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
-    """The number that a landmark gets which is set on an object next.
+    """The number of the next landmark on an object.
 
-    It is the lowest that one of the others has and the object lacks, or has as a proposal, else the first that none of
-    them has.
+    It is the lowest number that another object has, and this one lacks or has as a proposal; else the next unused one.
     """
     own = set(surface_points_on(scene, obj))
     theirs = set().union(*(surface_points_on(scene, other) for other in others if other != obj))
@@ -180,7 +179,7 @@ def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
 
 
 def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> None:
-    """Take a landmark off some objects, and out of the list if no other object has it."""
+    """Remove a landmark from some objects, and from the list if no other object has it."""
     landmarks = scene.zoomout.landmarks
     for index in [i for i, landmark in enumerate(landmarks) if landmark.number == number]:
         places = landmarks[index].places
@@ -190,7 +189,7 @@ def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> Non
 
 
 def remove_landmarks_on(scene: Scene, objects: Sequence[Object]) -> int:
-    """Take all landmarks off some objects; how many landmarks were on any."""
+    """Remove all landmarks from some objects; returns the number of landmarks."""
     numbers = sorted(set().union(*(surface_points_on(scene, obj, proposed=True) for obj in objects)))
     for number in numbers:
         remove_landmark(scene, number, objects)
@@ -198,7 +197,7 @@ def remove_landmarks_on(scene: Scene, objects: Sequence[Object]) -> int:
 
 
 def forget_removed_objects(scene: Scene) -> None:
-    """Drop places on objects that are no longer in the scene, and landmarks that have no place but proposed ones."""
+    """Drop places on objects that are no longer in the scene, and landmarks without confirmed places."""
     landmarks = scene.zoomout.landmarks
     for landmark in landmarks:
         for i in reversed([i for i, stored in enumerate(landmark.places) if not _in_scene(scene, stored)]):
@@ -213,7 +212,7 @@ def forget_removed_objects(scene: Scene) -> None:
 
 
 def _landmark(scene: Scene, number: int) -> ZOOMOUT_PG_landmark:
-    """The landmark of a number, which becomes the active one; it is made if there is none."""
+    """The landmark with a number, which becomes active; it is added if missing."""
     landmarks = scene.zoomout.landmarks
     index = sum(landmark.number < number for landmark in landmarks)
     if index == len(landmarks) or landmarks[index].number != number:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about meshes that drawing the sidebar must not wait for: computed when it is idle, and cached until an edit."""
+"""Facts about meshes for the sidebar, computed when Blender is idle and cached until an edit."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..jobs import Job, run
 from ..mesh_data import MeshFacts, inspect_mesh
 from .redraw import redraw_views
 
-# Seconds without an edit after which meshes are inspected, and between two slices of that.
+# Seconds from a request to the inspection of meshes, and between two slices of that.
 PAUSE, TICK = 0.3, 0.02
 
-# By the session's numbers of meshes: what is known, what is asked for, and how often each was edited.
+# Known facts, requested facts and number of edits, by the `session_uid` of meshes.
 _known: dict[int, MeshFacts] = {}
 _wanted: dict[int, None] = {}
 _edits: dict[int, int] = {}
@@ -23,7 +23,7 @@ _job: Job[None] | None = None
 
 
 def facts(obj: Object) -> MeshFacts | None:
-    """What is known of an object's mesh, or None; then the views are drawn again when more is known."""
+    """The facts about an object's mesh, or None if not known yet; then the views are redrawn once they are."""
     number = obj.data.session_uid
     if number not in _known and obj.mode == "OBJECT":
         _wanted[number] = None
@@ -33,7 +33,7 @@ def facts(obj: Object) -> MeshFacts | None:
 
 
 def forget(meshes: Iterable[Mesh]) -> None:
-    """Remove cached facts of meshes that may have been edited."""
+    """Drop cached facts of meshes that may have been edited."""
     for mesh in meshes:
         number = mesh.session_uid
         _known.pop(number, None)
@@ -53,14 +53,14 @@ def forget_all() -> None:
 
 
 def inspect_now() -> None:
-    """Inspect all meshes that were asked about."""
+    """Inspect all requested meshes."""
     run(_inspections())
 
 
 def _tick() -> float | None:
-    """Go on inspecting meshes; Blender calls this after as many seconds as it returns."""
+    """Continue to inspect meshes; returns the seconds until Blender calls this again."""
     global _job
-    job, _job = _job or Job(_inspections()), None  # one that fails is not called again
+    job, _job = _job or Job(_inspections()), None  # a job that fails is not advanced again
     if job.advance(0):
         redraw_views()
         return None

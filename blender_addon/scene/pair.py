@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two objects of a match: choosing them, reading them, and recognising them when time has passed.
+"""The two objects of a match: finding them, reading them, and recognising them later.
 
-A target that is a part of a character may map to several objects of another one: then these, joined in order, are the
-source.
+A target that is a part of a character may map to several objects of another character. Then these, joined in order,
+are the source.
 
-An object of another name, or a mesh with other attributes, is still the same surface. What a match depends on
-is how elements are numbered and what was modelled, so that is what a fingerprint is taken of: topology and
-the positions in the meshes themselves. Posing a character leaves it the same.
+A match depends on the numbering of elements and on the modelled shape. So a fingerprint covers the topology and the
+positions in the meshes themselves, but not names, attributes or poses.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ READING = "Reading the meshes"
 
 
 def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
-    """The mesh object of a name, ready to be read; or `edit_error` in Edit Mode, which operators leave first.
+    """The mesh object of a name, ready to read; it may be in Edit Mode only if `edited`.
 
     Raises:
-        MeshError: there is none in the scene, or more than one, or it is being edited.
+        MeshError: the scene has no such mesh, or several objects of the name, or it is in Edit Mode.
     """
     obj = context.scene.objects.get(name)
     if obj is None:
@@ -45,13 +44,13 @@ def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
         )
     if obj.type != "MESH":
         raise zo.MeshError("'{name}' is not a mesh: choose a mesh object.", name=name)
-    if obj.data.is_editmode and not (edited and obj.mode == "EDIT"):  # or another object that shares the mesh
+    if obj.data.is_editmode and not (edited and obj.mode == "EDIT"):  # possibly by another object that shares the mesh
         raise zo.MeshError("'{name}' is in Edit Mode: switch to Object Mode first.", name=name)
     return obj
 
 
 def _has_namesake(context: Context, obj: Object) -> bool:
-    """Whether another object of the scene has the same name, which may happen where objects of libraries are linked."""
+    """Whether another object of the scene has the same name, which is possible for linked objects."""
     objects = context.blend_data.objects
     paths = (None, *(library.filepath for library in context.blend_data.libraries))
     others = {found for path in paths if (found := objects.get((obj.name, path))) not in (None, obj)}
@@ -59,7 +58,7 @@ def _has_namesake(context: Context, obj: Object) -> bool:
 
 
 def check_writable(target: Object) -> None:
-    """Raise a MeshError if the mesh of the target belongs to another file."""
+    """Raise a MeshError if the target or its mesh belongs to another file."""
     for data in (target, target.data):
         if data.library is not None:
             raise zo.MeshError(
@@ -72,7 +71,7 @@ def check_writable(target: Object) -> None:
 
 
 def check_distinct(source: Object, target: Object) -> None:
-    """Raise a MeshError if both are one mesh."""
+    """Raise a MeshError if both objects or their meshes are the same."""
     if source == target:
         raise zo.MeshError(
             "'{target}' cannot be its own source: choose another source, or make another mesh active.",
@@ -89,19 +88,19 @@ def check_distinct(source: Object, target: Object) -> None:
 async def read_pair(
     context: Context, source_name: str, target_name: str, others: Sequence[str] = (), at_base: Collection[str] = ()
 ) -> ObjectPair:
-    """Read both objects of a match; no Blender data is held while others work.
+    """Read both objects of a match; no Blender data is kept across an `await`.
 
-    Fingerprints are read first, at once, so that all edits from then on are noticed.
+    All fingerprints are read first, to detect any edits afterwards.
 
     Args:
         context: Blender's.
-        source_name: the object that has the data.
-        target_name: the object that receives it.
-        others: more objects that the target receives from.
-        at_base: which sources are read as `Fingerprint.at_base` says.
+        source_name: name of the source.
+        target_name: name of the target.
+        others: names of further sources.
+        at_base: names of sources to read at their base, see `Fingerprint.at_base`.
 
     Raises:
-        MeshError: one of them cannot be used, or the target cannot be written to.
+        MeshError: an object cannot be used, or the target cannot be written to.
     """
     names = source_name, *others
     for name in names:
@@ -123,10 +122,10 @@ async def read_pair(
 
 
 def check_not_edited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
-    """The first source and the target; all are still what they were when the pair was read.
+    """The first source and the target, after checking that no object has changed since the pair was read.
 
     Raises:
-        MeshError: one of them was removed or edited since.
+        MeshError: an object was removed or edited since.
     """
     for before in pair.source_fingerprints:
         check_same(before, fingerprint_source(context, before.name, before.at_base))
@@ -136,7 +135,7 @@ def check_not_edited(context: Context, pair: ObjectPair) -> tuple[Object, Object
 
 @contextmanager
 def writing(context: Context, pair: ObjectPair, *others: Object) -> Iterator[tuple[Object, Object]]:
-    """`check_not_edited`, and a context in which the target, and other objects, are written to: all of it, or nothing.
+    """`check_not_edited`, and a context for writing to the target and other objects, all or nothing.
 
     Raises:
         MeshError: the source or the target was removed or edited since the pair was read.
@@ -153,23 +152,23 @@ def check_same(before: Fingerprint, now: Fingerprint) -> None:
 
 
 def edit_error(name: str) -> zo.MeshError:
-    """The error for an object that was edited during the work."""
+    """The error for an object that was edited during an operation."""
     return zo.MeshError("'{name}' was edited during the operation: start again.", name=name)
 
 
 @contextmanager
 def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
-    """The first of the evaluated sources and its mesh, see `evaluated_sources`."""
+    """The first evaluated source and its mesh, see `evaluated_sources`."""
     with evaluated_sources(context, pair) as (first, *_):
         yield first.evaluated, first.mesh
 
 
 @contextmanager
 def evaluated_sources(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.EvaluatedObject]]:
-    """The sources of a pair, as they are and as the modifiers leave them that count, for what they carry.
+    """The sources of a pair, originals and evaluated, to read their data.
 
     Raises:
-        MeshError: one was removed, or its mesh has other elements since the pair was read.
+        MeshError: a source was removed, or its number of elements has changed since the pair was read.
     """
     with ExitStack() as stack:
         found = []
@@ -184,10 +183,10 @@ def evaluated_sources(context: Context, pair: ObjectPair) -> Iterator[list[mesh_
 
 @contextmanager
 def target_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
-    """The target of a pair and its own mesh, for what it carries.
+    """The target of a pair and its own mesh, to read its data.
 
     Raises:
-        MeshError: it was removed, or its mesh has other elements since the pair was read.
+        MeshError: it was removed, or its number of elements has changed since the pair was read.
     """
     target = find_mesh(context, pair.target_name)
     check_elements(pair.target_name, pair.target, target.data)
@@ -195,7 +194,7 @@ def target_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Me
 
 
 def check_elements(name: str, surface: zo.Surface, mesh: Mesh) -> None:
-    """Raise a MeshError if a mesh has not as many elements as its surface: what it carries would not fit there."""
+    """Raise a MeshError if a mesh has other numbers of elements than its surface, so that its data would not fit."""
     elements = len(mesh.vertices), len(mesh.polygons), len(mesh.loops)
     if elements != (len(surface.vertices), len(surface.face_start) - 1, len(surface.corner_vertex)):
         raise edit_error(name)
@@ -207,10 +206,10 @@ def users_of_mesh(context: Context, target: Object) -> int:
 
 
 def fingerprint_source(context: Context, name: str, at_base: bool = False) -> Fingerprint:
-    """The fingerprint of an object that has data; `at_base` see there.
+    """The fingerprint of a source; for `at_base` see `Fingerprint`.
 
     Raises:
-        MeshError: it cannot be used.
+        MeshError: the source cannot be used.
     """
     source = find_mesh(context, name)
     read = mesh_data.read_target_faces if at_base else mesh_data.read_source_faces
@@ -218,10 +217,10 @@ def fingerprint_source(context: Context, name: str, at_base: bool = False) -> Fi
 
 
 def fingerprint_target(context: Context, name: str) -> Fingerprint:
-    """The fingerprint of an object that receives data.
+    """The fingerprint of a target.
 
     Raises:
-        MeshError: it cannot be used or written to.
+        MeshError: the target cannot be used or written to.
     """
     target = find_mesh(context, name)
     check_writable(target)
@@ -231,8 +230,8 @@ def fingerprint_target(context: Context, name: str) -> Fingerprint:
 def _fingerprint(obj: Object, faces: mesh_data.Faces) -> Fingerprint:
     """The fingerprint of an object whose surface has these faces."""
     content, mirrored = mesh_data.content_hash(obj.data), mesh_data.is_mirrored(obj)
-    # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way. The numbers are
-    # hashed as a surface has them.
+    # Triangles are not hashed: they change when a pose folds a quad of a subdivided mesh. Numbers have the types of a
+    # surface's.
     corner_vertex = faces.corner_vertex.astype(np.int64)
     face_start = np.append(faces.start, len(corner_vertex)).astype(np.int64)
     size = faces.vertices, len(faces.start)

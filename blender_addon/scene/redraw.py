@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Having the 3D views drawn anew, when what they show has changed."""
+"""Redrawing the 3D views when their content has changed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from bpy.types import Area
 
 
 def redraw_views() -> None:
-    """All of them, with their sidebars."""
+    """Redraw all 3D views, with their sidebars."""
     for area in _views():
         area.tag_redraw()
 
 
 def redraw_sidebars() -> None:
-    """Their sidebars alone, which is quick."""
+    """Redraw only the sidebars, which is quick."""
     for area in _views():
         for region in area.regions:
             if region.type == "UI":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects of the scene are the source and the targets, by the sidebar and the selection."""
+"""The source and the targets, chosen by the sidebar and the selection."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .pair import find_mesh
 def choose_source(context: Context, target: Object, named: str = "", edited: bool = False) -> Object:
     """The source for a target.
 
-    It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
-    besides the target, else the one that the target was matched with. It may be `edited`, see `find_mesh`.
+    It is the object `named`, else the one chosen in the scene, else the only selected mesh besides the target, else the
+    one that the target was matched with. For `edited`, see `find_mesh`.
 
     Raises:
-        MeshError: it is not a mesh that can be read, or there is no telling which it is.
+        MeshError: it is not a mesh that can be read, or the source is ambiguous or missing.
     """
     return find_mesh(context, source_name(context, target, named), edited)
 
 
 def source_name(context: Context, target: Object, named: str = "") -> str:
-    """The name of the source that `choose_source` gives, whatever it names.
+    """The name of the source for `choose_source`, whether or not it is a mesh.
 
     Raises:
-        MeshError: there is no telling which it is.
+        MeshError: the source is ambiguous or missing.
     """
     chosen = context.scene.zoomout.source
     selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
@@ -44,28 +44,29 @@ def source_name(context: Context, target: Object, named: str = "") -> str:
 
 
 def match_source(context: Context, target: Object | None) -> str:
-    """The name of the source that a target was matched with; empty without one, or where it is not in the scene."""
+    """The name of the source that a target was matched with; empty if there is none in the scene."""
     stored = stored_match.description(target.data) if target and target.type == "MESH" else None
     return stored["source"] if stored and stored["source"] in context.scene.objects else ""
 
 
 def chosen_targets(context: Context, source: Object | None = None) -> list[Object]:
-    """The active object and all other selected meshes but the source; of those that share a mesh, the first."""
+    """The active and all other selected meshes except the source; of those that share a mesh, the first."""
     meshes = [obj for obj in (context.active_object, *context.selected_objects) if obj and obj.type == "MESH"]
     of_mesh = {obj.data: obj for obj in reversed(meshes) if obj != source}
     return list(dict.fromkeys(obj for obj in meshes if of_mesh.get(obj.data) == obj))
 
 
 def target_names(context: Context, source: Object) -> list[str]:
-    """Their names; that of the active object, which then is the source itself, where there are none."""
+    """The names of the targets; without targets that of the active object, which then is the source itself."""
     return [obj.name for obj in chosen_targets(context, source) or [context.active_object]]
 
 
 def own_sources(context: Context) -> dict[str, str]:
-    """For the names of all targets the sources that they were matched with, where these are meant; else empty.
+    """The source that each target was matched with, by the targets' names; empty if one source applies to all.
 
-    They are where none is chosen, and all meshes that are selected were matched with others that are not: as the
-    targets of a match of collections. Of two that have one source, the other may be the source for the active one.
+    Targets use their own sources if no source is chosen, and all selected meshes were matched with others that are not
+    selected, such as the targets of matched collections. Two meshes with the same source are an exception: the other
+    one may be meant as the source for the active one.
     """
     if context.scene.zoomout.source is not None:
         return {}
@@ -77,10 +78,10 @@ def own_sources(context: Context) -> dict[str, str]:
 
 
 def sources_of_targets(context: Context, named: str = "") -> dict[str, str]:
-    """For the names of all targets those of their sources: their own, or one for all.
+    """The name of each target's source, by the targets' names: their own ones, or one for all.
 
     Raises:
-        MeshError: there is no telling which it is.
+        MeshError: the source is ambiguous or missing.
     """
     if not named and (own := own_sources(context)):
         return own
@@ -89,10 +90,10 @@ def sources_of_targets(context: Context, named: str = "") -> dict[str, str]:
 
 
 def participants(context: Context) -> tuple[Object, list[Object]]:
-    """The source and the targets that the sidebar and the selection name, in whatever mode they are.
+    """The source and the targets by the sidebar and the selection, in any mode.
 
     Raises:
-        MeshError: there is no telling which is the source, or it is none.
+        MeshError: the source is ambiguous or missing, or not a mesh.
     """
     active = context.active_object
     name = source_name(context, active)
@@ -103,12 +104,12 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
 
 
 def source_of_worn(context: Context, target: Object, named: str = "") -> str:
-    """The name of the source that wears what a target is dressed with; others are selected besides.
+    """The name of the source whose clothes dress a target; the selection does not count, as it may be the clothes.
 
-    It is the object that is named, else the one chosen in the scene, else the one that the target was matched with.
+    It is the object `named`, else the one chosen in the scene, else the one that the target was matched with.
 
     Raises:
-        MeshError: there is no telling which it is.
+        MeshError: the source is missing.
     """
     chosen = context.scene.zoomout.source
     name = named or (chosen.name if chosen else "") or match_source(context, target)
@@ -118,9 +119,9 @@ def source_of_worn(context: Context, target: Object, named: str = "") -> str:
 
 
 def worn_names(context: Context, source: str, target: str, collection: str = "") -> list[str]:
-    """The names of the objects that a target is to be dressed with.
+    """The names of the objects to dress a target with.
 
-    They are those of a collection that is named, else of the one chosen in the scene, else all that are selected.
+    They are the objects in the named collection, else in the one chosen in the scene, else all selected objects.
 
     Raises:
         MeshError: there is no such collection.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The match that is stored on a target, with its objects as they are now."""
+"""The match stored on a target, with its objects as they are now."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .selection import choose_source
 
 
 async def stored_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
-    """`read_pair` with the others that the target lies on by the match with the source stored on it.
+    """`read_pair`, with the further sources of the match stored on the target.
 
     Raises:
-        MeshError: one of them cannot be used, or the target cannot be written to.
+        MeshError: an object cannot be used, or the target cannot be written to.
     """
     stored = description(find_mesh(context, target_name).data)
     if stored is None:
@@ -32,20 +32,20 @@ async def stored_pair(context: Context, source_name: str, target_name: str) -> O
 
 
 def _is_same(context: Context, name: str, digest: str) -> bool:
-    """Whether an object has the fingerprint that is stored, as its modifiers leave it or before."""
+    """Whether an object has the stored fingerprint, either evaluated or at its base."""
     return digest in {fingerprint_source(context, name, at_base).digest for at_base in (False, True)}
 
 
 def _is_at_base(context: Context, name: str, digest: str) -> bool:
-    """Whether only the object's own mesh has the fingerprint that is stored: modifiers were added to it since."""
+    """Whether only the object's own mesh has the stored fingerprint, because modifiers were added since."""
     return fingerprint_source(context, name).digest != digest and _is_same(context, name, digest)
 
 
 async def read_stored_match(context: Context, target_name: str) -> tuple[ObjectPair, StoredMatch]:
-    """The match stored on a target, and its two objects as they are now.
+    """The match stored on a target, and its objects as they are now.
 
     Raises:
-        MeshError: there is none, or one of them was edited since.
+        MeshError: no match is stored, or an object was edited since.
     """
     target = find_mesh(context, target_name)
     stored = description(target.data)

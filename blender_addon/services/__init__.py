@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What operators, panels, the command line and `api` share: the work on objects of a scene, without any interface."""
+"""The work on objects of a scene, without interface: shared by operators, panels, the command line and `api`."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bend the match that is stored on a target, near landmarks that it misses, without matching again."""
+"""Bend the match stored on a target, near landmarks that it misses, without matching again."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from ..storage.stored_match import StoredMatch
 from ..viewport import preview
 from . import previews
 
-# By how much the match may miss a landmark, at unit area; beyond, it is another place, to be found by matching.
+# Maximum distance between the match and a landmark, at unit area; beyond, the place has to be found by matching.
 MAX_MISS = 0.2
 
 
 def bend_match(context: Context, target: Object) -> str:
-    """Bend the match stored on a target so that it meets the landmarks that it and its source have.
+    """Bend the match stored on a target so that it meets the landmarks that both objects have.
 
     Args:
         context: Blender's; the target and its source are in its scene.
-        target: was matched; in Object Mode.
+        target: a matched object, in Object Mode.
 
     Returns:
         A sentence for the user.
 
     Raises:
-        MeshError: there is no match as the two are now, no landmark on both, or the match misses one by so much that
-            only matching again can find the place; nothing was changed.
+        MeshError: there is no valid match, no landmark on both, or the match is too far from one to be bent, so that
+            they have to be matched again; nothing was changed.
     """
     return run(bend_match_async(context, target.name))
 
 
 async def bend_match_async(context: Context, target_name: str) -> str:
-    """`bend_match` as a coroutine, which holds no Blender data while it waits."""
+    """`bend_match` as a coroutine, which keeps no Blender data across an `await`."""
     pair, match = await read_stored_match(context, target_name)
     landmarks = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, target_name))
     if not landmarks.numbers:
@@ -76,7 +76,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
 
 
 def _bend(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
-    """The bent map, and by how much it missed, at unit area."""
+    """The bent map, and its largest distance to a landmark before, at unit area."""
     given = match.surface_map, pair.source, pair.target, landmarks.source, landmarks.target
     off = landmark_errors(*given)
     if off.max() > MAX_MISS:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bind a target to the armature of its source: take it to the rest pose, and hang it there as the source hangs.
+"""Bind a target to the armature of its source: move it to the rest pose, and bind it like the source.
 
-The armature and what animates it stay as they are.
+The armature and its animation are not changed.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from ..mesh_data import Bones, ObjectPair
 from ..scene.pair import evaluated_sources, find_mesh, fingerprint_target, users_of_mesh
 from ..storage import stored_match
 
-# The shape key that has the target as it stood.
+# Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Parts of the progress bar at which weights are read anew, and the target is taken to rest, in [0, 1].
+# Fractions of the progress at which weights are read again, and the target is moved to rest.
 READING_ANEW, TAKING = 0.7, 0.8
 
 
@@ -44,9 +44,9 @@ class Bound:
 
     Attributes:
         shape: "rest_pose" or "keep_shape".
-        seen: (n_t, 3) where it stands, in world space.
-        rest: where it stands at rest.
-        notes: sentences.
+        seen: (n_t, 3) its present positions, in world space.
+        rest: its rest pose.
+        notes: sentences for the user.
     """
 
     shape: str
@@ -57,13 +57,13 @@ class Bound:
 
 @dataclass(frozen=True, eq=False)
 class _Rigged:
-    """What is known of sources that armatures deform.
+    """Sources that armatures deform.
 
     Attributes:
         rest: their surface at rest, in world space.
-        bones: of the first one's armatures.
-        weights: (n_s, b) of these.
-        preserves_volume: whether they preserve volume.
+        bones: bones of the first source's armatures.
+        weights: (n_s, b) weights of these bones.
+        preserves_volume: whether the armatures preserve volume.
     """
 
     rest: zo.Surface
@@ -77,10 +77,10 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
 
     Args:
         context: Blender's.
-        source_name: of the object that has the armature.
-        target_name: of the one to be bound.
-        binding: how.
-        settings: how its weights are transferred.
+        source_name: name of the source, which has the armature.
+        target_name: name of the target.
+        binding: how to bind it.
+        settings: how to transfer its weights.
     """
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
     _check_rig(source)
@@ -120,7 +120,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
 
 
 def _check_rig(source: Object) -> None:
-    """Raise a MeshError if no armature deforms an object by vertex groups."""
+    """Raise a MeshError unless an armature deforms an object by vertex groups."""
     if not mesh_data.armatures_of(source):
         raise zo.MeshError(
             "'{source}' has no Armature modifier: choose a source that an armature deforms.", source=source.name
@@ -135,24 +135,24 @@ def _check_rig(source: Object) -> None:
 
 
 def _names(obj: Object) -> str:
-    """The armatures of an object."""
+    """The names of an object's armatures, for a message."""
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
 
 async def prepare_binding(
     context: Context, job: TransferJob, weights: WeightAdapter, untouched: WeightAdapter, binding: Binding
 ) -> Bound:
-    """Find the pose of a target, read its weights anew where it lies on the source at rest, and take it there.
+    """Find the pose of a target, read its weights again from the source at rest, and move it to rest.
 
     Args:
         context: Blender's.
         job: the transfer.
-        weights: the vertex groups as they are transferred; what is read anew takes their place.
-        untouched: these as they are on the source.
-        binding: how the target is bound.
+        weights: the transferred vertex groups; weights that are read again replace them.
+        untouched: the same vertex groups on the source.
+        binding: how to bind the target.
 
     Raises:
-        MeshError: it cannot be bound; nothing was written.
+        MeshError: the target cannot be bound; nothing was written.
     """
     pair = job.pair
     _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
@@ -182,7 +182,7 @@ async def prepare_binding(
 
 
 def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: WeightAdapter) -> PosedTarget:
-    """The pose of a target; weights are read anew where it moves the target elsewhere on the source."""
+    """The pose of a target; weights are read again if the pose changes the map to the source."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING_ANEW):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
@@ -198,7 +198,7 @@ def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: 
 
 
 def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
-    """Bind the target, whose vertex groups are written already."""
+    """Bind the target, after its vertex groups were written."""
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
     mesh_data.unbind(target)
     place = mesh_data.place_beside(source, target)
@@ -210,14 +210,14 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
 
 
 def keep_match(context: Context, pair: ObjectPair, match: stored_match.Match, settings: Mapping[str, Any]) -> None:
-    """Store the match anew for the mesh that was reshaped."""
+    """Store the match again for the reshaped mesh."""
     target = find_mesh(context, pair.target_name)
     now = replace(pair, target_fingerprint=fingerprint_target(context, target.name))
     stored_match.write(target.data, match, now, settings)
 
 
 def _check_keys_of_posed(target: Object, seen: Floats) -> None:
-    """Raise a MeshError if a target that an armature poses has shape keys: these are of another pose."""
+    """Raise a MeshError if a target that an armature poses has shape keys, because these belong to another pose."""
     if target.data.shape_keys is None or not mesh_data.armatures_of(target):
         return
     if not mesh_data.stands_as_modelled(target, seen):
@@ -240,10 +240,10 @@ def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
 
 
 def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
-    """(n_s, 3) vertices of the sources where nothing deforms them, in world space.
+    """(n_s, 3) undeformed vertices of the sources, in world space.
 
     Raises:
-        MeshError: that cannot be read.
+        MeshError: the undeformed vertices cannot be read.
     """
     with evaluated_sources(context, pair) as sources:
         faces = [mesh_data.read_faces(source.mesh) for source in sources]
@@ -262,13 +262,13 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
 
 
 def _weights_of_target(context: Context, pair: ObjectPair, bones: Bones, weights: Attribute) -> csr_array:
-    """(n_t, b) weights of bones that the target will have: those transferred, and what stays of its own."""
+    """(n_t, b) bone weights that the target will have: transferred ones, else its own."""
     target = find_mesh(context, pair.target_name)
     return _columns([weights, mesh_data.read_weights(target, target.data)], bones)
 
 
 def _columns(groups: list[Attribute], bones: Bones) -> csr_array:
-    """(n, b) weights of bones, of the first vertex groups that have one of the name."""
+    """(n, b) weights of bones, each from the first attribute with a group of its name."""
     count = groups[0].values.shape[0]
     entries: list[tuple[Floats, np.ndarray, np.ndarray]] = []
     for number, name in enumerate(bones.names):
@@ -281,7 +281,7 @@ def _columns(groups: list[Attribute], bones: Bones) -> csr_array:
 
 
 def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: _Rigged) -> Rest:
-    """The target at rest."""
+    """The rest pose of the target."""
     transforms = posed.pose.transforms
     matrices = skinning_matrices(transforms, weights, preserve_volume=rigged.preserves_volume)
     return unpose(target, matrices, posed.pose.scale, posed.mapped.confidence)

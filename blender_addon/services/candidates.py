@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The candidates of a match: which are listed, and their full results, which are cached in memory."""
+"""The candidates of a match: the list of them, and their full results, which are cached in memory."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from ..mesh_data.arrays import hash_of
 from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList, ListedCandidate
 
-# Largest number of listed candidates that preserve orientation, and of those that reverse it, which rank behind them.
+# Maximum number of listed candidates that preserve orientation, and of those that reverse it, which rank below.
 MAX_DIRECT, MAX_MIRRORED = 6, 2
-# Number of matches whose results are cached, those used last.
+# Number of matches whose results are cached, the most recently used ones.
 MAX_CACHED = 2
-# The same of those that transfers made, of several targets at once.
+# Likewise of matches that transfers made, possibly for several targets at once.
 MAX_MADE = 8
 
 # Computed results, by the list's key and the candidate's number.
 _cache: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
-# The last matches that transfers made, by the fingerprints of their objects.
+# The latest matches that transfers made, by the fingerprints of their objects.
 _made: OrderedDict[tuple[str, ...], stored_match.Match] = OrderedDict()
 
 
@@ -41,10 +41,10 @@ def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, setting
     """Store a match on the target's mesh with a list of its candidates, and cache its result.
 
     Args:
-        mesh: the target's.
+        mesh: the target's mesh.
         match: the match.
         pair: its two objects.
-        settings: what it was computed with, see `stored_match.write`.
+        settings: arguments that it was computed with, see `stored_match.write`.
     """
     stored_match.write(mesh, match, pair, settings)
     if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
@@ -56,10 +56,10 @@ def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, setting
 
 
 def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
-    """The candidates of a result that a user may choose from, the one in use always among them.
+    """The candidates of a result that a user may choose from, including the one in use.
 
-    These are the most probable one, others above a least certainty, mirror images, and for each of the probable ones
-    the candidate that swaps its sides, whatever its probability.
+    These are the most probable one, others above a minimum certainty, mirror images, and for each probable one the
+    candidate that swaps its sides, whatever its probability.
     """
     outlines = [result.outline(number) for number in range(len(result.candidates))]
     vertices = outlines[0][0]
@@ -89,7 +89,7 @@ def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
 
 
 def cache_result(key: str, result: zo.MatchResult) -> None:
-    """Cache a result in memory, with those of other candidates of the same list."""
+    """Cache a result in memory, beside those of other candidates in the same list."""
     _cache.setdefault(key, {})[result.chosen] = result
     _cache.move_to_end(key)
     while len(_cache) > MAX_CACHED:
@@ -97,14 +97,14 @@ def cache_result(key: str, result: zo.MatchResult) -> None:
 
 
 def cache_made_match(pair: ObjectPair, match: stored_match.Match) -> None:
-    """Cache a match that a transfer made, for the transfer to be adjusted."""
+    """Cache a match that a transfer made, so that the transfer can be adjusted."""
     _made[_digests(pair)] = match
     while len(_made) > MAX_MADE:
         _made.popitem(last=False)
 
 
 def last_made_match(pair: ObjectPair) -> stored_match.Match | None:
-    """The match that a transfer made of these two objects, as they are now, or None if none is cached."""
+    """The cached match that a transfer made of these two objects in their present state, or None."""
     return _made.get(_digests(pair))
 
 
@@ -120,12 +120,12 @@ def clear_cache() -> None:
 
 
 def is_cached(listing: CandidateList) -> bool:
-    """Whether the results of a list's candidates are available without matching anew."""
+    """Whether the results of a list's candidates are available without matching again."""
     return listing.key in _cache
 
 
 async def result_of(listing: CandidateList, place: int) -> zo.MatchResult:
-    """The full result of the candidate at an index of a list that `is_cached`."""
+    """The full result of the candidate at an index of a cached list, see `is_cached`."""
     number, cached = listing.candidates[place].number, _cache[listing.key]
     if number not in cached:
         result = await compute(partial(next(iter(cached.values())).use, number))
@@ -146,7 +146,7 @@ def most_similar(place: int, listing: CandidateList, found: CandidateList) -> in
 
 
 def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]:
-    """Numbers of the candidates to list beside the one in use, from all candidates and their colours."""
+    """Numbers of the candidates to list besides the one in use, from all candidates and their colours."""
     order = range(len(found))
     direct = [number for number in order if not found[number].reverses_orientation]
     least = MIN_SYMMETRY_CERTAINTY
@@ -157,10 +157,10 @@ def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]
 
 
 def _side_swapped_number(chosen: int, colors: Sequence[Bytes]) -> int | None:
-    """Number of the map, given by its position colours, that most nearly swaps the sides of the chosen one.
+    """Number of the map that most nearly swaps the sides of the chosen one, by the maps' position colours.
 
-    One of the three mid-planes of the source's bounding box separates the sides: the map is nearer to the chosen one's
-    reflection in one of these than to the chosen one itself.
+    The sides are separated by one of the three mid-planes of the source's bounding box: the map is nearer to the
+    reflection of the chosen one in such a plane than to the chosen one itself.
     """
     here = colors[chosen].astype(float)
     best, least = None, np.inf

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From one file to another: the data of all that is shown in the one, onto all that is shown in the other."""
+"""Transfer the data of all visible meshes in one file to those in another."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from .collection_match import KnownMatch, Parts, prepare_parts
 from .targets import Outcome, Write, each_target
 from .transfer import prepare_transfer
 
-# How the objects of a file are read: as those that have data, by what their modifiers leave, or as those that receive
-# it, by their own meshes.
+# Ways to read the objects of a file: as sources, by their evaluated meshes, or as targets, by their own meshes.
 ROLES: Mapping[str, Callable[[Object, Depsgraph], zo.Surface]] = {
     "source": mesh_data.read_source_surface,
     "target": mesh_data.read_target_surface,
@@ -31,18 +30,18 @@ ROLES: Mapping[str, Callable[[Object, Depsgraph], zo.Surface]] = {
 
 
 def read_file(context: Context, path: str, role: str) -> dict[str, zo.Surface]:
-    """Open a file, and read the meshes that are shown in it, in world space.
+    """Open a file, and read its visible meshes, in world space.
 
     Args:
         context: Blender's.
-        path: of a file that Blender opens or imports.
-        role: of `ROLES`.
+        path: path of a file that Blender can open or import.
+        role: a key of `ROLES`.
 
     Returns:
-        Surfaces by the names of the objects; joined in this order they are what a map of the file is of.
+        Surfaces by the names of the objects; maps refer to them joined in this order.
 
     Raises:
-        MeshError: it cannot be opened, or shows no mesh.
+        MeshError: the file cannot be opened, or has no visible mesh.
     """
     open_scene(context, path)
     names = shown_meshes(context)
@@ -65,28 +64,28 @@ def carry(
     detail: str,
     in_place: bool = False,
 ) -> Outcome[dict[str, Any]]:
-    """Transfer what the meshes of one file have to those of another, which is open afterwards.
+    """Transfer the data of one file's meshes to those of another, which is open afterwards.
 
-    What came from the source's file is removed again, but for what the targets use now, such as materials and the
-    armature that they are bound to.
+    Data-blocks from the source's file are removed again, except those that the targets now use, such as materials and
+    the armature that they are bound to.
 
     Args:
         context: Blender's.
-        source: the file that has the data.
+        source: the file with the data.
         target: the file that receives it.
-        output: the file that will be written, which must be none that the target's file names; or nothing.
-        data: which kinds of data.
-        settings: how they are transferred.
-        binding: how targets are bound to the armatures of their sources, where these have one; None for not at all.
-        map_file: of the match; empty to match them now.
-        detail: of that match, one of `DETAIL`.
-        in_place: whether the output may be a file that is read.
+        output: the file that will be written, which the target's file must not refer to; empty if none.
+        data: the kinds of data to transfer.
+        settings: how to transfer them.
+        binding: how to bind targets to the armatures of their sources, if any; None not to bind them.
+        map_file: file with the map; empty to match the files now.
+        detail: detail of that match, one of `DETAIL`.
+        in_place: whether the output may overwrite a file that is read.
 
     Returns:
         Reports by the names of the targets, see `stored_report`.
 
     Raises:
-        MeshError: a file cannot be used, or the map is of others.
+        MeshError: a file cannot be used, or the map belongs to other files.
         OutputError: the output is one of the files that are read.
     """
     if is_same_file(source, target):
@@ -106,7 +105,7 @@ def carry(
         return _prepare(context, matches[name][0], name, data, settings, binding)
 
     outcome = run(each_target(list(own), work))
-    for name in own:  # a match with objects that are in another file
+    for name in own:  # their matches refer to objects of another file
         stored_match.remove(bpy.data.objects[name].data)
         stored_candidates.remove(bpy.data.objects[name].data)
     brought.remove(context, list(own))
@@ -116,7 +115,7 @@ def carry(
 async def _prepare(
     context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
 ) -> Write[dict[str, Any]]:
-    """A transfer that binds where it can, and says where it cannot."""
+    """Prepare a transfer that binds the target if possible, else notes why not."""
     unbound = ""
     if binding is not None:
         try:

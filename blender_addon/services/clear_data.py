@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remove what matching, transfers and symmetries keep on meshes and in scenes, and nothing else."""
+"""Remove stored data of matches, transfers and symmetries from meshes and scenes, and nothing else."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ..viewport import preview
 def clear_match_data(context: Context, objects: Iterable[Object]) -> str:
     """Remove matches, their candidates, reports and symmetries from meshes, and landmarks from objects.
 
-    What was transferred stays, and so does the data of others: the match of a target is on its mesh, not its source's.
+    Transferred data stays. A match is stored on the target's mesh, so clearing a source does not remove it.
 
     Args:
         context: Blender's.
-        objects: of any kind, in Object Mode; those whose meshes are of other files are left as they are.
+        objects: objects of any type, in Object Mode; meshes of other files are not changed.
 
     Returns:
         A sentence for the user.
 
     Raises:
-        MeshError: a mesh is being edited; nothing was removed.
+        MeshError: a mesh is in Edit Mode; nothing was removed.
     """
     meshes = [obj for obj in objects if obj.type == "MESH"]
     return _clear(context, dict.fromkeys(obj.data for obj in meshes), meshes)
 
 
 def clear_file(context: Context) -> str:
-    """The same for all meshes and scenes of the file."""
+    """`clear_match_data` for all meshes and scenes of the file."""
     return _clear(context, context.blend_data.meshes, [obj for obj in context.blend_data.objects if obj.type == "MESH"])
 
 
@@ -57,7 +57,7 @@ def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> s
 
 
 def _clear_mesh(mesh: Mesh) -> bool:
-    """Remove all that is stored on a mesh; whether there was anything."""
+    """Remove all stored data from a mesh; returns whether there was any."""
     before = len(mesh.attributes), len(mesh.keys())
     stored_match.remove(mesh)
     stored_candidates.remove(mesh)

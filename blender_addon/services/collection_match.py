@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Characters of several objects: body, eyes, teeth, clothes, each with its counterpart in another collection.
+"""Match characters of several objects, such as body, eyes and clothes, to their counterparts in another collection.
 
-All objects of a collection are matched as one surface, of which the core pairs the parts; then each target
-stores the match with the source that it maps to, as if the two had been matched alone, or with several sources.
+All objects of a collection are matched as one surface, whose parts the core pairs. Then each target stores the match
+with the one or several sources that it maps to, as if these had been matched alone.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from .candidates import store_match
 from .name_matching import pair_by_name
 from .targets import Write
 
-# Part of the progress bar that matching takes, in [0, 1].
+# Fraction of the progress that matching takes.
 MATCHING = 0.95
-# Part of a target's area, weighted by confidence, above which it receives data from that one source alone; loose parts
-# that lie on other sources still receive from those.
+# If a source has at least this fraction of a target's area, weighted by confidence, it is the only source; loose parts
+# that map to other sources still receive data from those.
 NEARLY_ALL = 0.95
-# Otherwise it receives from every source that at least this part of its area lies on.
+# Otherwise, every source with at least this fraction of the area is a source of the target.
 SMALLEST_SHARE = 0.005
-# Largest distance, over the square root of the sources' area, at which vertices that lie on the counterpart of another
-# target are projected onto the counterpart of their own.
+# Vertices that map to the counterpart of another target are projected onto the counterpart of their own, up to this
+# distance over the square root of the sources' area.
 NEAR = 0.02
 # Weight of a vertex with a confidence of 0.
 MIN_CONFIDENCE = 1e-6
@@ -63,11 +63,11 @@ class Parts:
     """The objects of a collection as one surface.
 
     Attributes:
-        fingerprints: those of the objects, when they were read.
-        surfaces: of each.
-        joined: all of them.
-        first_vertex: (p + 1,) the first vertex of each in the joined surface, and their number.
-        first_triangle: (p + 1,) the first triangle of each, and their number.
+        fingerprints: fingerprints of the objects, taken when they were read.
+        surfaces: surface of each object.
+        joined: all surfaces as one.
+        first_vertex: (p + 1,) the first vertex of each in the joined surface, then the number of vertices.
+        first_triangle: (p + 1,) likewise for triangles.
     """
 
     fingerprints: tuple[Fingerprint, ...]
@@ -78,30 +78,30 @@ class Parts:
 
     @classmethod
     def of(cls, fingerprints: Sequence[Fingerprint], surfaces: Sequence[zo.Surface]) -> Parts:
-        """The parts of these fingerprints and surfaces."""
+        """Join the objects with these fingerprints and surfaces."""
         vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
         triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
         return cls(tuple(fingerprints), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
 
     @property
     def names(self) -> list[str]:
-        """Of the objects."""
+        """Names of the objects."""
         return [fingerprint.name for fingerprint in self.fingerprints]
 
 
 def match_collections(
     context: Context, source: Collection, target: Collection, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
-    """Match the meshes of two collections, and store on each of the target's the match with its counterpart.
+    """Match the meshes of two collections, and store the match with its counterpart on each target.
 
     Args:
         context: Blender's; the objects are in its scene.
-        source: its meshes have the data; read as their modifiers leave them.
-        target: its meshes receive the data.
-        options: `detail`, one of `DETAIL`, and those of `zoomout_core.match`.
+        source: the collection with the data; its meshes are read after their modifiers.
+        target: the collection that receives the data.
+        options: `detail`, one of `DETAIL`, and options of `zoomout_core.match`.
 
     Returns:
-        For the name of each target that of its source, and the match, which names the others that it lies on.
+        By the name of each target, the name of its source and the match, which names further sources.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -112,7 +112,7 @@ def match_collections(
 async def match_collections_async(
     context: Context, source: str, target: str, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
-    """`match_collections` as a coroutine, which holds no Blender data while it waits."""
+    """`match_collections` as a coroutine, which keeps no Blender data across an `await`."""
     write = await prepare_collections(context, source, target, **options)
     return write()
 
@@ -120,7 +120,7 @@ async def match_collections_async(
 async def prepare_collections(
     context: Context, source: str, target: str, detail: str = "balanced", **options: Any
 ) -> Write[dict[str, tuple[str, StoredMatch]]]:
-    """`match_collections_async` without the writing: returns a function that stores the matches."""
+    """`match_collections_async` without writing: returns a function that stores the matches."""
     sources = await _read(context, source, fingerprint_source, mesh_data.read_source_surface)
     targets = await _read(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
@@ -133,15 +133,15 @@ async def prepare_collections(
 async def prepare_parts(
     context: Context, sources: Parts, targets: Parts, known: KnownMatch | None, detail: str = "balanced", **options: Any
 ) -> Write[dict[str, tuple[str, StoredMatch]]]:
-    """`prepare_collections` of objects that are read already.
+    """`prepare_collections` for objects that were read already.
 
     Args:
         context: Blender's.
-        sources: that have the data.
-        targets: that receive it.
-        known: the match of the joined surfaces, if there is one.
-        detail: of the match that is made if not.
-        options: of that.
+        sources: the objects with the data.
+        targets: the objects that receive it.
+        known: the match of the joined surfaces, or None to match them.
+        detail: detail of a new match.
+        options: options of a new match.
     """
     matches = await compute(partial(_matches, sources, targets, known, resolve_detail(detail, **options)))
 
@@ -158,7 +158,7 @@ async def prepare_parts(
 def _matches(
     sources: Parts, targets: Parts, known: KnownMatch | None, options: dict[str, Any]
 ) -> list[tuple[ObjectPair, StoredMatch]]:
-    """Each target with the sources that it lies on, and the match with these."""
+    """Each target with the sources that it maps to, and the match with these."""
     namesakes = pair_by_name(sources.names, targets.names)
     result: zo.MatchResult | KnownMatch
     if known is not None:
@@ -174,7 +174,7 @@ def _matches(
 
 
 def _find_target(context: Context, pair: ObjectPair) -> Object:
-    """The target of a pair, which can be written to, and which is still what it was."""
+    """The target of a pair, after checking that it is writable and was not edited."""
     source, target = check_not_edited(context, pair)
     check_distinct(source, target)
     return target
@@ -186,7 +186,7 @@ async def _read(
     fingerprint: Callable[[Context, str], Fingerprint],
     read: Callable[[Object, Depsgraph], zo.Surface],
 ) -> Parts:
-    """The meshes of a collection that have faces; of those that share one, the first."""
+    """Read the objects of a collection whose meshes have faces; of those that share a mesh, the first."""
     found = context.blend_data.collections.get(collection)
     if found is None:
         raise zo.MeshError("There is no collection '{collection}': choose another one.", collection=collection)
@@ -208,7 +208,7 @@ async def _read(
 
 
 def _regions(sources: Parts, targets: Parts, namesakes: Pairs) -> list[tuple[Integers, Integers]]:
-    """Vertices of the joined surfaces for each two objects with matching names."""
+    """Vertices of the joined surfaces for each pair of objects with matching names."""
     return [
         (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in namesakes
     ]
@@ -219,11 +219,11 @@ class _TargetMap:
     """The map of one of the targets to the joined source.
 
     Attributes:
-        surface_map: on the joined source.
-        confidence: (n,) of each.
-        owner: (n,) the number of the source that each maps to.
-        part: (n,) the loose part that each belongs to, -1 for none.
-        weight: (n,) its part of the area.
+        surface_map: the target's vertices on the joined source.
+        confidence: (n,) confidence of each vertex.
+        owner: (n,) the number of the source that each vertex maps to.
+        part: (n,) the loose part of each vertex, -1 for none.
+        weight: (n,) fraction of the area of each vertex.
     """
 
     surface_map: zo.SurfaceMap
@@ -233,7 +233,7 @@ class _TargetMap:
     weight: Floats
 
     def contributors(self, sources: int) -> list[int]:
-        """Numbers of the sources that the target receives from, by decreasing share of its area."""
+        """Numbers of the target's sources, by decreasing share of its area."""
         share = np.bincount(self.owner, self.weight * (self.confidence + MIN_CONFIDENCE), minlength=sources)
         share /= share.sum()
         largest = int(np.argmax(share))
@@ -243,7 +243,7 @@ class _TargetMap:
         return sorted(wanted, key=lambda number: -share[number])
 
     def _sources_of_loose_parts(self, sources: int) -> list[int]:
-        """Numbers of the sources that most of a loose part maps to, with a mean confidence above `LOW_CONFIDENCE`."""
+        """Numbers of the sources that loose parts mostly map to, if their mean confidence exceeds `LOW_CONFIDENCE`."""
         used = self.part >= 0
         place = self.part[used] * sources + self.owner[used]
         count = (self.part.max() + 1) * sources
@@ -258,7 +258,7 @@ class _TargetMap:
 def _match_of_target(
     result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int, namesakes: Pairs
 ) -> tuple[ObjectPair, StoredMatch]:
-    """One of the targets with the sources that it lies on, and the match with these."""
+    """One of the targets with the sources that it maps to, and the match with these."""
     own = _move_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
     contributors = own.contributors(len(sources.names))
     surfaces, fingerprints = (
@@ -325,9 +325,9 @@ def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Pa
 
 
 def _move_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
-    """The same, projected onto the source whose name matches the target's where that is within `NEAR`.
+    """Project a target's map onto the source whose name matches the target's, where that is within `NEAR`.
 
-    Only vertices that map to the counterpart of another target are moved, as those of boots that map to trousers.
+    Only vertices that map to the counterpart of another target are moved, such as those of boots that map to trousers.
     """
     namesake = next((j for j, i in namesakes if i == number), None)
     misplaced = np.flatnonzero(np.isin(own.owner, [j for j, i in namesakes if i != number]))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Constraints on a match beside the shapes: landmarks, shared names, the up axis, the last match.
+"""Constraints on a match besides the shapes: landmarks, shared names, the up axis, the last match.
 
-Everything here is a soft constraint, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
+All are soft constraints, which `zoomout_core` weighs: if they contradict the shapes, the shapes may win.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from ..storage.stored_report import transfer_report
 from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
 
-# Smallest weight with which a vertex belongs to a vertex group.
+# Minimum weight of a member of a vertex group.
 MEMBER = 0.5
-# Largest number of regions; the largest ones are used, since smaller ones lie in them or beside them and add little.
+# Maximum number of regions; the largest are used, since smaller ones inside or beside them add little.
 MAX_REGIONS = 36
-# The user is told where the score of the regions, the part in which map and names disagree, is larger.
+# Above this score of the regions, the fraction where map and names disagree, a note warns the user.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
-# What one and several are called that help a match.
+# Singular and plural of hints that help a match.
 HINTS = {
     GROUP: ("{count} vertex group of the same name", "{count} vertex groups of the same name"),
     MATERIAL: ("{count} material of the same name", "{count} materials of the same name"),
 }
-# Starts that may weigh landmarks.
+# Starts that may use landmarks.
 OF_LANDMARKS = ("auto", "landmarks")
 # Options that refer to the target's vertices by number.
 OF_VERTICES = frozenset({"regions", "initial_map"})
 
-# Vertices of each region of an object, by what it is, GROUP or MATERIAL, and its name.
+# Vertices of each region of an object, by its kind, GROUP or MATERIAL, and its name.
 NamedRegions = dict[tuple[str, str], np.ndarray]
 
 
@@ -68,29 +68,29 @@ async def match_pair(
     k_final: int = 0,
     **options: Any,
 ) -> Match:
-    """`zoomout_core.match` with the constraints that two objects give, which the result's notes name.
+    """`zoomout_core.match` with the constraints from two objects, which the result's notes list.
 
-    With initial="nearest" it is `zoomout_core.match_by_proximity`, and with "same_order" each vertex has its own
-    on the source; neither weighs constraints. With "landmarks" the landmarks alone are constraints, and with "file"
+    With initial="nearest" it is `zoomout_core.match_by_proximity`, and with "same_order" each vertex maps to the one of
+    the same number; neither uses constraints. With "landmarks" only the landmarks are constraints, and with "file"
     there are none: the match starts from `map_file`.
 
     Args:
         context: Blender's; both objects are in its scene.
         pair: the two, as they are now.
-        names: whether vertex groups, and materials, of the same name lie at corresponding places. Those
-            that the target has from an earlier transfer are not used: they would prove the match that it followed.
-        same_up: whether both objects stand upright in the world.
-        from_last: whether the match stored on the target is a good one to start from.
-        use_landmarks: whether an automatic start weighs the landmarks that both objects have.
-        exact_landmarks: whether the match is to hit these, or those of the options.
+        names: whether vertex groups, and materials, of the same name correspond. Those that the target has from an
+            earlier transfer are not used: they would only prove the match that they came from.
+        same_up: whether both objects are upright in the world.
+        from_last: whether to start from the match stored on the target.
+        use_landmarks: whether an automatic start uses the landmarks that both objects have.
+        exact_landmarks: whether the match has to meet these, or the landmarks in the options.
         map_file: a map that `zoomout match` wrote.
         detail: one of `DETAIL`.
-        k_final: size of the final functional map; 0 for as large as `detail` says.
-        options: of `zoomout_core.match`, of which only an automatic start weighs constraints; or of
+        k_final: size of the final functional map; 0 for that of `detail`.
+        options: options of `zoomout_core.match`, of which only an automatic start uses constraints; or of
             `zoomout_core.match_by_proximity`.
 
     Raises:
-        MeshError: see `zoomout_core.match`; or there are no landmarks to start from, or no such file.
+        MeshError: see `zoomout_core.match`; or there are no landmarks to start from, or the map file does not exist.
     """
     initial = options.pop("initial", "auto")
     if initial == "nearest":
@@ -138,13 +138,13 @@ async def match_pair(
 
 
 def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:
-    """The target with the other half that a Mirror modifier makes of it, if there is one."""
+    """The target with the other half that its Mirror modifier adds; None without one."""
     depsgraph = context.evaluated_depsgraph_get()
     return mesh_data.read_mirrored_surface(find_mesh(context, pair.target_name), depsgraph)
 
 
 def check_options(options: Collection[str]) -> None:
-    """See that each is an option of `match_pair`, which a match that is stored already would not be made with."""
+    """Raise a TypeError for unknown options of `match_pair`, which a stored match would ignore."""
     functions = match_pair, zo.match_by_proximity
     known = {field.name for field in fields(zo.MatchOptions)}.union(*(signature(each).parameters for each in functions))
     if unknown := set(options).difference(known):
@@ -152,7 +152,7 @@ def check_options(options: Collection[str]) -> None:
 
 
 def settings_to_store(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
-    """What `match_pair` is called with, and which landmarks it then finds, so that a change of them is noticed."""
+    """The options of `match_pair`, with a fingerprint of its landmarks, to detect changes of them."""
     weighed = options.get("use_landmarks", True) and "landmarks" not in options
     if not weighed or options.get("initial", "auto") not in OF_LANDMARKS:
         return options
@@ -161,10 +161,10 @@ def settings_to_store(context: Context, pair: ObjectPair, options: dict[str, Any
 
 
 def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -> LandmarkPairs:
-    """The landmarks to match by, which a start from landmarks cannot do without.
+    """The landmarks to match by.
 
     Raises:
-        MeshError: it would have to.
+        MeshError: the match is to start from landmarks, and there are none.
     """
     if not wanted or initial not in OF_LANDMARKS:
         return NO_LANDMARKS
@@ -184,7 +184,7 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
 async def _constraints(
     context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
 ) -> tuple[dict[str, Any], list[str]]:
-    """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""
+    """Arguments of `zoomout_core.match`, and notes about them and the number of landmarks."""
     arguments: dict[str, Any] = {}
     used, notes = [], []
     if landmarks:
@@ -215,11 +215,11 @@ async def _constraints(
 async def shared_regions(
     context: Context, pair: ObjectPair
 ) -> tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]:
-    """The regions of the same name on both objects, each a part of either, the largest first.
+    """The regions of the same name on both objects that cover a part of either, the largest first.
 
     Returns:
-        The source's and the target's vertices for each, by what it is and its name; and whether there are more,
-        which the target has from an earlier transfer.
+        The source's and the target's vertices of each, by its kind and name; and whether others were left out because
+        the target has them from an earlier transfer.
     """
     with target_mesh(context, pair) as (target, _):
         if not target.vertex_groups and not target.material_slots:
@@ -239,7 +239,7 @@ async def shared_regions(
 async def _regions(
     fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]], surface: zo.Surface
 ) -> NamedRegions:
-    """What an object's vertex groups and materials cover, where that is a part of it."""
+    """The regions that an object's vertex groups and materials cover, if only a part of it."""
     regions: NamedRegions = {}
     weights = await mesh_data.read_weights_in_pieces(fetch)
     members = (weights.values >= MEMBER).tocsc()
@@ -260,7 +260,7 @@ def _smaller_share(region: tuple[np.ndarray, np.ndarray], pair: ObjectPair) -> f
 
 
 def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
-    """The map of the match stored on the target's mesh, if it is one of this pair as it is now."""
+    """The map of the match stored on the target's mesh, if it is valid for this pair."""
     try:
         stored = stored_match.read(mesh, pair)
     except zo.MeshError:  # one of them was edited since
@@ -269,6 +269,6 @@ def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
 
 
 def _count_in_words(regions: Collection[tuple[str, str]]) -> list[str]:
-    """The number of each sort, in words."""
+    """The number of regions of each kind, in words."""
     numbers = Counter(what for what, _ in regions)
     return [plural(numbers[what], *HINTS[what]) for what in HINTS if numbers[what]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress a target with what its source wears: copies of clothes, hair, eyes and props, fitted along their match."""
+"""Dress a target with copies of its source's clothes, hair, eyes and props, fitted along their match."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .constraints import check_options
 from .made_match import make_match
 from .targets import Write
 
-# Parts of the progress bar that matching takes, where there is no match yet, and giving the source the target's shape.
+# Fractions of the progress for a new match, and for giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
 READING = "Reading the objects"
 
@@ -40,10 +40,10 @@ class Dressing:
     """How a target is dressed.
 
     Attributes:
-        manner: "automatic" lets small solid parts and what hangs from a bone turn and grow as a whole, and all else
-            follow the body; "soft" lets all follow it, "rigid" nothing.
-        stiffness: how far what follows the body keeps its form, in [0, 1].
-        gap: how far from the skin what was outside of it stays at least, in scene units.
+        manner: "automatic": small solid parts and children of bones rotate and scale as a whole, and all others follow
+            the body. "soft": all follow the body. "rigid": none do.
+        stiffness: how far objects that follow the body keep their form, in [0, 1].
+        gap: minimum distance from the skin of points that were outside of it, in scene units.
     """
 
     manner: Manner = "automatic"
@@ -53,14 +53,14 @@ class Dressing:
 
 @dataclass(frozen=True, eq=False)
 class _Fitting:
-    """What is carried onto which body.
+    """The bodies and the worn objects to transfer.
 
     Attributes:
-        source: the surface that was matched, in the pose in which it is carried.
-        target: the same of the target.
+        source: the matched surface of the source, in the pose for the fitting.
+        target: likewise of the target.
         is_body: (n_s,) vertices of the source that are not worn themselves.
-        worn: what is carried.
-        notes: sentences.
+        worn: the worn objects.
+        notes: sentences for the user.
     """
 
     source: zo.Surface
@@ -78,27 +78,27 @@ def dress(
     dressing: Dressing | None = None,
     **match_options: Any,
 ) -> dict[str, Any]:
-    """Dress a target with copies of what belongs to a source, fitted to its body along their match or a new one.
+    """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
-    Where both are bound to one armature, this is done in its rest pose, and the copies are bound to it as well.
-    Else they hang from the target, as they are seen, and come along when it is bound to the source's armature. Copies
-    that were made before of the same objects are replaced; the objects themselves stay as they are.
+    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. Else
+    the copies are children of the target in its present pose, and follow when it is bound to the source's armature.
+    Earlier copies of the same objects are replaced; the objects themselves are not changed.
 
     Args:
         context: Blender's; all objects are in its scene.
-        source: the body that wears them.
-        target: was matched with it, or is now.
+        source: the body that wears the accessories.
+        target: the body to dress; it is matched if necessary.
         accessories: meshes, and hair curves.
-        dressing: how.
-        match_options: of `match_objects`, where no match of these two is stored.
+        dressing: how to dress the target.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
         A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
-        `left_out` says why others have none, `notes` are sentences.
+        `left_out` has reasons for objects without copies, `notes` are sentences.
 
     Raises:
-        MeshError: nothing can be carried; nothing was written.
-        TypeError: a match has no option of a name.
+        MeshError: none of the objects can be copied; nothing was written.
+        TypeError: an option of the match is unknown.
     """
     names = [obj.name for obj in accessories]
     return run(prepare_dress(context, source.name, target.name, names, dressing or Dressing(), **match_options))()
@@ -113,16 +113,16 @@ async def prepare_dress(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
-    """`dress` as a coroutine, which holds no Blender data while it waits; returns what writes.
+    """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
 
     Args:
         context: Blender's; the objects are in its scene.
-        source_name: of the source.
-        target_name: of the target.
-        things: names of what is carried.
-        dressing: how.
-        adjusted: whether the target is dressed once more with other settings, and a match that was undone taken again.
-        match_options: those of `match_objects`.
+        source_name: name of the source.
+        target_name: name of the target.
+        things: names of the worn objects.
+        dressing: how to dress the target.
+        adjusted: whether this repeats the last operation with other settings, and may reuse its undone match.
+        match_options: options of `match_objects`.
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
@@ -159,12 +159,12 @@ async def prepare_dress(
 
 
 async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> Write[None]:
-    """Take what a target wears along to the rest pose; what is returned binds it as what it is copied from is bound.
+    """Fit copies that a target wears to its rest pose; returns a function that binds them like their originals.
 
     Args:
         context: Blender's.
-        pair: whose target is bound.
-        at_rest: (n_t, 3) where its vertices will be, in world space.
+        pair: the pair whose target is bound.
+        at_rest: (n_t, 3) the rest positions of its vertices, in world space.
     """
     target, worn = find_mesh(context, pair.target_name), list[Worn]()
     with stage(READING, 0, 0):
@@ -198,7 +198,7 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
-    """Raise a MeshError if something that is worn was removed or edited since it was read."""
+    """Raise a MeshError if a worn object was removed or edited since it was read."""
     for each in worn:
         obj = context.scene.objects.get(each.name)
         if obj is None or mesh_data.content_of(obj) != each.content:
@@ -206,10 +206,10 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
 
 
 async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> _Fitting:
-    """Read what is worn, in the rest pose where the target hangs on the source's armature.
+    """Read the worn objects, in the rest pose if the target is bound to the source's armature.
 
     Raises:
-        MeshError: nothing can be read.
+        MeshError: there are no worn objects, or none can be read.
     """
     chosen = [name for name in dict.fromkeys(names) if name not in (pair.source_name, pair.target_name)]
     if not chosen:
@@ -268,7 +268,7 @@ def _read(context: Context, name: str, at_rest: bool) -> Worn:
 
 
 def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> tuple[Floats, Dressed]:
-    """How the body moves, as the matrix (4, 4) of a similarity, and what it wears."""
+    """The motion of the body, as a similarity matrix (4, 4), and the fitted objects."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
@@ -291,7 +291,7 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
 
 
 def _part(surface: zo.Surface, shape: Floats, kept: np.ndarray) -> tuple[zo.Surface, Floats]:
-    """The triangles of a surface between some vertices (n,), if there are any, and these in their new shape."""
+    """The part of a surface with vertices `kept` (n,), if it has triangles, and its vertices in the new shape."""
     triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
     if kept.all() or not len(triangles):
         return surface, shape
@@ -307,7 +307,7 @@ def _write(
     moved: Floats,
     writing: mesh_data.Writing,
 ) -> tuple[dict[str, str], list[str]]:
-    """Add the copies; their names by those of what they are of, and notes."""
+    """Add the copies; returns their names by those of the originals, and notes."""
     target = find_mesh(context, pair.target_name)
     bodies = [find_mesh(context, name) for name in pair.source_names]
     collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Targets that are one half, of which a Mirror modifier makes the other: matched as the whole that is seen.
+"""Targets that are one half, to which a Mirror modifier adds the other: they are matched as the visible whole.
 
-The modifier leaves a mesh's own vertices before those that it makes, so the match of these is the first part.
+The modifier puts a mesh's own vertices before those that it adds, so the match of these is the first part.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from zoomout_core.arrays import Integers
 
 @dataclass(frozen=True, eq=False)
 class HalfResult(zo.MatchResult):
-    """The part of the match of a whole that is of one half; its other attributes are those of the whole.
+    """The match of a half, as a part of the match of the whole; other attributes are those of the whole.
 
     Attributes:
         whole: the match of the whole.
-        half: the surface that the first vertices of the whole belong to.
+        half: the surface of the half, which has the first vertices of the whole.
     """
 
     whole: zo.MatchResult
@@ -26,7 +26,7 @@ class HalfResult(zo.MatchResult):
 
     @classmethod
     def of(cls, whole: zo.MatchResult, half: zo.Surface) -> HalfResult:
-        """The part of a match of a whole."""
+        """The part of a whole's match for its half."""
         count, mapped = len(half.vertices), whole.surface_map
         given = {field.name: getattr(whole, field.name) for field in fields(zo.MatchResult)} | {
             "surface_map": zo.SurfaceMap(mapped.triangle[:count], mapped.barycentric[:count], mapped.source_triangles),
@@ -37,11 +37,11 @@ class HalfResult(zo.MatchResult):
 
     @property
     def share_without_partner(self) -> float:
-        """The part of the half's area, in [0, 1], to which nothing on the source corresponds."""
+        """The fraction of the half's area without a counterpart on the source, in [0, 1]."""
         return self.half.share_of_area(~self.has_partner)
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
-        """Where a candidate leads, roughly: that of the whole, on the half."""
+        """The outline of a candidate of the whole, on the half."""
         vertices, images = super().outline(candidate)
         own = vertices < len(self.half.vertices)
         return vertices[own], images[own]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Starts that are maps already: vertices in the same order, and a file that `zoomout match` wrote."""
+"""Starts from existing maps: vertices in the same order, and a file that `zoomout match` wrote."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from zoomout_core.messages import message
 from ..mesh_data import ObjectPair
 from ..storage.stored_match import StoredMatch
 
-# Meshes of the same order share nearly all edges. Where they share fewer than this part, the order is another.
+# Meshes with the same vertex order share nearly all edges; below this fraction, the order differs.
 SHARED_EDGES = 0.5
 
 
 def same_order(pair: ObjectPair) -> StoredMatch:
-    """The match of meshes that have the same vertices in the same order: each with its own, and nothing refined.
+    """The match of meshes with the same vertex order, which maps each vertex to the one of the same number.
 
     Raises:
-        MeshError: they have not as many vertices, or connect them otherwise.
+        MeshError: the meshes differ in the number of vertices, or share too few edges.
     """
     source, target = pair.source, pair.target
     if len(source.vertices) != len(target.vertices):
@@ -71,7 +71,7 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
     """The source vertex (n_t,) of each target vertex, from a file that `zoomout match` wrote for these meshes.
 
     Raises:
-        MeshError: there is no such file, or it was made for other meshes.
+        MeshError: the file does not exist, or belongs to other meshes.
     """
     if not path:
         raise zo.MeshError("The map file is missing: choose a map.npz written by `zoomout match`.")

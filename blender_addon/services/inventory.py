@@ -11,7 +11,7 @@ from .preflight import evaluated_data
 
 
 def inventory(context: Context, source: Object) -> dict[str, int]:
-    """Counts by kind, see `adapters.DATA`; without kinds that are not known yet or cannot be counted."""
+    """Counts by kind, see `adapters.DATA`, without kinds that are not known yet or cannot be counted."""
     mesh = evaluated_data(context, source) or source.data
     layers, keys, known = count_layers(mesh), source.data.shape_keys, facts(source)
     counts = {role.value: layers[role] for role in Role} | {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks from what objects have in common by name: small vertex groups, empties."""
+"""Landmarks from small vertex groups or empties with the same names on several objects."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from ..mesh_data import (
 from ..scene.landmarks import set_landmark
 from .name_matching import COPY
 
-# Largest spread of a vertex group that marks a point: the standard deviation over the square root of the mesh's area.
+# Maximum spread of a vertex group that marks a point: standard deviation over the square root of the mesh's area.
 MAX_SPREAD = 0.1
-# What marks the places, in messages.
+# Kinds of markers, in messages.
 NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
 
 
 def import_landmarks(context: Context, objects: list[Object], what: str) -> int:
-    """Place landmarks where the source and a target have something of the same name; existing names are placed anew.
+    """Set landmarks at markers with the same name on the source and a target; existing landmarks are moved.
 
     Args:
         context: Blender's; the objects are in its scene.
         objects: the source, then the targets.
-        what: marks the places, a key of `NOUNS`.
+        what: the kind of markers, a key of `NOUNS`.
 
     Returns:
         The number of landmarks.
 
     Raises:
-        MeshError: no name is shared; nothing was placed.
+        MeshError: no names match; nothing was set.
     """
     find = points_of_groups if what == "GROUPS" else points_of_empties
     found = {obj: find(context, obj, objects) for obj in objects}
@@ -64,7 +64,7 @@ def import_landmarks(context: Context, objects: list[Object], what: str) -> int:
 
 
 def points_of_groups(context: Context, obj: Object, objects: list[Object]) -> dict[str, SurfacePoint]:
-    """Where an object's vertex groups are, those that are small enough to mark a place."""
+    """Centres of an object's vertex groups that are small enough to mark a place."""
     depsgraph = context.evaluated_depsgraph_get()
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         weights = read_weights(evaluated, mesh)
@@ -84,9 +84,9 @@ def points_of_groups(context: Context, obj: Object, objects: list[Object]) -> di
 
 
 def points_of_empties(context: Context, obj: Object, objects: list[Object]) -> dict[str, SurfacePoint]:
-    """Surface points of empties that are the object's children, or near its surface and no other object's child.
+    """Surface points of empties that are the object's children, or near its surface and no child of other `objects`.
 
-    They are named without the number that Blender appends.
+    Their names lack the number that Blender appends.
     """
     depsgraph = context.evaluated_depsgraph_get()
     with evaluated_mesh(obj, depsgraph) as (_, mesh):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The match that a transfer, a wrap or a dress makes for itself, where none is stored."""
+"""The match that a transfer, a wrap or a dress makes if none is stored."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .constraints import match_pair, settings_to_store
 async def make_match(
     context: Context, pair: ObjectPair, adjusted: bool, match_options: dict[str, Any]
 ) -> tuple[Match, dict[str, Any]]:
-    """Match two objects, and keep the match in memory; returns it with the settings to store.
+    """Match two objects, and cache the match in memory; returns it with the settings to store.
 
     Args:
         context: Blender's.
-        pair: of the two objects.
-        adjusted: whether what asks for it is done once more with other settings: the match made then is taken again.
-        match_options: those of `match_objects`.
+        pair: the two objects.
+        adjusted: whether the caller repeats its last operation with other settings, and may reuse the cached match.
+        match_options: options of `match_objects`.
     """
     settings = settings_to_store(context, pair, match_options)
     made = last_made_match(pair) if adjusted else None

@@ -33,10 +33,10 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
 
     Args:
         context: Blender's; both objects are in its scene.
-        source: has the data; read as its modifiers leave it.
-        target: receives the data.
-        options: those of `prepare_match`, of `constraints.match_pair`, and of `zoomout_core.match`; or
-            initial="nearest", and those of `zoomout_core.match_by_proximity`.
+        source: the object with the data; it is read after its modifiers.
+        target: the object that receives the data.
+        options: options of `prepare_match`, `constraints.match_pair` and `zoomout_core.match`; or initial="nearest",
+            and options of `zoomout_core.match_by_proximity`.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -45,7 +45,7 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
 
 
 async def match(context: Context, source_name: str, target_name: str, **options: Any) -> stored_match.Match:
-    """`match_objects` as a coroutine, which holds no Blender data while it waits."""
+    """`match_objects` as a coroutine, which keeps no Blender data across an `await`."""
     write = await prepare_match(context, source_name, target_name, **options)
     return write()
 
@@ -59,17 +59,17 @@ async def prepare_match(
     redo_keeps: bool = False,
     **options: Any,
 ) -> PreparedMatch:
-    """`match` without the writing: returns a function that stores the match on the target.
+    """`match` without writing: returns a callable that stores the match on the target.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source_name: the object that has the data.
-        target_name: the object that receives it.
-        seen: whether places are shown by colours for a while, where nothing else is shown.
-        redo_group: vertex group of the target where a match of the two that it has is replaced, and kept elsewhere;
-            empty for everywhere.
-        redo_keeps: whether it says the opposite, what is kept.
-        options: those of `match_objects`.
+        source_name: name of the source.
+        target_name: name of the target.
+        seen: whether to show a passing preview of places if there is no other preview.
+        redo_group: vertex group of the target where a stored match of the two is replaced, and kept elsewhere; empty to
+            replace all of it.
+        redo_keeps: whether the group is kept instead, and the rest replaced.
+        options: options of `match_objects`.
     """
     pair = await read_pair(context, source_name, target_name)
     settings = settings_to_store(context, pair, options)
@@ -86,15 +86,15 @@ async def prepare_match(
 
 @dataclass(frozen=True, eq=False)
 class PreparedMatch:
-    """A match that is found; called, it is stored on the target, and returned.
+    """A computed match; a call stores it on the target and returns it.
 
     Attributes:
         context: Blender's.
         pair: the two objects, as they were read.
         result: the match.
-        settings: what is stored beside it.
-        seen: whether places are shown by colours for a while.
-        following: the preview that shows it; None where there is none.
+        settings: the settings to store with it.
+        seen: whether to show a passing preview of places.
+        following: the preview of the match, or None.
     """
 
     context: Context
@@ -120,11 +120,11 @@ async def _prepare(
 
 
 async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, PreparedMatch]) -> dict[str, PreparedMatch]:
-    """Matches of several targets, those with one source brought to agree: see `collection.agree`.
+    """Reconcile matches of several targets that have the same source, see `collection.agree`.
 
     Args:
-        detail: of the matches between targets, one of `DETAIL`.
-        k_final: of these; 0 for as large as `detail` says.
+        detail: detail of the matches between targets, one of `DETAIL`.
+        k_final: size of their functional maps; 0 for that of `detail`.
         prepared: the matches, by the names of the targets.
     """
     sizes = zo.MatchOptions(**resolve_detail(detail, k_final))

@@ -2,7 +2,7 @@
 """Objects of two characters whose names match: `King_Body` and `Casual_Body`, `visor` and `visor.001`.
 
 Names are compared by their common words, weighted by rarity. The character's own name, which most of its objects share,
-is ignored. Only clear matches are returned: a wrong pair does more harm than none.
+is ignored. Only clear matches are returned, because a wrong pair is worse than none.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 
-# What Blender appends to a name that is taken.
+# The suffix that Blender appends to a name in use.
 COPY = re.compile(r"\.\d{3,}$")
-# Where a word begins within letters: armUpper, LEye.
+# Beginnings of words within letters: armUpper, LEye.
 NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 WORD = re.compile(r"[^\W\d_]+|\d+")
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-# Part of a character's objects from which a word that they share, and the other character lacks, is its own name.
+# A word that at least this fraction of a character's objects share, and the other character lacks, is its own name.
 OWN_NAME = 0.75
-# Smallest similarity, the weighted part of words in common, at which names match; and the largest similarity of any
-# other name, as a part of that.
+# Minimum similarity, the weighted fraction of common words, of matching names; and the maximum similarity of any other
+# name, as a fraction of that.
 MIN_SIMILARITY, MAX_RUNNER_UP = 0.6, 0.75
 
 
@@ -33,8 +33,8 @@ class Words(NamedTuple):
     """The words of a name.
 
     Attributes:
-        plain: in small letters, but those that say a side.
-        sides: "left" and "right", as far as they are there.
+        plain: words in lower case, except those for a side.
+        sides: "left", "right", both or none.
     """
 
     plain: frozenset[str]
@@ -42,23 +42,24 @@ class Words(NamedTuple):
 
     @classmethod
     def of(cls, name: str) -> Words:
-        """Those of an object's name, without the number that Blender appends."""
+        """The words of an object's name, without the number that Blender appends."""
         found = {_plain(word) for word in WORD.findall(NEW_WORD.sub(" ", COPY.sub("", name)))}
         return cls(frozenset(found.difference(SIDES)), frozenset(SIDES[word] for word in found.intersection(SIDES)))
 
 
 def pair_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[int, int]]:
-    """Pairs of objects, each in one pair at most, that are clearly called alike.
+    """Pairs of objects with clearly similar names; each object is in at most one pair.
 
-    Equal names bind, whatever number Blender appended, unless several objects of one character have the same. Left
-    and right are never confused. A character of a single object is all of the other one, whatever it is called.
+    Equal names always match, apart from a number that Blender appended, unless several objects of a character share
+    the name. Left never matches right. There are no pairs if a character has a single object, which corresponds to the
+    whole other character.
 
     Args:
-        sources: names of the one character's objects.
-        targets: names of the other one's.
+        sources: names of one character's objects.
+        targets: names of the other character's objects.
 
     Returns:
-        Numbers of a source and a target for each pair, by target.
+        Numbers of the source and the target of each pair, in order of targets.
     """
     if min(len(sources), len(targets)) < 2:
         return []
@@ -70,7 +71,7 @@ def pair_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[i
 
 
 def _plain(word: str) -> str:
-    """A word as others may have written it: in small letters, of one thing rather than several, numbers without 0."""
+    """A word in normal form: in lower case, in the singular, numbers without leading zeros."""
     word = word.lower()
     if word.isdigit():
         return word.lstrip("0") or "0"
@@ -78,14 +79,14 @@ def _plain(word: str) -> str:
 
 
 def _equal(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[int, int]]:
-    """Objects of the same name, of which either side has one."""
+    """Pairs of objects with the same name, which is unique on either side."""
     ours, theirs = ([COPY.sub("", name) for name in names] for names in (sources, targets))
     unique = {name for name in ours if ours.count(name) == theirs.count(name) == 1}
     return [(ours.index(name), theirs.index(name)) for name in sorted(unique)]
 
 
 def _similarities(sources: Sequence[Words], targets: Sequence[Words]) -> Floats:
-    """(p, q) part of the words that two names share, by weight; none where they are of other sides."""
+    """(p, q) weighted fraction of the words that two names share; 0 if their sides differ."""
     counts = [Counter(word for words in each for word in words.plain) for each in (sources, targets)]
     sizes = len(sources), len(targets)
     own_names = _own_name(counts[0], counts[1], sizes[0]) | _own_name(counts[1], counts[0], sizes[1])
@@ -103,12 +104,12 @@ def _similarities(sources: Sequence[Words], targets: Sequence[Words]) -> Floats:
 
 
 def _own_name(count: Counter[str], of_other: Counter[str], objects: int) -> set[str]:
-    """The words that most objects of a character share, and that the other has not."""
+    """The words that most objects of a character share, and the other character lacks."""
     return {word for word, number in count.items() if number >= OWN_NAME * objects and not of_other[word]}
 
 
 def _clear_winners(similarity: Floats) -> list[int]:
-    """(q,) for each target the source that is most similar to it, and it to that, by far; -1 for none."""
+    """(q,) for each target the source if both are by far the most similar to each other; -1 for none."""
     winners = []
     for j in range(similarity.shape[1]):
         i = int(np.argmax(similarity[:, j]))

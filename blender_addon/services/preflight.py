@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Obstacles to a match or a transfer, and reasons to doubt one, by fast checks.
+"""Fast checks for obstacles to a match or a transfer, and for reasons to doubt one.
 
-All functions may be called each time the sidebar is drawn: they compare counts and flags; what takes longer is cached
-by `mesh_facts`.
+The sidebar may call all functions at each redraw: they compare counts and flags, and `mesh_facts` caches slower facts.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from ..scene.pair import check_distinct, check_writable, users_of_mesh
 from ..scene.selection import choose_source, chosen_targets, match_source, own_sources
 from ..storage import stored_match
 
-# Meshes of fewer vertices have too few features to be matched by.
+# Meshes with fewer vertices have too few features for a match.
 FEW_VERTICES = 100
 
 
@@ -31,9 +30,9 @@ class Finding(NamedTuple):
     """A sentence for the user.
 
     Attributes:
-        text: what is wrong, and what to do.
-        blocks: whether nothing can be done before.
-        begins: whether it says how to begin, where nothing is wrong.
+        text: the problem and its remedy.
+        blocks: whether the problem has to be solved first.
+        begins: whether it explains how to begin, without a problem.
     """
 
     text: str
@@ -46,7 +45,7 @@ NO_TARGET = "Make the target mesh active"
 
 
 def obstacle(context: Context) -> str:
-    """Why the active object cannot receive data, or nothing."""
+    """The reason why the active object cannot receive data, or an empty string."""
     target = context.active_object
     if target is None or target.type != "MESH":
         return NO_TARGET
@@ -58,7 +57,7 @@ def obstacle(context: Context) -> str:
 
 
 def likely_source(context: Context) -> Object | None:
-    """The source that an operator would choose for the active object, or None where it would refuse."""
+    """The source that an operator would choose for the active object, or None if it would fail."""
     try:
         return choose_source(context, context.active_object, edited=True)
     except zo.MeshError:
@@ -66,7 +65,7 @@ def likely_source(context: Context) -> Object | None:
 
 
 def findings(context: Context) -> list[Finding]:
-    """What the user should know before matching or transferring; what blocks comes first, and alone."""
+    """Findings before matching or transferring; a blocking one is the only one."""
     target, several = context.active_object, len(own_sources(context)) > 1
     if not _is_any_chosen(context) and not match_source(context, target):
         return [HOW_TO_BEGIN]
@@ -90,7 +89,7 @@ def findings(context: Context) -> list[Finding]:
 
 
 def _is_any_chosen(context: Context) -> bool:
-    """Whether a source is chosen, or a mesh is selected beside the active object."""
+    """Whether a source is chosen, or a mesh besides the active object is selected."""
     if context.scene.zoomout.source is not None:
         return True
     active = context.active_object
@@ -98,9 +97,9 @@ def _is_any_chosen(context: Context) -> bool:
 
 
 def evaluated_data(context: Context, obj: Object) -> Mesh | None:
-    """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing.
+    """An object's evaluated mesh, up to date even during drawing, or None if the object is disabled.
 
-    In Edit Mode it is the object's own, as it was before: the other one has nothing to be counted.
+    In Edit Mode it is the object's own mesh as it was before, because the evaluated one has nothing to count.
     """
     if obj.mode == "EDIT":
         return obj.data
@@ -109,7 +108,7 @@ def evaluated_data(context: Context, obj: Object) -> Mesh | None:
 
 
 def stale(context: Context, target: Object) -> str:
-    """Why the match stored on a target is no longer valid, as far as fast checks show; or "".
+    """The reason why the match stored on a target is no longer valid, by fast checks; or an empty string.
 
     Operators compare fingerprints, which is exact but slower.
     """
@@ -133,7 +132,7 @@ def stale(context: Context, target: Object) -> str:
 
 
 def _is_edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
-    """Whether an object, whose mesh is now this one, was other when it was matched; its own may have been that."""
+    """Whether an object was edited since it was matched, by its present evaluated mesh and its own."""
     known = facts(obj)
     sizes = [] if mesh is None else [[len(one.vertices), len(one.polygons)] for one in (mesh, obj.data)]
     return (
@@ -144,7 +143,7 @@ def _is_edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
 
 
 def find_outdated(context: Context, target: Object) -> list[str]:
-    """Sentences about what is other than when a target was matched, though its match still holds."""
+    """Sentences about changes since a target was matched that do not invalidate its match."""
     stored = stored_match.description(target.data)
     source = likely_source(context) if stored else None
     if stored is None or source is None:
@@ -169,14 +168,14 @@ def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]
 
 
 def _find_left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
-    """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
+    """Reasons why targets other than the active one cannot receive data."""
     for other in chosen_targets(context, source):
         if other != target and (reason := _reason(context, source, other)):
             yield message("{reason} Until then, '{target}' is skipped.", reason=reason, target=other.name)
 
 
 def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
-    """Targets that are parts of one character, but are matched individually."""
+    """Sentences about targets that are parts of one character, but are matched individually."""
     if context.scene.zoomout.initial != "AUTO":
         return
     characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
@@ -239,6 +238,6 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
 
 
 def is_reshaped(obj: Object, stored: dict[str, Any]) -> bool:
-    """Whether, as far as is known, vertices of an object's mesh were moved since."""
+    """Whether vertices of an object's mesh are known to have moved since a symmetry was stored."""
     known = facts(obj)
     return known is not None and known.content != stored.get("content", known.content)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What previews show: the colours of a match, of a symmetry or of an asymmetry, kept up to date with what is stored."""
+"""The colours of previews of a match, a symmetry or an asymmetry, kept up to date with the stored data."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ from ..viewport.preview import ASYMMETRY, CONFIDENCE, OF_MATCH, OF_SYMMETRY, PAI
 
 
 async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) -> Preview:
-    """A match by colours on the target, and on the source where it is coloured as well.
+    """The preview of a match on the target, and for some kinds on the source.
 
     Raises:
-        MeshError: for a checker, the source has no UV map.
+        MeshError: the source has no UV map for a checker.
     """
     with stage("Coloring"):
         await pause()
@@ -80,14 +80,14 @@ def _along(uv: Attribute, match: Match, pair: ObjectPair) -> Attribute:
 
 @contextmanager
 def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> Iterator[None]:
-    """While a candidate is computed, show an approximation of its map, where the preview shows places.
+    """Show an approximate map of a candidate while it is computed, if the preview shows places.
 
-    On an error or a cancel the previous preview is shown again.
+    After an error or a cancel, the previous preview is restored.
 
     Args:
         obj: the target.
         listing: the candidates of its match.
-        place: of the candidate among them.
+        place: index of the candidate.
     """
     before = preview.preview_of(obj)
     if before is None or before.kind != PLACES:
@@ -103,7 +103,7 @@ def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> It
 
 
 def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Overlay]:
-    """Colours (n, 3) of vertices, or UVs (c, 2) of corners, of all sources of a match, for each of them."""
+    """An overlay for each source of a match, from colours (n, 3) of vertices or UVs (c, 2) of corners of all."""
     elements = "vertices" if values.shape[1] == 3 else "corner_vertex"
     ends = np.cumsum([len(getattr(source, elements)) for source in pair.sources])[:-1]
     return [
@@ -113,13 +113,13 @@ def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> 
 
 
 async def following(context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None) -> Preview | None:
-    """The preview that is shown of a target, for a new match of it.
+    """The current preview of a target, updated for a new match.
 
     Args:
         context: Blender's.
         pair: the target with its source.
         match: the new match.
-        otherwise: what to show, for a while, where nothing is shown; nothing when None.
+        otherwise: kind of a passing preview if there is none; None for no preview.
     """
     before = preview.preview_of(find_mesh(context, pair.target_name))
     if before is not None and before.kind in OF_MATCH:
@@ -130,17 +130,17 @@ async def following(context: Context, pair: ObjectPair, match: Match, otherwise:
 
 
 def follow_match(context: Context, obj: Object) -> None:
-    """Bring up to date what is shown of an object's match, after its mesh and its match were subdivided."""
+    """Update the preview of an object's match, after its mesh and its match were subdivided."""
     before = preview.preview_of(obj)
     if before is not None and before.kind in OF_MATCH:
         preview.show(run(_again(context, obj, before.kind)))
 
 
 async def of_symmetry(context: Context, name: str, kind: str) -> Preview:
-    """The symmetry stored on an object's mesh by colours.
+    """The preview of the symmetry stored on an object's mesh.
 
     Raises:
-        MeshError: there is none, it is outdated, or, for a preview of sides, it has none.
+        MeshError: there is no symmetry, it is outdated, or it has no sides for a preview of sides.
     """
     obj = find_mesh(context, name)
     symmetry, order, bare = stored_symmetry.read(obj), stored_symmetry.order(obj.data), _of_mesh(obj, kind)
@@ -157,12 +157,12 @@ async def of_symmetry(context: Context, name: str, kind: str) -> Preview:
 
 
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
-    """The asymmetry of an object's mesh by colours, from values (n,); red stands for `most` and above."""
+    """The preview of the asymmetry of an object's mesh, from values (n,); red means `most` and above."""
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
 
 
 def follow_symmetry(context: Context, obj: Object) -> None:
-    """Bring up to date what is shown of an object's symmetry, after another one was stored or chosen."""
+    """Update the preview of an object's symmetry, after another one was stored or chosen."""
     before = preview.preview_of(obj)
     if before is None or before.kind in OF_MATCH:
         return
@@ -177,7 +177,7 @@ def follow_symmetry(context: Context, obj: Object) -> None:
 
 
 def follow_undo(context: Context) -> None:
-    """Update the preview to what is stored, after undo or redo."""
+    """Update the preview to the stored data, after undo or redo."""
     before = preview.current()
     if before is None:
         return
@@ -201,7 +201,7 @@ async def _again(context: Context, obj: Object, kind: str) -> Preview:
 
 
 def _of_mesh(obj: Object, kind: str) -> Preview:
-    """A preview of an object's own mesh, as it is now, without any colours yet."""
+    """A preview of an object's present own mesh, still without colours."""
     uncolored = Overlay(obj.session_uid, np.empty((0, 3)), content_hash(obj.data))
     return Preview(kind, obj.session_uid, OF_SYMMETRY[kind].legend, (uncolored,), _stored_hash(obj.data, kind))
 

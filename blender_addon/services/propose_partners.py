@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Propose where landmarks that only one of two matched objects has lie on the other, by the map between them."""
+"""Propose the places of landmarks that only one of two matched objects has, by the map between them."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from ..storage.stored_match import StoredMatch
 
 
 def propose_partners(context: Context, objects: Sequence[Object], numbers: Collection[int]) -> int:
-    """Propose the partners of landmarks, where the map of the match that is stored on a target leads.
+    """Propose the partners of landmarks, by the match stored on each target.
 
-    Nothing is proposed where both have the landmark, where there is no match of the two as they are now, or where the
-    match says that there is no partner. Earlier proposals of these landmarks are set anew.
+    Nothing is proposed if both objects have the landmark, there is no valid match of the two, or the match finds no
+    partner. Earlier proposals of these landmarks are replaced.
 
     Args:
         context: Blender's; the objects are in its scene.
         objects: the source, then the targets.
-        numbers: of the landmarks.
+        numbers: numbers of the landmarks.
 
     Returns:
         The number of places that were proposed.
@@ -51,7 +51,7 @@ def _propose(context: Context, source: Object, target: Object, numbers: Collecti
 
 
 def _valid_match(context: Context, source: Object, target: Object) -> tuple[ObjectPair, StoredMatch] | None:
-    """The match of these two, as they are now."""
+    """The stored match of these two objects, if it is valid."""
     if stored_match.description(target.data) is None:
         return None
     try:
@@ -70,7 +70,7 @@ def _place(
     pair: ObjectPair,
     match: StoredMatch,
 ) -> int:
-    """Propose places on an object for landmarks that another one has; how many."""
+    """Propose places on `other` for landmarks on `known`; returns their number."""
     depsgraph = context.evaluated_depsgraph_get()
     places = surface_points_on(context.scene, known)
     positions = world_positions(known, {number: places[number] for number in numbers}, depsgraph)
@@ -90,7 +90,7 @@ def _place(
 
 
 def partners_on_source(pair: ObjectPair, match: StoredMatch, points: Floats) -> tuple[Floats, Booleans]:
-    """Where points (q, 3) of the target lie on the source (q, 3), in world space, and (q,) whether they do."""
+    """Images (q, 3) on the source of points (q, 3) on the target, in world space, and (q,) whether they exist."""
     target = pair.target
     triangle, barycentric = closest_points(points, target.vertices, target.triangles)
     images = match.surface_map.at(pair.source, target, triangle, barycentric).interpolate(pair.source.vertices)
@@ -98,7 +98,7 @@ def partners_on_source(pair: ObjectPair, match: StoredMatch, points: Floats) -> 
 
 
 def partners_on_target(pair: ObjectPair, match: StoredMatch, points: Floats) -> tuple[Floats, Booleans]:
-    """Where points (q, 3) of the source lie on the target (q, 3), by the nearest image, and (q,) whether they do."""
+    """Preimages (q, 3) on the target of points (q, 3) on the source, of nearest image, and (q,) whether they exist."""
     source, target = pair.source, pair.target
     of_source, _ = closest_points(points, source.vertices, source.triangles)
     found = match.surface_map.preimages(source, target, points).interpolate(target.vertices)
@@ -106,5 +106,5 @@ def partners_on_target(pair: ObjectPair, match: StoredMatch, points: Floats) -> 
 
 
 def _in_mask(mask: Booleans | None, corners: Integers) -> Booleans:
-    """(q,) whether all corners (q, 3) have a partner; all have where that is not known."""
+    """(q,) whether all corners (q, 3) have a partner; true if that is not known."""
     return np.ones(len(corners), dtype=bool) if mask is None else mask[corners].all(axis=1)

@@ -17,12 +17,12 @@ from ..scene.pair import target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match, StoredMatch
 
-# Share of the new match from which on it says whether a vertex has a partner.
+# From this share of the new match on, the new match determines whether a vertex has a partner.
 MOSTLY = 0.5
 
 
 def valid_match(context: Context, pair: ObjectPair) -> StoredMatch | None:
-    """The match of these two that is stored on the target; None without one, or if one of them was edited since."""
+    """The match of these two stored on the target; None if there is none, or an object was edited since."""
     with target_mesh(context, pair) as (_, mesh):
         try:
             return stored_match.read(mesh, pair)
@@ -31,10 +31,10 @@ def valid_match(context: Context, pair: ObjectPair) -> StoredMatch | None:
 
 
 def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Floats:
-    """(n_t,) where a vertex group of the target lets the match be replaced, in [0, 1].
+    """(n_t,) how far to replace the match, in [0, 1], by a vertex group of the target.
 
     Raises:
-        MeshError: there is no such group, or it leaves nothing to be replaced.
+        MeshError: there is no such group, or it leaves nothing to replace.
     """
     with target_mesh(context, pair) as (target, _):
         weights = mesh_data.read_mask(target, group)
@@ -49,7 +49,7 @@ def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Fl
 
 
 def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floats) -> StoredMatch:
-    """The match that is a new one where a mask (n_t,) says so, an earlier one elsewhere, and between these a blend."""
+    """Replace an earlier match by a new one where a mask (n_t,) is 1, with a blend between."""
     shares = redo_shares(mask, pair.target)
     surface_map = redone(before.surface_map, after.surface_map, shares, pair.source)
     has_partner, of_source = before.has_partner, before.source_has_partner
@@ -75,5 +75,5 @@ def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floa
 
 
 def _rematched_vertices(pair: ObjectPair, surface_map: zo.SurfaceMap, shares: Floats) -> Booleans:
-    """(n_s,) whether the nearest image to a vertex of the source is one that was matched again."""
+    """(n_s,) whether the target point with the nearest image to a source vertex was matched again."""
     return np.asarray(surface_map.invert(pair.source, pair.target).interpolate(shares) >= MOSTLY)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut a target open along the seams of its source, and store the match for the mesh that results."""
+"""Cut a target along the seams of its source, and update its match for the resulting mesh."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ..storage import stored_match
 from . import previews
 from .candidates import store_match
 
-# Part of the progress bar at which faces begin to be divided, in [0, 1].
+# Fraction of the progress at which the division of faces begins.
 DIVIDING = 0.9
 
 
 def cut_seams(context: Context, source: Object, target: Object) -> str:
-    """Cut a mesh open along the seams of the active UV map of the source that it was matched with.
+    """Cut a mesh along the seams of the active UV map of the source that it was matched with.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source: has the UV map; read as its modifiers leave it.
-        target: is cut; its match is updated.
+        source: the object with the UV map; it is read after its modifiers.
+        target: the object to cut; its match is updated.
 
     Returns:
         A sentence for the user.
@@ -45,7 +45,7 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
 
 
 async def cut_seams_async(context: Context, source_name: str, target_name: str) -> str:
-    """`cut_seams` as a coroutine, which holds no Blender data while it waits."""
+    """`cut_seams` as a coroutine, which keeps no Blender data across an `await`."""
     pair = await stored_pair(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     if stored is None:
@@ -81,8 +81,8 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Store the match on the mesh that was cut: a new vertex has what the least of its neighbours have."""
-    # The target's surface is no longer its own, but storing a `StoredMatch` needs the fingerprints alone.
+    """Store the match on the cut mesh; a new vertex gets the minimum of its neighbours' values."""
+    # The pair's target surface is outdated, but storing a `StoredMatch` needs only the fingerprints.
     pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
 
     def of_all(values: np.ndarray) -> np.ndarray:

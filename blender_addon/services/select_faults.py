@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Select on the meshes themselves what a match is in doubt about, turns over, or finds no partner for."""
+"""Select elements of the meshes where a match is doubtful, flipped, or without a partner."""
 
 from __future__ import annotations
 
@@ -24,32 +24,31 @@ from ..scene.pair import check_not_edited, find_mesh
 from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 
-# What can be selected.
+# Kinds of faults.
 DOUBTFUL, FLIPPED, WITHOUT_PARTNER = "doubtful", "flipped", "without_partner"
 
 
 def select_faults(context: Context, target: Object, what: str) -> str:
-    """Select elements of a target's mesh that its match is wrong at, or may be, and no others.
+    """Select only those elements of a target's mesh where its match is or may be wrong.
 
     Args:
         context: Blender's; the target and its source are in its scene.
-        target: was matched; in Object Mode.
-        what: DOUBTFUL, vertices of low confidence; FLIPPED, faces whose image on the source is turned over, against
-            most of them; or WITHOUT_PARTNER, vertices to which nothing on the source corresponds, and, where its mesh
-            is what was matched, those of the source to which nothing on the target does.
+        target: a matched object, in Object Mode.
+        what: DOUBTFUL: vertices of low confidence. FLIPPED: faces whose image on the source is flipped, unlike most.
+            WITHOUT_PARTNER: vertices without a counterpart on the source, and, if the source's own mesh was matched,
+            its vertices without a counterpart on the target.
 
     Returns:
-        A sentence for the user: how many, and of what share of the area.
+        A sentence for the user, with the number of elements and their share of the area.
 
     Raises:
-        MeshError: there is no match, or one of the two was edited since, or partners are not known; nothing was
-            selected.
+        MeshError: there is no match, an object was edited since, or partners are not known; nothing was selected.
     """
     return run(select_faults_async(context, target.name, what))
 
 
 async def select_faults_async(context: Context, target_name: str, what: str) -> str:
-    """`select_faults` as a coroutine, which holds no Blender data while it waits."""
+    """`select_faults` as a coroutine, which keeps no Blender data across an `await`."""
     pair, match = await read_stored_match(context, target_name)
     with stage("Selecting", 0.1, 1.0):
         select = await compute(partial(FAULTS[what], pair, match))
@@ -57,7 +56,7 @@ async def select_faults_async(context: Context, target_name: str, what: str) -> 
     return select(context)
 
 
-# Elements of an object: none, one, several.
+# Numbers of elements of an object: none, one, several.
 VERTICES = (
     "no vertices of '{name}', {share:.1%} of its area",
     "{count} vertex of '{name}', {share:.1%} of its area",
@@ -69,7 +68,7 @@ FACES = (
     "{count} faces of '{name}', {share:.1%} of its area",
 )
 
-# Selects what was found, and returns a sentence about it.
+# Selects the elements, and returns a sentence about them.
 Select = Callable[[Context], str]
 
 
@@ -87,7 +86,7 @@ def _select_flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     over = flipped_triangles(match.surface_map, pair.source, target)
     if area[over].sum() > area.sum() / 2:  # a mirror image
         over = ~over
-    if match.has_partner is not None:  # what has none lies where its surroundings do
+    if match.has_partner is not None:  # vertices without a partner map to the same place as their surroundings
         over &= match.has_partner[target.triangles].all(axis=1)
     chosen = np.zeros(len(target.face_start) - 1, dtype=bool)
     chosen[target.triangle_face[over]] = True
@@ -126,7 +125,7 @@ FAULTS: dict[str, Callable[[ObjectPair, StoredMatch], Select]] = {
 
 
 def _select_on_sources(context: Context, pair: ObjectPair, chosen: Booleans) -> list[str]:
-    """Select some of the joined vertices of the sources on those whose own vertices they are."""
+    """Select some of the sources' joined vertices, on sources whose own mesh has them."""
     ends = np.cumsum([len(surface.vertices) for surface in pair.sources])[:-1]
     found = []
     for name, surface, own in zip(pair.source_names, pair.sources, np.split(chosen, ends), strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work for several targets: prepared one after another, written at the end."""
+"""Work for several targets: it is prepared one after another, and written at the end."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ Write: TypeAlias = Callable[[], Result]
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """What came of work for several targets.
+    """The outcome of work for several targets.
 
     Attributes:
         done: the results, by the names of the targets.
-        failed: sentences that say why, by the names of the others.
+        failed: the reasons as sentences, by the names of the targets that failed.
     """
 
     done: dict[str, Result] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Raise a MeshError if nothing was done."""
+        """Raise a MeshError if all targets failed."""
         if self.failed and not self.done:
             name, reason = next(iter(self.failed.items()))
             if len(self.failed) == 1:
@@ -52,12 +52,12 @@ async def each_target(
     work: Callable[[str], Work[Prepared]],
     together: Callable[[dict[str, Prepared]], Work[dict[str, Prepared]]] | None = None,
 ) -> Outcome[Any]:
-    """Do some work for each of several targets; nothing is written before all of it is done.
+    """Do some work for each of several targets; nothing is written before all work is done.
 
     Args:
-        names: of the targets.
-        work: for the target of a name; returns what writes its result, in no time.
-        together: what is done for all of them in the end, where there are several, before it is written.
+        names: names of the targets.
+        work: prepares the target of a name, and returns a function that writes its result quickly.
+        together: processes the prepared results of several targets together, before they are written.
     """
     outcome: Outcome[Any] = Outcome()
     writes: dict[str, Prepared] = {}
@@ -71,7 +71,7 @@ async def each_target(
         writes = await together(writes)
     with stage(WRITING, 1):
         await pause()
-    with all_or_nothing():  # what is no fault of one target is none of the others', but leaves all as they were
+    with all_or_nothing():  # unexpected errors roll back all targets
         for name, write in writes.items():
             try:
                 outcome.done[name] = write()
@@ -82,7 +82,7 @@ async def each_target(
 
 @contextmanager
 def _place(i: int, names: Sequence[str]) -> Iterator[None]:
-    """The i-th of several pieces of work that are alike, whose progress says which it is."""
+    """A block for the i-th target, whose progress shows its name and number."""
 
     def numbered_title(title: str) -> str:
         if len(names) == 1:

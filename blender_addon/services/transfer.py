@@ -50,7 +50,7 @@ from .dress import take_to_rest
 from .made_match import make_match
 from .targets import Write
 
-# Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
+# Fraction of the progress for a new match.
 MATCHING = 0.8
 
 
@@ -67,19 +67,19 @@ def transfer_objects(
 
     Args:
         context: Blender's; both objects are in its scene.
-        source: has the data; read as its modifiers leave it.
-        target: receives it.
-        data: which kinds of it, of `DATA`; all but the source's own shape, when not given.
-        settings: how it is transferred.
-        binding: how the target is bound to the source's armature; not at all, when not given.
-        match_options: of `match_objects`, where no match of these two is stored.
+        source: the object with the data; it is read after its modifiers.
+        target: the object that receives the data.
+        data: the kinds of data, of `DATA`; all but the source's own shape, when not given.
+        settings: how to transfer the data.
+        binding: how to bind the target to the source's armature; it is not bound when not given.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
         The report, see `stored_report.transfer_report`.
 
     Raises:
-        MeshError: something cannot be transferred; nothing was written.
-        TypeError: a match has no option of a name.
+        MeshError: some data cannot be transferred; nothing was written.
+        TypeError: an option of the match is unknown.
     """
     return run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
 
@@ -92,25 +92,25 @@ def bind_to_rig(
     settings: Settings = DEFAULT,
     **match_options: Any,
 ) -> dict[str, Any]:
-    """Transfer the vertex groups, take the target to the rest pose, and bind it to the armature of the source.
+    """Transfer the vertex groups, move the target to the rest pose, and bind it to the source's armature.
 
-    The armature and its animation stay as they are; a target in another pose gets a shape key that has it as it stood.
+    The armature and its animation are not changed. A posed target gets a shape key with its original shape.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source: an armature deforms it.
-        target: is bound to that; its vertices move to the rest pose, and its matrix becomes that of the source.
-        binding: whether it stands at rest already, and what becomes of another binding; found out, and refused, when
-            not given.
-        settings: how weights are transferred.
-        match_options: of `match_objects`, where no match of these two is stored.
+        source: an object that an armature deforms.
+        target: the object to bind; its vertices move to the rest pose, and it gets the source's matrix.
+        binding: whether the target is at rest already, and whether to replace another binding; when not given, the pose
+            is detected, and a bound target is rejected.
+        settings: how to transfer weights.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
         The report, see `stored_report.transfer_report`.
 
     Raises:
         MeshError: the target cannot be bound; nothing was written.
-        TypeError: a match has no option of a name.
+        TypeError: an option of the match is unknown.
     """
     return transfer_objects(context, source, target, (), settings, binding or Binding(), **match_options)
 
@@ -124,7 +124,7 @@ async def transfer(
     binding: Binding | None = None,
     **match_options: Any,
 ) -> dict[str, Any]:
-    """`transfer_objects` as a coroutine, which holds no Blender data while it waits."""
+    """`transfer_objects` as a coroutine, which keeps no Blender data across an `await`."""
     write = await prepare_transfer(context, source_name, target_name, data, settings, binding, **match_options)
     return write()
 
@@ -139,17 +139,17 @@ async def prepare_transfer(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
-    """`transfer` without the writing: returns a function that writes the data to the target.
+    """`transfer` without writing: returns a function that writes the data to the target.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source_name: the object that has the data.
-        target_name: the object that receives it.
-        data: which kinds of it.
-        settings: how it is transferred.
-        binding: how the target is bound to the source's rig; not at all when None.
-        adjusted: whether it is the last transfer once more with other settings, whose match, undone, is taken again.
-        match_options: those of `match_objects`.
+        source_name: name of the source.
+        target_name: name of the target.
+        data: the kinds of data.
+        settings: how to transfer it.
+        binding: how to bind the target to the source's rig; None not to bind it.
+        adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
+        match_options: options of `match_objects`.
     """
     check_options(match_options)
     if binding is not None:
@@ -190,7 +190,7 @@ async def prepare_transfer(
                 write_bound(context, pair, bound)
                 bind_worn()
             for one in adapters:
-                if one.kind == "shape":  # which lies where the source is, and so where a bound target is
+                if one.kind == "shape":  # it is placed at the source, as a bound target is
                     one.write(target)
             target.data.update()
             if bound is not None:
@@ -201,7 +201,7 @@ async def prepare_transfer(
 
 
 def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
-    """A sentence about settings that differ from those of the stored match, as far as these are known."""
+    """A sentence about settings that differ from those of the stored match, or are not stored, if any."""
     unused = [name for name, value in settings.items() if name not in stored.settings or stored.settings[name] != value]
     if not unused:
         return []
@@ -216,7 +216,7 @@ def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any])
 async def _collect(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
 ) -> tuple[list[Adapter], Remarks, Blend]:
-    """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
+    """Choose the source's data, check that the target can receive it, and determine the blend."""
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no kind of data named {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()
@@ -263,7 +263,7 @@ def _write_report(
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
     written = enumeration(plural(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
-    bound = report.get("bound")  # which reports of earlier versions lack
+    bound = report.get("bound")  # missing in reports of earlier versions
     bound = message(", bound to '{armature}'", armature=bound["armature"]) if bound else ""
     others = and_others(report["others"])
     done = message(
@@ -285,5 +285,5 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def and_others(names: Sequence[str]) -> str:
-    """What follows the name of a source where the target lies on others, too."""
+    """The words after the name of a source if there are further sources."""
     return plural(len(names), " and {count} other", " and {count} others") if names else ""

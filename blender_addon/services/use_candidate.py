@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Store another candidate of a match in place of the present one."""
+"""Replace the stored match by another of its candidates."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from ..viewport import preview
 from . import candidates, previews
 from .constraints import match_pair
 
-# Part of the progress bar that matching again takes, where results are no longer in memory, in [0, 1].
+# Fraction of the progress for matching again, if results are no longer in memory.
 MATCHING = 0.7
 
 
 def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResult:
-    """Store another candidate in place of the match on a target.
+    """Replace the match stored on a target by another candidate.
 
     Args:
         context: Blender's; the target and its source are in its scene.
-        target: was matched.
-        place: of the candidate in the list, see `stored_candidates.read`.
+        target: a matched object.
+        place: index of the candidate in the list, see `stored_candidates.read`.
 
     Raises:
-        MeshError: there is no match, or one of them was edited since; nothing was written.
+        MeshError: there is no match, or an object was edited since; nothing was written.
     """
     return run(use_candidate_async(context, target.name, place))
 
 
 async def use_candidate_async(context: Context, target_name: str, place: int) -> zo.MatchResult:
-    """`use_candidate` as a coroutine, which holds no Blender data while it waits."""
+    """`use_candidate` as a coroutine, which keeps no Blender data across an `await`."""
     target = find_mesh(context, target_name)
     listing = stored_list(target)
     note = message("Candidate {number} of {count} was chosen.", number=place + 1, count=len(listing.candidates))
@@ -59,7 +59,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
 async def _result(
     context: Context, pair: ObjectPair, listing: CandidateList, place: int, stored: stored_match.StoredMatch
 ) -> zo.MatchResult:
-    """The result of a candidate; where it is not cached, the two are matched anew, as they were before."""
+    """The result of a candidate; if it is not cached, the objects are matched again with the same settings."""
     if candidates.is_cached(listing):
         return await candidates.result_of(listing, place)
     settings = stored.settings | {"initial": "auto", "from_last": False}
@@ -75,10 +75,10 @@ async def _result(
 
 
 def stored_list(target: Object) -> CandidateList:
-    """The list of candidates that is stored on a target's mesh.
+    """The list of candidates stored on a target's mesh.
 
     Raises:
-        MeshError: there is none.
+        MeshError: no list is stored.
     """
     listing = stored_candidates.read(target.data)
     if listing is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wrap one mesh onto another: its topology in the other one's shape, along their match."""
+"""Wrap one mesh onto another: give its topology the other's shape, along their match."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .constraints import check_options
 from .made_match import make_match
 from .targets import Write
 
-# Parts of the progress bar that matching takes, where there is no match yet, and turning a match round, in [0, 1].
+# Fractions of the progress for a new match, and for reversing a match.
 MATCHING, TURNING_ROUND = 0.8, 0.5
 
 
@@ -41,13 +41,13 @@ class Wrapping:
     """How a mesh is wrapped.
 
     Attributes:
-        result: where the shape goes: to a shape key, to the mesh itself, or to a new object.
-        reverse: whether the source is wrapped onto the target, instead of the target onto the source.
+        result: where to write the shape: a shape key, the mesh itself, or a new object.
+        reverse: whether to wrap the source onto the target, instead of the target onto the source.
         smoothness: how evenly edges flow, in [0, 1].
-        detail: how far the detail of the shape is followed, in [0, 1].
-        mask: the vertex group of what is wrapped outside of which it keeps its form; empty for none.
-        landmarks: whether landmarks that both have are met.
-        subdivided: whether the surface that a Subdivision modifier shows lies on the shape, instead of its cage.
+        detail: how far to follow the detail of the shape, in [0, 1].
+        mask: the vertex group of the wrapped object that may change; empty for all of it.
+        landmarks: whether to meet the landmarks that both objects have.
+        subdivided: whether to fit the subdivided surface of a Subdivision modifier to the shape, instead of its cage.
     """
 
     result: Literal["shape_key", "mesh", "object"] = "shape_key"
@@ -61,16 +61,16 @@ class Wrapping:
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """What is wrapped onto what.
+    """The input of a wrap.
 
     Attributes:
-        wrapped: name of the object that is wrapped.
-        shape: name of the one whose shape it gets.
-        rest: the surface of the former, as it is wrapped.
-        onto: that of the latter.
+        wrapped: name of the object to wrap.
+        shape: name of the object whose shape it gets.
+        rest: surface of the object to wrap, before the wrap.
+        onto: surface of the other object.
         mask: (n,) how far vertices are wrapped; None for all.
-        landmarks: those that both have.
-        is_cage: whether what is seen of the former is a subdivision surface, which is to lie on the latter.
+        landmarks: the landmarks of both objects.
+        is_cage: whether to fit the subdivision surface of the wrapped object.
     """
 
     wrapped: str
@@ -85,22 +85,22 @@ class _Given:
 def wrap(
     context: Context, source: Object, target: Object, wrapping: Wrapping | None = None, **match_options: Any
 ) -> dict[str, Any]:
-    """Give the target's topology the source's shape, or the other way round, along their match or a new one.
+    """Give the target's topology the source's shape, or vice versa, along their match or a new one.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source: is read as its modifiers leave it.
-        target: was matched with it, or is now.
-        wrapping: how; the target as a shape key onto the source's surface, when not given.
-        match_options: of `match_objects`, where no match of these two is stored.
+        source: the source; it is read after its modifiers.
+        target: the target; it is matched if necessary.
+        wrapping: how to wrap; a shape key of the target with the source's shape, when not given.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
-        A report: `wrapped`, `shape`, `object` and `key` are the names of what was wrapped, of whose shape it has, and
-        of where that was written; `turned_over` is the number of triangles that are folded; `notes` are sentences.
+        A report: `wrapped` is the name of the wrapped object, `shape` of the one whose shape it gets; `object` and
+        `key` name where the shape was written; `turned_over` is the number of folded triangles; `notes` are sentences.
 
     Raises:
-        MeshError: something cannot be wrapped; nothing was written.
-        TypeError: a match has no option of a name.
+        MeshError: an object cannot be wrapped; nothing was written.
+        TypeError: an option of the match is unknown.
     """
     return run(prepare_wrap(context, source.name, target.name, wrapping or Wrapping(), **match_options))()
 
@@ -113,15 +113,15 @@ async def prepare_wrap(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
-    """`wrap` as a coroutine, which holds no Blender data while it waits; returns what writes.
+    """`wrap` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
 
     Args:
         context: Blender's; both objects are in its scene.
-        source_name: of the source.
-        target_name: of the target.
-        wrapping: how.
-        adjusted: whether it is the last wrap once more with other settings, whose match, undone, is taken again.
-        match_options: those of `match_objects`.
+        source_name: name of the source.
+        target_name: name of the target.
+        wrapping: how to wrap.
+        adjusted: whether this repeats the last wrap with other settings, and may reuse its undone match.
+        match_options: options of `match_objects`.
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
@@ -161,7 +161,7 @@ async def prepare_wrap(
 
 
 def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
-    """Raise a MeshError if a source is to be wrapped onto several targets."""
+    """Raise a MeshError if the source is to be wrapped onto several targets."""
     if wrapping.reverse and len(targets) > 1:
         raise zo.MeshError("The source can be wrapped onto only one target at a time: select a single target.")
 
@@ -181,10 +181,10 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def _prepare(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
-    """What is wrapped onto what, as far as it can be.
+    """Collect and check the input of a wrap.
 
     Raises:
-        MeshError: it cannot be written to, has another topology than is seen of it, or lacks what was asked for.
+        MeshError: the wrapped object is not writable, its modifiers change its topology, or it lacks the mask.
     """
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     obj, other = (source, target) if wrapping.reverse else (target, source)
@@ -225,7 +225,7 @@ def _check_reverse(context: Context, pair: ObjectPair, source: Object) -> None:
 
 
 def _without_key(obj: Object, name: str, seen: zo.Surface) -> zo.Surface:
-    """The surface of an object without what its key of some name, of an earlier wrap, adds to it."""
+    """The surface of an object without the effect of its key of some name, from an earlier wrap."""
     keys = obj.data.shape_keys
     block = keys.key_blocks.get(name) if keys else None
     if block is None or block.mute or not block.value:
@@ -238,7 +238,7 @@ def _without_key(obj: Object, name: str, seen: zo.Surface) -> zo.Surface:
 def _landmarks(
     context: Context, source: Object, target: Object, wrapping: Wrapping, seen: zo.Surface, rest: zo.Surface
 ) -> LandmarkPairs:
-    """The landmarks that both objects have, on the surface `rest` of the one that is wrapped instead of `seen`."""
+    """The landmarks of both objects, moved from the surface `seen` of the wrapped one to `rest`."""
     pairs = landmark_pairs(context, source, target)
     points = pairs.source if wrapping.reverse else pairs.target
     if rest is seen or not len(points):
@@ -266,7 +266,7 @@ def _wrap(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: 
 def _write(
     context: Context, given: _Given, wrapping: Wrapping, vertices: Floats
 ) -> tuple[Object, str, tuple[str, ...]]:
-    """Write a shape (n, 3) in world space; the object that has it, the name of its key, and notes."""
+    """Write a shape (n, 3) in world space; returns the object with it, the name of its key, and notes."""
     obj, other = find_mesh(context, given.wrapped), find_mesh(context, given.shape)
     place = mesh_data.origin(other)
     if wrapping.result == "object":
@@ -295,7 +295,7 @@ def _keep_match(
     obj: Object,
     wrapping: Wrapping,
 ) -> None:
-    """Store the match anew for what has another shape now; a wrapped source that is a new object has none."""
+    """Store the match again for the reshaped object, unless the result is a new object made from the source."""
     if wrapping.result == "object" and wrapping.reverse:
         return
     if wrapping.reverse:

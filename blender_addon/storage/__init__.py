@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Results that are stored on meshes: a match, its candidates, the report of a transfer, symmetries."""
+"""Results stored on meshes: a match, its candidates, the report of a transfer, symmetries."""

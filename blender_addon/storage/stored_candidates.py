@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ranked candidates of a match, stored with it on the target's mesh as a custom property.
 
-Of each candidate are stored its probability, and the position colours of the source points that some target vertices
-map to. From these a thumbnail is drawn, and the same candidate is found again after matching anew.
+Each candidate has its probability, and the position colours of the source points that some target vertices map to. The
+colours are for a thumbnail, and identify the same candidate after matching again.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ListedCandidate:
         certainty: probability that it is correct, in [0, 1].
         mirrored: whether it reverses orientation.
         colors: (s, 3) position colours of the source points that the sampled vertices map to, 0 to 255.
-        difference: what tells it from the most likely one, see `matching.candidate_differences`; empty in older files.
+        difference: how it differs from the most likely one, see `matching.candidate_differences`; empty in older files.
     """
 
     number: int
@@ -46,11 +46,11 @@ class CandidateList:
 
     Attributes:
         key: hash that identifies the list.
-        chosen: index in the list of the candidate in use.
+        chosen: index of the candidate in use.
         vertices: (s,) sampled vertices of the target.
         points: (s, 3) their positions in world space, for a thumbnail.
-        box: (3,) edge lengths of the source's bounding box, which position colours refer to.
-        candidates: by decreasing probability.
+        box: (3,) edge lengths of the source's bounding box, the scale of position colours.
+        candidates: the candidates by decreasing probability.
     """
 
     key: str
@@ -62,7 +62,7 @@ class CandidateList:
 
 
 def write(mesh: Mesh, listing: CandidateList) -> None:
-    """Store a list on the target's mesh, in place of an earlier one."""
+    """Store a list on the target's mesh; it replaces an earlier one."""
     content = asdict(listing) | {
         "vertices": to_text(listing.vertices, np.int32),
         "points": to_text(listing.points, np.float32),
@@ -73,11 +73,11 @@ def write(mesh: Mesh, listing: CandidateList) -> None:
 
 
 def read(mesh: Mesh) -> CandidateList | None:
-    """The list that is stored on a mesh, or None if there is none."""
+    """The list stored on a mesh, or None if there is none, or it is damaged."""
     text = mesh.get(PROPERTY)
     try:
         return parse(text) if isinstance(text, str) else None
-    except (ValueError, KeyError, TypeError, RecursionError):  # it was damaged, and is as good as none
+    except (ValueError, KeyError, TypeError, RecursionError):  # damaged
         return None
 
 
@@ -89,7 +89,7 @@ def remove(mesh: Mesh) -> None:
 
 @lru_cache(maxsize=8)
 def parse(text: str) -> CandidateList:
-    """The list that a JSON text describes; cached, since panels read it at each redraw."""
+    """The list from a JSON text; cached, since panels read it at each redraw."""
     stored = json.loads(text)
     return CandidateList(
         stored["key"],

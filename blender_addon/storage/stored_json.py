@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Descriptions stored on meshes as JSON, which other scripts and damaged files may have changed."""
+"""Descriptions stored on meshes as JSON, which may be damaged, or changed by other scripts."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from zoomout_core.messages import from_json
 
 
 def read_json(mesh: Mesh, name: str, kinds: Mapping[str, type]) -> dict[str, Any] | None:
-    """What is stored on a mesh under a name, or None without it, or where it is damaged: as good as none.
+    """A description stored on a mesh, or None if it is missing or damaged.
 
     Args:
-        mesh: has it.
-        name: of the custom property.
-        kinds: what it must hold, and of which types.
+        mesh: the mesh.
+        name: name of the custom property.
+        kinds: types of the required entries, by their keys.
     """
     text = mesh.get(name)
     try:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A match, stored on the target's mesh as three or four attributes and a custom property that describes it.
 
-Triangles are numbered like Blender's `loop_triangles` of the source: of its own mesh where the modifiers leave its
-faces as they are, else of the evaluated mesh. Barycentric coordinates follow the triangles' corners, which are in
-opposite order on a mirrored object, see `mesh_data`. Where a target maps to several objects, their triangles are
-numbered one object after another. Where modifiers make other faces, and a later pose folds one of these so that Blender
-triangulates it differently, points move within that face.
+Triangles are numbered like Blender's `loop_triangles` of the source: of its own mesh if the modifiers keep its faces,
+else of the evaluated mesh. Barycentric coordinates follow the triangles' corners, which are in opposite order on a
+mirrored object, see `mesh_data`. If a target maps to several objects, their triangles are numbered one object after
+another. If modifiers change the faces, and a later pose folds one so that Blender triangulates it differently, points
+move within that face.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .stored_json import read_json
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
-# The types of these attributes, and what else a description holds at least.
+# The types of these attributes, and the required entries of a description.
 TYPES = "INT", "FLOAT_VECTOR", "FLOAT"
 NEEDED = {
     "source": str,
@@ -45,7 +45,7 @@ NEEDED = {
     "low_confidence": int,
     "notes": list,
 }
-# Among the stored settings: a fingerprint of the landmarks that were weighed.
+# Key in the stored settings for the fingerprint of the landmarks that were used.
 LANDMARKS = "landmarks_fingerprint"
 # Vertices below this confidence are counted in reports.
 LOW_CONFIDENCE = 0.5
@@ -56,14 +56,14 @@ class StoredMatch:
     """The part of a match that a transfer needs.
 
     Attributes:
-        surface_map: for each vertex of the target a point on the source, or on several, one after another.
-        confidence: (n_t,) of each vertex, in [0, 1].
+        surface_map: a point on the source, or on several joined ones, for each vertex of the target.
+        confidence: (n_t,) confidence of each vertex, in [0, 1].
         notes: sentences for the user.
-        settings: arguments of `match_objects` that it was computed with, as far as known.
-        others: names of the objects that the target lies on besides its source.
-        has_partner: (n_t,) whether there is something on the source for a vertex; None if that is not known.
-        source_has_partner: (n_s,) the same of the source's vertices.
-        without_partner: the parts of the target's and of the source's area, in [0, 1], that have none.
+        settings: arguments of `match_objects` for it, as far as known.
+        others: names of further sources that the target maps to.
+        has_partner: (n_t,) whether each vertex has a counterpart on the source; None if that is not known.
+        source_has_partner: (n_s,) likewise for the source's vertices.
+        without_partner: the fractions of the target's and of the source's area without a counterpart, in [0, 1].
     """
 
     surface_map: zo.SurfaceMap
@@ -80,13 +80,13 @@ Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
 
 
 def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
-    """Store a match on the target's mesh, in place of an earlier one.
+    """Store a match on the target's mesh; it replaces an earlier one.
 
     Args:
-        mesh: the target's.
+        mesh: the target's mesh.
         match: the match.
         pair: its two objects.
-        settings: what it was made with; of these, numbers and strings are stored.
+        settings: arguments that it was computed with; only numbers and strings are stored.
     """
     surface_map, (source, *further), target = match.surface_map, pair.source_fingerprints, pair.target_fingerprint
     for name, kind, data_type, values in (
@@ -124,7 +124,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
 
 
 def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
-    """The match of this pair stored on the target's mesh, or None if there is none, or one with another source.
+    """The match of this pair stored on the target's mesh, or None if there is none, or it has another source.
 
     Raises:
         MeshError: the source or the target was edited since, or the match is damaged.
@@ -147,11 +147,11 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
             "The target '{target}' was edited since it was matched: match again.", target=pair.target_name
         )
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
-    exchanged = stored.get("entries") not in (None, _hash_of_entries(mesh))  # which earlier versions do not have
+    exchanged = stored.get("entries") not in (None, _hash_of_entries(mesh))  # missing in files of earlier versions
     fault = fault_of_map(triangle, barycentric, len(pair.source.triangles))
     if exchanged or fault or not np.isfinite(confidence).all():
         raise zo.MeshError("The match stored on '{target}' is damaged: match again.", target=pair.target_name)
-    # Stored in single precision: brought back to a sum of one.
+    # They are stored in single precision: rescale them to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(
         zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
@@ -166,12 +166,12 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
 
 
 def _hash_of_entries(mesh: Mesh) -> str:
-    """A hash of the attributes, by which those of another match are noticed that were put in their place."""
+    """A hash of the attributes, to detect when those of another match have replaced them."""
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES))
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:
-    """What is known about the match on a mesh, or None without one, or if a part of it was removed or damaged."""
+    """The description of the match on a mesh, or None if there is none, or a part is missing or damaged."""
     layers = (mesh.attributes.get(name) for name in MATCH_ATTRIBUTES)
     if [layer and (layer.domain, layer.data_type) for layer in layers] != [("POINT", kind) for kind in TYPES]:
         return None
@@ -179,7 +179,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 
 def remove(mesh: Mesh) -> None:
-    """Remove the match from a mesh, or what is left of one."""
+    """Remove the match, or its remains, from a mesh."""
     for name in (*MATCH_ATTRIBUTES, HAS_PARTNER):
         if name in mesh.attributes:
             mesh.attributes.remove(mesh.attributes[name])
@@ -188,7 +188,7 @@ def remove(mesh: Mesh) -> None:
 
 
 def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The objects that a target maps to besides its source, as `_describe` describes them."""
+    """The further sources that a target maps to, as dictionaries from `_describe`."""
     return stored.get("others", [])
 
 
@@ -198,19 +198,19 @@ def low_confidence(confidence: np.ndarray) -> int:
 
 
 def without_partner(match: Match) -> tuple[float, float] | None:
-    """The parts of the target's and of the source's area, in [0, 1], that have no partner; None if not known."""
+    """The fractions of the target's and of the source's area without a partner, in [0, 1]; None if not known."""
     if isinstance(match, zo.MatchResult):
         return match.share_without_partner, match.source_share_without_partner
     return match.without_partner if isinstance(match, StoredMatch) else None
 
 
 def _pack(mask: Booleans) -> str:
-    """A selection (n,) as text, which is short where what is selected hangs together."""
+    """A mask (n,) as text, which is short if its elements are contiguous."""
     return b64encode(zlib.compress(np.packbits(mask).tobytes())).decode()
 
 
 def _unpack(text: str | None, count: int) -> Booleans | None:
-    """(count,) the selection that `_pack` made a text of; None where there is none, or a damaged one."""
+    """(count,) the mask from the text of `_pack`; None if the text is missing or damaged."""
     if text is None:
         return None
     try:
@@ -222,7 +222,7 @@ def _unpack(text: str | None, count: int) -> Booleans | None:
 
 
 def _describe(source: Fingerprint) -> dict[str, Any]:
-    """A source besides the first one, as it is stored."""
+    """The stored form of a source other than the first."""
     return {
         "name": source.name,
         "fingerprint": source.digest,

@@ -16,7 +16,7 @@ PROPERTY = "zoomout_report"
 
 
 def write(target: Object, report: dict[str, Any]) -> None:
-    """Store a report in place of an earlier one."""
+    """Store a report; it replaces an earlier one."""
     target.data[PROPERTY] = json.dumps(to_json(report))
 
 
@@ -27,13 +27,13 @@ def remove(mesh: Mesh) -> None:
 
 
 def transfer_report(target: Object) -> dict[str, Any] | None:
-    """What the last transfer to an object did, or None before the first.
+    """The report of the last transfer to an object, or None before the first.
 
     Returns:
-        `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
-        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: the
-        number of the target's vertices, and of those of low confidence; `without_partner`: the parts of the target's
-        and of the source's area that have none, if that is known; `bound`: None, or the name of the `armature` that the
-        target was bound to, and its `shape`, see `Binding`.
+        `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`: a reason
+        for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: the number of the target's
+        vertices, and of those of low confidence; `without_partner`: the fractions of the target's and of the source's
+        area without a partner, if known; `bound`: None, or the name of the `armature` that the target was bound to, and
+        its `shape`, see `Binding`.
     """
     return read_json(target.data, PROPERTY, {"source": str, "target": str, "written": dict, "skipped": dict})

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The symmetries of a mesh, stored on it as attributes for each candidate and a custom property that describes them.
 
-Symmetries are found on the mesh itself, as it is without its modifiers, so neither a pose nor a subdivision matters.
-Attributes are named with a leading dot, which Blender's lists leave out. The positions of the
-vertices are stored as well, so that later sculpting is known.
+Symmetries belong to the mesh without its modifiers, so neither a pose nor a subdivision matters. The names of
+attributes begin with a dot, which hides them in Blender's lists. The positions of the vertices are stored as well, to
+detect later sculpting.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
 # Number of vertices in the thumbnail of a candidate.
 PICTURED = 800
-# What each candidate consists of, and its type in Blender.
+# The parts of each candidate, and their types in Blender.
 PARTS = {
     "triangle": (Kind.LABEL, "INT"),
     "barycentric": (Kind.VECTOR, "FLOAT_VECTOR"),
@@ -61,7 +61,7 @@ def rest_surface(obj: Object) -> zo.Surface:
 
 
 def fingerprint_of(surface: zo.Surface) -> str:
-    """A hash of a surface, by which edits are noticed."""
+    """A hash of a surface, to detect edits."""
     return hash_of("", surface.vertices, surface.corner_vertex, surface.face_start)
 
 
@@ -71,12 +71,12 @@ def fingerprint(obj: Object) -> str:
 
 
 def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
-    """Store the symmetries of an object's mesh, the most likely first, in place of earlier ones.
+    """Store the symmetries of an object's mesh, the most likely first; they replace earlier ones.
 
     Args:
         obj: the object.
-        found: its symmetries, of the surface that `rest_surface` gave.
-        left: the axis that tells left from right, as the user knows it.
+        found: symmetries of its `rest_surface`.
+        left: the axis to the left, as the user chose it.
     """
     mesh = obj.data
     forget(mesh)
@@ -100,7 +100,7 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
 
 
 def store_shape(obj: Object) -> None:
-    """Store the shape that an object's mesh has now as the one that its symmetry refers to."""
+    """Store the present shape of an object's mesh as the one that its symmetry refers to."""
     mesh, (vertices, *faces) = obj.data, _elements(obj)
     _write(mesh, REST, Kind.VECTOR, "FLOAT_VECTOR", vertices)
     fingerprint, content = hash_of("", vertices, *faces), content_hash(mesh)
@@ -109,13 +109,13 @@ def store_shape(obj: Object) -> None:
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:
-    """What is known of a mesh's symmetries, or None without any, or if a part of them was removed or damaged.
+    """The description of a mesh's symmetries, or None if there are none, or a part is missing or damaged.
 
     Returns:
         `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
-        `chosen`: the number of one of them; `left`: the axis that told the sides apart; `vertices` and `faces`: how
-        many the mesh had; `content`: see `mesh_data.content_hash`; `pictures`, for each candidate the colours of some
-        `points` of the mesh in world space, as text, and the `key` that they are known by.
+        `chosen`: the number of one of them; `left`: the axis to the left; `vertices` and `faces`: their numbers when
+        the symmetries were stored; `content`: see `mesh_data.content_hash`; `pictures`: for each candidate the colours
+        of some `points` of the mesh in world space, as text; `key`: an identifier of the pictures.
     """
     stored = read_json(mesh, PROPERTY, {"candidates": list, "chosen": int, "vertices": int, "faces": int})
     if stored is None or not 0 <= stored["chosen"] < len(stored["candidates"]):
@@ -125,7 +125,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 
 def describe(symmetry: zo.Symmetry) -> dict[str, Any]:
-    """The description of a symmetry, without map and thumbnail, one of the candidates of `description`."""
+    """The description of a symmetry, without map and thumbnail, for the candidates of `description`."""
     turn = message("Turn of order {order}", order=symmetry.order) if symmetry.order else "Turn"
     turn = "Half turn" if symmetry.order == 2 else turn
     reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
@@ -140,12 +140,12 @@ def describe(symmetry: zo.Symmetry) -> dict[str, Any]:
 
 
 def is_outdated(mesh: Mesh, stored: dict[str, Any]) -> bool:
-    """Whether the number of vertices or faces changed since; `read` compares their content."""
+    """Whether the number of vertices or faces has changed; `read` compares their content."""
     return (stored["vertices"], stored["faces"]) != (len(mesh.vertices), len(mesh.polygons))
 
 
 def thumbnails(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
-    """For each candidate of a `description` the name of its thumbnail, points (s, 3), and their colours, 0 to 255."""
+    """Name of the thumbnail, points (s, 3) and their colours, 0 to 255, for each candidate of a `description`."""
     if "pictures" not in stored:
         return []
     points = from_text(stored["points"], np.float32, 3)
@@ -166,16 +166,16 @@ def has_sides(mesh: Mesh) -> bool:
 
 
 def order(mesh: Mesh) -> int:
-    """Order of the chosen symmetry, the number of repetitions that give the identity; 0 if no small number does."""
+    """Order of the chosen symmetry: the number of repetitions that give the identity, 0 if no small number does."""
     stored = description(mesh)
     return int(stored["candidates"][stored["chosen"]].get("order", 0)) if stored else 0
 
 
 def read(obj: Object) -> SelfMap:
-    """The symmetry that is chosen, of an object whose mesh is as it was then.
+    """The chosen symmetry of an object whose mesh has not changed.
 
     Raises:
-        MeshError: there is none, or the mesh was edited since.
+        MeshError: no symmetry is stored, or the mesh was edited since.
     """
     stored, now = _required_description(obj), _surface_now(obj)
     if stored["fingerprint"] != fingerprint_of(now):
@@ -187,10 +187,10 @@ def read(obj: Object) -> SelfMap:
 
 
 def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
-    """The symmetry that is chosen, of the mesh as it was when it was detected, and (n, 3) how it was moved since.
+    """The chosen symmetry, of the mesh when it was detected, and the offsets (n, 3) of vertices since.
 
     Raises:
-        MeshError: there is none, or the mesh has other vertices or faces since.
+        MeshError: no symmetry is stored, or the vertices or faces of the mesh were changed since.
     """
     stored, now = _required_description(obj), _surface_now(obj)
     before = now.with_vertices(read_layer(obj.data, REST).attribute.values)
@@ -203,10 +203,10 @@ def choose(mesh: Mesh, number: int) -> None:
 
 
 def swap_sides(obj: Object) -> None:
-    """Take left for right, in the symmetry that is chosen.
+    """Swap left and right of the chosen symmetry.
 
     Raises:
-        MeshError: there is none, or it has no sides.
+        MeshError: no symmetry is stored, or the chosen one has no sides.
     """
     number = _required_description(obj)["chosen"]
     if not _required_description(obj)["candidates"][number]["sides"]:
@@ -225,7 +225,7 @@ def forget(mesh: Mesh) -> None:
 
 
 def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[Bytes]]:
-    """Points (s, 3) of the object's mesh in world space, and their colours by each of its symmetries."""
+    """Points (s, 3) of the object's mesh in world space, and their colours for each of its symmetries."""
     surface = found[0].surface
     used = np.unique(surface.triangles)
     some = np.random.default_rng(0).permutation(used)[:PICTURED]
@@ -234,7 +234,7 @@ def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[B
 
 
 def _surface_now(obj: Object) -> zo.Surface:
-    """The surface of a mesh that has the faces which it had when its symmetry was detected."""
+    """The surface of a mesh, after checking that its faces are those that the symmetry was detected on."""
     surface = rest_surface(obj)
     if _required_description(obj)["topology"] != hash_of("", surface.corner_vertex, surface.face_start):
         raise zo.MeshError(
@@ -244,9 +244,9 @@ def _surface_now(obj: Object) -> zo.Surface:
 
 
 def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
-    """The chosen symmetry of a mesh, whose surface this was when it was detected."""
+    """The chosen symmetry of a mesh, on the surface that it was detected on."""
     values = {name: read_layer(mesh, _name(stored["chosen"], name)).attribute.values for name in PARTS}
-    # Stored in single precision: brought back to a sum of one.
+    # They are stored in single precision: rescale them to a sum of one.
     barycentric = values["barycentric"].astype(np.float64)
     if (
         fault_of_map(values["triangle"], barycentric, len(surface.triangles))
@@ -264,7 +264,7 @@ def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) ->
 
 
 def _elements(obj: Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, corners and starts of faces, as `rest_surface` would have them."""
+    """Vertices, corners and starts of faces of the `rest_surface`, without building it."""
     faces = read_faces(obj.data)
     start = np.append(faces.start, len(faces.corner_vertex)).astype(np.int64)
     return read_rest_positions(obj.data).astype(np.float64), faces.corner_vertex.astype(np.int64), start

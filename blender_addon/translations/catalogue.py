@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Catalogues of translations: the .po files of gettext, which translators' tools such as Poedit and Weblate edit.
+"""Catalogues of translations: gettext's .po files, which tools such as Poedit and Weblate edit.
 
-Blender has no `msgfmt` that would compile them, so the text is read.
+Blender has no `msgfmt` to compile them, so the text itself is read.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from pathlib import Path
 
 
 def read_catalogue(path: Path) -> dict[str, str]:
-    """The translations in a .po file, by their English text; what is untranslated or marked as fuzzy is left out.
+    """The translations in a .po file, by their English text, without untranslated and fuzzy entries.
 
     Raises:
-        ValueError: an entry is malformed, or has a context or plural forms, which nothing here looks up.
+        ValueError: an entry is malformed, or has a context or plural forms, which are not supported.
     """
     catalogue = {}
     for entry in path.read_text(encoding="utf-8").split("\n\n"):

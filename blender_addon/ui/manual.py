@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guide that is opened from the sidebar, and by *Online Manual* in the menu of the right mouse button.
+"""The guide, which the sidebar and *Online Manual* in the context menu open.
 
-It is shipped with the extension, and so is what an update has brought, so that neither needs a network, and both speak
-of the version that is installed.
+The guide and the news of updates are shipped with the extension, so that they work offline and fit the installed
+version.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import bpy
 
 from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
 
-# What a zip has, as pages, and a checkout beside the package, as it is written.
+# An installed zip has HTML pages in the package; a checkout has their Markdown beside it.
 PACKAGE = Path(__file__).parents[1]
 SHIPPED, WRITTEN = PACKAGE / "docs", PACKAGE.parent / "docs"
 GUIDE, RULES, NEWS = "blender", "transfer", "whats_new"
-# Identifiers of operators and properties in lower case, as Blender looks them up, of whom the first that fits counts.
+# Patterns of operators and properties in lower case, as Blender looks them up; the first match counts.
 PLACES = (
     ("bpy.ops.zoomout.transfer*", RULES),
     ("bpy.ops.zoomout.cut_seams*", RULES),
@@ -39,15 +39,15 @@ def address(page: str) -> str:
 
 
 def manual_map() -> tuple[str, tuple[tuple[str, str], ...]]:
-    """What Blender asks of a manual: the beginning of all addresses, and the rest by identifiers."""
+    """The manual map for Blender: the prefix of all addresses, and the rest of each by its pattern."""
     return "", tuple((pattern, address(page)) for pattern, page in PLACES)
 
 
 def register() -> None:
-    """Make the guide known to Blender."""
+    """Register the guide with Blender."""
     bpy.utils.register_manual_map(manual_map)
 
 
 def unregister() -> None:
-    """Take it away again."""
+    """Unregister the guide."""
     bpy.utils.unregister_manual_map(manual_map)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The menus *Object > ZoomOut Transfer* and *Mesh > ZoomOut Transfer*, whose items take shortcuts.
+"""The menus *Object > ZoomOut Transfer* and *Mesh > ZoomOut Transfer*, whose items can have shortcuts.
 
-Blender's search finds them, too, each with the menus that it is in: by the extension's whole name, they are told from
-*View > Zoom Out*.
+Blender's search lists each item with its menu path; the extension's full name distinguishes it from *View > Zoom Out*.
 """
 
 from __future__ import annotations
@@ -108,24 +107,24 @@ class ZOOMOUT_MT_mesh(Menu):
         _operators(layout, select_faults.CLASSES)
 
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (ZOOMOUT_MT_landmarks, ZOOMOUT_MT_symmetry, ZOOMOUT_MT_object, ZOOMOUT_MT_mesh)
 
 
 def register() -> None:
-    """Add them to Blender's menus."""
+    """Add the menus to Blender's."""
     bpy.types.VIEW3D_MT_object.append(_draw_in_object)
     bpy.types.VIEW3D_MT_edit_mesh.append(_draw_in_mesh)
 
 
 def unregister() -> None:
-    """Take them out again."""
+    """Remove the menus from Blender's."""
     bpy.types.VIEW3D_MT_object.remove(_draw_in_object)
     bpy.types.VIEW3D_MT_edit_mesh.remove(_draw_in_mesh)
 
 
 def invoking(layout: UILayout) -> UILayout:
-    """A layout whose operators are invoked, so that they show progress and can be cancelled, in any menu."""
+    """Make a layout invoke its operators in any menu, so that they show progress and can be cancelled."""
     layout.operator_context = "INVOKE_DEFAULT"
     return layout
 
@@ -141,13 +140,13 @@ def _draw_in_mesh(menu: Menu, context: Context) -> None:
 
 
 def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:
-    """An item for each of some operators."""
+    """Draw an item for each operator."""
     for operator in classes:
         layout.operator(operator.bl_idname)
 
 
 def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:
-    """An item for each of some previews."""
+    """Draw an item for each kind of preview."""
     for name, kind in kinds.items():
         layout.operator(
             ZOOMOUT_OT_preview.bl_idname, text=translated(message("Show {what}", what=as_message(kind.label)))

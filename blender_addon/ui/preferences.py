@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender's preferences show below the extension: how to begin, and what an update has brought."""
+"""The extension's section in Blender's preferences: how to begin, and the news of updates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bpy.types import AddonPreferences, Context
 
 from . import manual
 
-# Of the extension, whose name Blender knows the preferences by.
+# The extension's package, by which Blender identifies its preferences.
 EXTENSION = __package__.removesuffix(".ui")
 
 

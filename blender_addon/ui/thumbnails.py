@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Thumbnails of candidates: the target in the position colours of each map, and the source in its own."""
+"""Thumbnails of candidates: the target in the position colours of each map, and the source in its own colours."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..storage.stored_candidates import CandidateList
 SIZE = 64
 # Radius of the disc of each sample, and width of the empty border, in pixels.
 DOT, BORDER = 3, 5
-# Direction of view, in radians: from the front, a little from the left and from above, so that neither side is hidden.
+# Direction of view, in radians: from the front, slightly from the left and above, so that neither side is hidden.
 TURN, TILT = np.radians(30), np.radians(15)
 # Brightness of the farthest points, relative to the nearest.
 SHADE = 0.6
@@ -34,7 +34,7 @@ def icon_of_source(listing: CandidateList) -> int:
 
 
 def icon_of_symmetry(name: str, points: Floats, colors: Bytes) -> int:
-    """Icon number of a mesh's thumbnail in the colours of one of its symmetries, see `stored_symmetry.pictured`."""
+    """Icon number of a mesh's thumbnail in the colours of one of its symmetries, see `stored_symmetry.thumbnails`."""
     return _icon(name, points, colors)
 
 
@@ -57,7 +57,7 @@ def picture(points: Floats, colors: Floats) -> Floats:
 
     dot = np.mgrid[-DOT : DOT + 1, -DOT : DOT + 1].reshape(2, -1)
     dot = dot[:, (dot**2).sum(axis=0) <= DOT**2]
-    order = np.argsort(near, kind="stable")  # what is near is drawn last
+    order = np.argsort(near, kind="stable")  # near points are drawn last
     rows = (np.rint(row[order]).astype(int)[:, None] + dot[0]).clip(0, SIZE - 1)
     columns = (np.rint(column[order]).astype(int)[:, None] + dot[1]).clip(0, SIZE - 1)
     pixels = np.zeros((SIZE, SIZE, 4))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours of overlays on what modifiers make of a mesh, such as a finer one or its mirror image.
+"""Colours of overlays on evaluated meshes with other vertices, such as subdivided or mirrored ones.
 
-They are computed by the modifiers themselves, on a copy, which cannot be made while the views are drawn: they are asked
-for then, made when Blender is idle, and kept as long as the object has the same modifiers.
+The modifiers themselves compute them on a copy, which is impossible while Blender draws the views. So they are
+requested then, computed when Blender is idle, and cached as long as the object has the same modifiers.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from ..scene.redraw import redraw_views
 
 
 class _Carried(NamedTuple):
-    """Values as modifiers leave them; None where these lose them."""
+    """Values after the modifiers; None if these lose them."""
 
     of: Floats
     state: Hashable
     values: Floats | None
 
 
-# By the `session_uid` of objects: what is known, and what is asked for.
+# Computed and requested values, by the `session_uid` of objects.
 _known: dict[int, _Carried] = {}
 _wanted: dict[int, Floats] = {}
 
 
 def values_on(obj: Object, evaluated: Object, values: Floats) -> Floats | None:
-    """Values of an object's own vertices (n, 3) or corners (c, 2) on those of its evaluated mesh.
+    """Values of an object's own vertices (n, 3) or corners (c, 2), on those of its evaluated mesh.
 
-    None where they are not known yet, or cannot be: then the views are drawn again once they are.
+    None if they are not known yet, in which case the views are redrawn once they are, or cannot be computed.
     """
     counts = [len(mesh.vertices if values.shape[1] == 3 else mesh.loops) for mesh in (obj.data, evaluated.data)]
     if len(values) == counts[1]:
@@ -58,7 +58,7 @@ def is_lost(obj: Object) -> bool:
 
 
 def carry_now() -> None:
-    """Compute what was asked for."""
+    """Compute the requested values."""
     while _wanted:
         uid, values = _wanted.popitem()
         obj = next((one for one in bpy.context.view_layer.objects if one.session_uid == uid), None)
@@ -70,18 +70,18 @@ def carry_now() -> None:
 
 
 def clear() -> None:
-    """Forget everything."""
+    """Clear computed and requested values."""
     _known.clear()
     _wanted.clear()
 
 
 def _tick() -> None:
-    """Blender calls this when it is idle."""
+    """Compute requested values and redraw; Blender calls this when it is idle."""
     carry_now()
     redraw_views()
 
 
 def _state(obj: Object, evaluated: Object) -> Hashable:
-    """What differs where modifiers make something else of the same mesh."""
+    """A state that changes when the modifiers produce another mesh."""
     made = len(evaluated.data.vertices), len(evaluated.data.loops)
     return made, tuple((modifier.name, modifier.type, modifier.show_viewport) for modifier in obj.modifiers)

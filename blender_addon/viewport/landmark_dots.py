@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks in the 3D view: numbered dots on the source and on the targets."""
+"""Landmarks in the 3D view: numbered dots on the source and the targets."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ import zoomout_core as zo
 from ..scene.landmarks import surface_points_on
 from ..scene.selection import participants
 
-# In pixels, at the interface's normal scale.
+# In pixels, at an interface scale of 1.
 RADIUS, RING, TEXT = 8.0, 2.0, 11
 ACTIVE_RING, OTHER_RING = (1.0, 1.0, 1.0, 1.0), (0.05, 0.05, 0.05, 1.0)
 TEXT_COLOR = (0.0, 0.0, 0.0, 1.0)
-# Of a dot whose landmark has no partner.
+# Colour of a dot whose landmark has no partner.
 ALONE = (0.55, 0.55, 0.55)
-# Of the inside of a dot that is proposed, in a ring of its colour.
+# Inside of a proposed dot, and the width of its coloured ring.
 PROPOSED, PROPOSED_RING = (0.92, 0.92, 0.92, 1.0), 3.0
-# Hues that follow each other by the golden ratio differ for any number of them.
+# Hues in steps of the golden ratio differ for any number of landmarks.
 GOLDEN = 0.618034
 SEGMENTS = 24
 
@@ -41,12 +41,12 @@ class Dot:
     """A landmark in a view.
 
     Attributes:
-        number: of the landmark.
-        obj: that it lies on.
+        number: number of the landmark.
+        obj: the object with the landmark.
         place: (2,) in the view's region, in pixels.
-        paired: whether the other side has it, too, if only as a proposal.
+        paired: whether the other side has the landmark, too, if only as a proposal.
         active: whether it is chosen in the list.
-        proposed: whether it was set where a match leads.
+        proposed: whether a match proposed the place.
     """
 
     number: int
@@ -58,18 +58,18 @@ class Dot:
 
 
 def register() -> None:
-    """Have landmarks drawn."""
+    """Start to draw landmarks."""
     global _handle
     _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
 
 
 def unregister() -> None:
-    """Draw them no more."""
+    """Stop drawing landmarks."""
     bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
 
 
 def dots(context: Context, region: Region, view: RegionView3D, space: SpaceView3D) -> list[Dot]:
-    """The landmarks of the source and the targets as a view shows them."""
+    """The landmarks of the source and the targets in a view."""
     settings = context.scene.zoomout
     try:
         source, targets = participants(context)
@@ -103,7 +103,7 @@ def color_of(number: int) -> tuple[float, float, float]:
 
 
 def dot_at(shown: list[Dot], place: Vector, scale: float) -> Dot | None:
-    """The dot under the mouse, the last drawn of several."""
+    """The dot under the mouse, the topmost of several."""
     return next((dot for dot in reversed(shown) if (dot.place - place).length <= (RADIUS + RING) * scale), None)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
+"""Colours drawn over objects in the 3D views, without changing the file.
 
 An overlay is drawn on the evaluated mesh of an object, with a small depth offset towards the viewer, in any viewport
-shading; it follows the object's transform, pose and name. Where the modifiers make other vertices, they make its
-colours, too, see `carried`. It is hidden with the viewport's other overlays, while its
-mesh is being edited, painted or sculpted, and while a mesh is not the one that its overlay was computed for.
+shading. It follows the object's transform, pose and name. If modifiers change the vertices, they compute its colours,
+too, see `carried`. It is hidden with the viewport's other overlays, outside Object Mode, and while any mesh differs
+from the one that its overlay was computed for.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from . import carried
 
 # Depth offset of overlays towards the viewer, as a fraction of the depth range.
 NEARER = 2e-5
-# Squares of the checker across the UV map.
+# Number of checker squares across the UV map.
 SQUARES = 16
 
 VERTEX = """
@@ -41,7 +41,7 @@ void main()
   gl_Position.z -= nearer * gl_Position.w;
 }
 """
-# Letters for the columns of the checker and digits for its rows: five rows of three dots each, from the top.
+# Letters for the columns of the checker and digits for its rows: five rows of three dots, from the top.
 GLYPHS = [
     "010101111101101",
     "110101110101110",
@@ -72,8 +72,8 @@ GLYPHS = [
 ]
 _CASES = "\n".join(f"  if (number == {number}) {{ return {int(dots, 2)}; }}" for number, dots in enumerate(GLYPHS))
 # With `squares` above 0, colours are UVs, drawn as a checker whose hue varies with the position in the UV map.
-# Squares that are seen large enough have a letter and a digit, or an arrow to the top of the UV map whose one barb is
-# on its right: where the UVs are turned or mirrored, so are these.
+# Squares that appear large enough have a letter and a digit, or an arrow to the top of the UV map with one barb on its
+# right. These turn and mirror with the UVs.
 FRAGMENT = """
 int glyph(int number)
 {
@@ -121,9 +121,8 @@ class Overlay:
 
     Attributes:
         object_uid: `session_uid` of the object, which renaming does not change.
-        values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the object's own mesh, or of the one that
-            its modifiers leave.
-        content: of the object's own mesh, see `mesh_data.content_hash`.
+        values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the object's own or its evaluated mesh.
+        content: hash of the object's own mesh, see `mesh_data.content_hash`.
     """
 
     object_uid: int
@@ -132,20 +131,20 @@ class Overlay:
 
     @property
     def on_corners(self) -> bool:
-        """Whether values are UVs, of face corners."""
+        """Whether values are UVs of face corners."""
         return self.values.shape[1] == 2
 
 
 _overlays: tuple[Overlay, ...] = ()
-# GPU batches of overlays that fit the mesh, by the object's `session_uid`.
+# GPU batches of overlays, by the object's `session_uid`.
 _batches: dict[int, gpu.types.GPUBatch] = {}
-# Names of objects when they were last found, by their `session_uid`.
+# Last known names of objects, by their `session_uid`.
 _names: dict[int, str] = {}
 _handler: Any = None
 
 
 def show(overlays: Sequence[Overlay]) -> None:
-    """Draw overlays, in place of others."""
+    """Draw overlays, and no others."""
     global _overlays, _handler
     _overlays = tuple(overlays)
     _batches.clear()
@@ -156,7 +155,7 @@ def show(overlays: Sequence[Overlay]) -> None:
 
 
 def clear() -> None:
-    """Draw none."""
+    """Stop drawing overlays."""
     global _overlays, _handler
     if _handler is None:
         return
@@ -169,13 +168,13 @@ def clear() -> None:
 
 
 def overlays() -> tuple[Overlay, ...]:
-    """What is drawn."""
+    """The current overlays."""
     return _overlays
 
 
 def find(uid: int) -> Object | None:
-    """The object of a number in the view layer, or None."""
-    objects = bpy.context.view_layer.objects  # with a None for each that was just removed
+    """The object in the view layer with a `session_uid`, or None."""
+    objects = bpy.context.view_layer.objects  # contains None for each object that was just removed
     obj = objects.get(_names.get(uid, ""))
     if obj is None or obj.session_uid != uid:
         obj = next((one for one in objects if one is not None and one.session_uid == uid), None)
@@ -185,43 +184,43 @@ def find(uid: int) -> Object | None:
 
 
 def repose(uids: Iterable[int] | None = None) -> None:
-    """Rebuild the batches of objects, or of all, whose modifiers may have moved them."""
+    """Rebuild the batches of some or all objects, because their modifiers may have moved them."""
     for uid in list(_batches) if uids is None else uids:
         _batches.pop(uid, None)
 
 
 def visible() -> list[tuple[Overlay, Object]]:
-    """The overlays that are drawn, each with its object; none if one is outdated."""
+    """The visible overlays, each with its object; none if one is outdated."""
     return [] if is_outdated() else [(overlay, obj) for overlay, obj in _find_overlays() if obj.mode == "OBJECT"]
 
 
 def is_hidden() -> bool:
-    """Whether an object is in a mode in which its overlay is not drawn."""
+    """Whether an object is in a mode that hides its overlay."""
     return any(obj.mode != "OBJECT" for _, obj in _find_overlays())
 
 
 def is_lost() -> bool:
-    """Whether an overlay is known not to be carried through the modifiers of its object."""
+    """Whether the modifiers of an object are known to lose its overlay's values."""
     return any(carried.is_lost(obj) for _, obj in _find_overlays())
 
 
 def is_outdated() -> bool:
-    """Whether one of the meshes is known to be another one than its overlay was computed for."""
+    """Whether a mesh is known to differ from the one that its overlay was computed for."""
     return any(
         (known := facts(obj)) is not None and known.content != overlay.content for overlay, obj in _find_overlays()
     )
 
 
 def visible_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[str, np.ndarray] | None:
-    """`surface_of` the evaluated mesh of an object, which may have other vertices than the overlay has colours."""
+    """`surface_of` the evaluated mesh of an object, even if its vertices are not the overlay's."""
     values = carried.values_on(obj, evaluated, overlay.values)
     return None if values is None else surface_of(evaluated.data, replace(overlay, values=values))
 
 
 def surface_of(mesh: Mesh, overlay: Overlay) -> dict[str, np.ndarray] | None:
-    """What is drawn of a mesh, as arrays: `position`, `normal` and `color` (p, 3), and `triangles` (m, 3) of these.
+    """Arrays to draw a mesh: `position`, `normal` and `color` (p, 3), and `triangles` (m, 3) of these.
 
-    None where the overlay belongs to another mesh.
+    None if the overlay belongs to another mesh.
     """
     vertices, corners = len(mesh.vertices), len(mesh.loops)
     if len(overlay.values) != (corners if overlay.on_corners else vertices):
@@ -296,7 +295,7 @@ def _shader() -> gpu.types.GPUShader:
     passed.smooth("FLOAT", "shade")
     info = gpu.types.GPUShaderCreateInfo()
     info.push_constant("MAT4", "ModelViewProjectionMatrix")
-    info.push_constant("BOOL", "srgbTarget")  # which Blender sets: whether it turns colours into sRGB itself
+    info.push_constant("BOOL", "srgbTarget")  # set by Blender: whether it converts colours to sRGB itself
     info.push_constant("VEC3", "towards")
     info.push_constant("FLOAT", "nearer")
     info.push_constant("FLOAT", "squares")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The preview in the 3D views: what is shown of an object by colours. What it shows is computed in `services.previews`.
+"""The preview of an object by colours in the 3D views; `services.previews` computes the colours.
 
-There is one preview at a time. It belongs to one object, and may colour others as well; the file stays as it is.
+There is one preview at a time. It belongs to one object, may colour others as well, and does not change the file.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ HIDDEN = "Hidden in this mode; shown in Object Mode"
 
 
 class Kind(NamedTuple):
-    """What a preview shows.
+    """A kind of preview.
 
     Attributes:
-        label: of its button.
-        description: of it.
-        legend: what the colours mean.
+        label: label of its button.
+        description: tooltip of its button.
+        legend: the meaning of the colours.
     """
 
     label: str
@@ -69,15 +69,15 @@ OF_SYMMETRY = {
 
 @dataclass(frozen=True, eq=False)
 class Preview:
-    """Something that is shown.
+    """A preview of an object.
 
     Attributes:
-        kind: one of those above.
-        object_uid: the session's number of the object that it is of.
-        legend: what the colours mean.
-        overlays: what is drawn.
-        stored_hash: hash of the match or symmetry stored on the object's mesh, by which a later one is noticed.
-        passing: whether it was not asked for, and goes when other objects are selected, or data is transferred.
+        kind: one of the kinds above.
+        object_uid: `session_uid` of the object.
+        legend: the meaning of the colours.
+        overlays: the colours to draw.
+        stored_hash: hash of the match or symmetry stored on the object's mesh, to detect a later one.
+        passing: whether it was shown unasked, so that it ends when other objects are selected or data is transferred.
     """
 
     kind: str
@@ -88,23 +88,23 @@ class Preview:
     passing: bool = False
 
     def with_colors(self, colors: Floats) -> Preview:
-        """The same with other colours (n, 3) on the object itself."""
+        """The same preview with other colours (n, 3) on the object itself."""
         first, *others = self.overlays
         return replace(self, overlays=(replace(first, values=colors), *others))
 
 
 _shown: Preview | None = None
-# The active object and the selected ones when it was shown, by their `session_uid`.
+# `session_uid` of the active and the selected objects when the preview was shown.
 _selected: tuple[int, ...] = ()
 
 
 def preview_of(obj: Object | None) -> Preview | None:
-    """What is shown of an object."""
+    """The current preview, if it belongs to an object."""
     return _shown if _shown is not None and obj is not None and _shown.object_uid == obj.session_uid else None
 
 
 def legend(preview: Preview) -> str:
-    """What the colours of the preview that is shown mean, or that they are hidden."""
+    """The meaning of the current preview's colours, or the reason why they are hidden."""
     if overlay.is_hidden():
         return HIDDEN
     if overlay.is_outdated():
@@ -113,32 +113,32 @@ def legend(preview: Preview) -> str:
 
 
 def current() -> Preview | None:
-    """The preview that is shown, of any object."""
+    """The current preview, of any object."""
     return _shown
 
 
 def show(preview: Preview) -> None:
-    """Show a preview, in place of another one."""
+    """Show a preview, and no other."""
     global _shown, _selected
     _shown, _selected = preview, _selection()
     overlay.show(preview.overlays)
 
 
 def clear() -> None:
-    """Show nothing."""
+    """Remove the preview."""
     global _shown
     _shown = None
     overlay.clear()
 
 
 def clear_passing() -> None:
-    """Show nothing that was not asked for."""
+    """Remove a passing preview."""
     if _shown is not None and _shown.passing:
         clear()
 
 
 def follow_selection() -> None:
-    """Show nothing that was not asked for once other objects are selected."""
+    """Remove a passing preview once other objects are selected."""
     if _shown is not None and _shown.passing and _selection() != _selected:
         clear()
 
@@ -150,9 +150,9 @@ def _selection() -> tuple[int, ...]:
 
 
 def follow_edit(meshes: Iterable[Mesh]) -> None:
-    """Take the colours of an asymmetry away where its mesh, or anything on it, was changed since it was measured.
+    """Remove the colours of an asymmetry if its mesh, or any data on it, was changed.
 
-    Other previews are hidden by the overlay, until the mesh is what it was.
+    The overlay itself hides other previews until the mesh is restored.
     """
     if _shown is None or _shown.kind != ASYMMETRY:
         return
@@ -162,5 +162,5 @@ def follow_edit(meshes: Iterable[Mesh]) -> None:
 
 
 def outdate(preview: Preview) -> None:
-    """Replace a preview by the sentence that it is outdated, without colours."""
+    """Replace a preview by a note that it is outdated, without colours."""
     show(replace(preview, legend=OUTDATED, overlays=()))

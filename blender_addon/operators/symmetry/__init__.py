@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that find a mesh's own symmetry, and what they do along it."""
+"""Operators that find a mesh's own symmetry, and work along it."""
 
 from .check import ZOOMOUT_OT_check_symmetry
 from .detect import ZOOMOUT_OT_choose_symmetry, ZOOMOUT_OT_detect_symmetry, ZOOMOUT_OT_swap_sides
@@ -9,7 +9,7 @@ from .shape_keys import ZOOMOUT_OT_mirror_shape_key
 from .sides import ZOOMOUT_OT_name_sides, ZOOMOUT_OT_select_symmetry_line
 from .weights import ZOOMOUT_OT_symmetrise_weights
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (
     ZOOMOUT_OT_detect_symmetry,
     ZOOMOUT_OT_choose_symmetry,

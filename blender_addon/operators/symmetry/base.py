@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the operators have in common that work along a symmetry stored on the active mesh."""
+"""The base of operators that work along a symmetry stored on the active mesh."""
 
 from __future__ import annotations
 

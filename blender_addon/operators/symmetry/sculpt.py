@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Carry what was sculpted on one side of the active mesh to the other one."""
+"""Mirror sculpting from one side of the active mesh to the other."""
 
 from __future__ import annotations
 

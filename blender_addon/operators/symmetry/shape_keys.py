@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make shape keys of the active mesh for its other side, split them, or make them symmetric."""
+"""Mirror shape keys of the active mesh, split them, or make them symmetric."""
 
 from __future__ import annotations
 

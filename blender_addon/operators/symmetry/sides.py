@@ -26,7 +26,7 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
         with stage("Selecting"):
             await pause()
         result = select_symmetry_line(obj)
-        if not context.tool_settings.mesh_select_mode[0]:  # Edit Mode would deselect vertices
+        if not context.tool_settings.mesh_select_mode[0]:  # other modes would deselect vertices
             context.tool_settings.mesh_select_mode = (True, False, False)
         return result
 

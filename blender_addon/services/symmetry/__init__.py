@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is done along the symmetry that is stored on a mesh."""
+"""Work along the symmetry stored on a mesh."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measure how asymmetric a mesh is, in its shape, its weights or a shape key, and show that by colours."""
+"""Measure how asymmetric a mesh is, in its shape, its weights or a shape key, and show it by colours."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def check_symmetry(
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        check: what is compared with its other side: the "shape", "weights", or a "key".
+        check: the data to compare between the sides: the "shape", "weights", or a "key".
         key: the name of the key.
-        red_length: the difference that red stands for, over the square root of the area.
-        red_weight: the same of weights, in [0, 1].
+        red_length: the difference shown in red, over the square root of the area.
+        red_weight: likewise for weights, in [0, 1].
 
     Returns:
         A sentence for the user, with the mean and the largest value.
@@ -66,12 +66,12 @@ async def check_symmetry_async(
     red_length: float = RED_LENGTH,
     red_weight: float = RED_WEIGHT,
 ) -> str:
-    """`check_symmetry` as a coroutine, which holds no Blender data while it waits."""
+    """`check_symmetry` as a coroutine, which keeps no Blender data across an `await`."""
     values = await measure_asymmetry(context, name, check, key)
     obj = writable_mesh(context, name)
     red = red_weight if check == "weights" else red_length * np.sqrt(stored_symmetry.read(obj).surface.area)
     what = _describe(context, obj, check, key, values, red)
-    context.view_layer.update()  # so that what was changed before is not taken for changed since
+    context.view_layer.update()  # so that earlier changes do not count as later ones
     preview.show(previews.of_asymmetry(obj, values, red, what))
     return what
 
@@ -111,7 +111,7 @@ def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Float
 
 
 def _describe(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
-    """The values in words, and the value that red stands for."""
+    """The values in words, and the value shown in red."""
     head = {"shape": message("Shape"), "weights": message("Weights"), "key": message("Shape key {key}", key=repr(key))}[
         check
     ]
@@ -127,7 +127,7 @@ def _describe(context: Context, obj: Object, check: Checked, key: str, values: F
 
 
 def _length(context: Context, obj: Object, value: float) -> str:
-    """A length in a mesh's own units, to two significant digits, in the scene's units."""
+    """A length in a mesh's own units as text in the scene's units, with two significant digits."""
     units = context.scene.unit_settings
     length = float(f"{value * obj.matrix_world.median_scale * units.scale_length:.2g}")
     return bpy.utils.units.to_string(units.system, "LENGTH", length, precision=6).strip()

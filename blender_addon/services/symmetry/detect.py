@@ -20,7 +20,7 @@ from .. import previews
 from ..targets import WRITING
 from .mesh_access import writable_mesh, writing
 
-# Largest number of stored candidates: objects such as wheels have many symmetries.
+# Maximum number of stored candidates: objects such as wheels have many symmetries.
 MOST = 6
 
 
@@ -29,8 +29,8 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
 
     Args:
         context: Blender's; the object is in its scene.
-        obj: a mesh object, in whatever pose.
-        left: the axis of the object that points to the left of what it shows, of `AXES`.
+        obj: a mesh object, in any pose.
+        left: the object's axis that points to the character's left, a key of `AXES`.
 
     Returns:
         The symmetries, the most likely first.
@@ -42,7 +42,7 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
 
 
 async def detect_symmetry_async(context: Context, name: str, left: str = "X") -> tuple[zo.Symmetry, ...]:
-    """`detect_symmetry` as a coroutine, which holds no Blender data while it waits."""
+    """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`."""
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:
@@ -56,10 +56,10 @@ async def detect_symmetry_async(context: Context, name: str, left: str = "X") ->
 
 
 def choose_symmetry(context: Context, obj: Object, number: int) -> str:
-    """Use another one of the symmetries stored on an object's mesh; a sentence for the user.
+    """Use another symmetry stored on an object's mesh; returns a sentence for the user.
 
     Raises:
-        MeshError: there is none of that number.
+        MeshError: there is no symmetry of that number.
     """
     stored = stored_symmetry.description(obj.data)
     candidates = stored["candidates"] if stored else []
@@ -73,10 +73,10 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
 
 
 def swap_sides(context: Context, obj: Object) -> str:
-    """Take left for right, in the symmetry that is chosen on an object's mesh; a sentence for the user.
+    """Swap left and right of the chosen symmetry of an object's mesh; returns a sentence for the user.
 
     Raises:
-        MeshError: there is none, or it has no sides.
+        MeshError: no symmetry is stored, or the chosen one has no sides.
     """
     stored_symmetry.swap_sides(obj)
     previews.follow_symmetry(context, obj)
@@ -84,7 +84,7 @@ def swap_sides(context: Context, obj: Object) -> str:
 
 
 def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
-    """What was found on an object of some name, in a sentence."""
+    """The symmetries found on an object, in a sentence."""
     return message(
         "Found {symmetries} of '{name}'; the first: {first}",
         symmetries=_count(len(found)),
@@ -94,7 +94,7 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
 
 
 def summary(candidate: dict[str, Any]) -> str:
-    """One of `stored_symmetry.description`'s candidates in a few words."""
+    """A candidate of `stored_symmetry.description` in a few words."""
     return message("{name}, {certainty:.0%}", name=as_message(candidate["name"]), certainty=candidate["certainty"])
 
 

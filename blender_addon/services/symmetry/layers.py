@@ -36,12 +36,12 @@ def mirror_attributes(
     direction: Direction = "left_to_right",
     uv_layout: Layout = "own",
 ) -> str:
-    """Make data of an object's mesh the same on both sides, or exchange the sides, along its symmetry.
+    """Make data of an object's mesh symmetric, or exchange its sides, along the stored symmetry.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        data: which kinds of it, the options of `LayerOptions`.
+        data: the kinds of data, options of `LayerOptions`.
         direction: see `zoomout_core.symmetry.mirror.symmetrise`.
         uv_layout: see `zoomout_core.symmetry.uv`.
 
@@ -57,7 +57,7 @@ def mirror_attributes(
 async def mirror_attributes_async(
     context: Context, name: str, data: Collection[str], direction: Direction, uv_layout: Layout
 ) -> str:
-    """`mirror_attributes` as a coroutine, which holds no Blender data while it waits."""
+    """`mirror_attributes` as a coroutine, which keeps no Blender data across an `await`."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     with stage(READING, 0, 0):
@@ -89,12 +89,12 @@ async def mirror_attributes_async(
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Values of one kind of elements, such as an attribute, marks of edges, materials, or what is selected.
+    """Values of one kind of elements: an attribute, marks of edges, materials, or a selection.
 
     Attributes:
         attribute: the values.
-        write: gives an object such values.
-        partner: for materials, which slot each one's partner of the other side is in.
+        write: writes such values to an object.
+        partner: for materials, the slot of each one's partner on the other side.
     """
 
     attribute: Attribute
@@ -120,7 +120,7 @@ def _read(obj: Object, data: Collection[str]) -> list[_Data]:
 
 
 def _partners(names: Sequence[str | None]) -> Integers:
-    """(slots,) where the material of the other side is, as Boot.R of Boot.L, or else the material itself."""
+    """(slots,) the slot of the material for the other side, such as Boot.R for Boot.L, else the material's own."""
     partners = [name and counterpart_of(name, names) for name in names]
     return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
 

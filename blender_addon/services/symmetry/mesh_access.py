@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading and writing the mesh of one object, with checks that it was not edited in between."""
+"""Reading and writing the mesh of one object, with checks for edits in between."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ...mesh_data import all_or_nothing
 from ...scene.pair import check_elements, check_writable, edit_error, find_mesh
 from ...storage import stored_symmetry
 
-# Part of the progress bar in which data is read, in [0, 1].
+# Fraction of the progress that reading data takes.
 READ = 0.3
 READING = "Reading the mesh"
 
 
 def writable_mesh(context: Context, name: str) -> Object:
-    """The mesh object of a name, ready to be read and written.
+    """The mesh object of a name, ready to read and write.
 
     Raises:
-        MeshError: there is none, it is being edited, or it belongs to another file.
+        MeshError: there is no such mesh, it is in Edit Mode, or it belongs to another file.
     """
     obj = find_mesh(context, name)
     check_writable(obj)
@@ -32,10 +32,10 @@ def writable_mesh(context: Context, name: str) -> Object:
 
 @contextmanager
 def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple[Object, Mesh]]:
-    """The object of a name and its mesh, for what it carries besides its surface.
+    """The object of a name and its mesh, to read data besides its surface.
 
     Raises:
-        MeshError: it was removed, or its mesh has other elements since the surface was read.
+        MeshError: it was removed, or its number of elements has changed since the surface was read.
     """
     obj = writable_mesh(context, name)
     check_elements(name, surface, obj.data)
@@ -44,14 +44,14 @@ def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple
 
 @contextmanager
 def writing(context: Context, name: str, before: zo.Surface) -> Iterator[Object]:
-    """`find_not_edited`, and a context in which the object is written to: all of it, or nothing."""
+    """`find_not_edited`, and a context for writing to the object, all or nothing."""
     obj = find_not_edited(context, name, before)
     with all_or_nothing(obj):
         yield obj
 
 
 def find_not_edited(context: Context, name: str, before: zo.Surface) -> Object:
-    """The object of a name, whose mesh is still what it was when it was read.
+    """The object of a name, after checking that its mesh was not edited since it was read.
 
     Raises:
         MeshError: it was removed or edited since.

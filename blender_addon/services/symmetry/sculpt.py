@@ -21,24 +21,24 @@ from .mesh_access import READING, writable_mesh, writing
 
 
 def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to_right") -> str:
-    """Carry to the other side how vertices were moved since the symmetry of an object's mesh was detected.
+    """Mirror the displacement of vertices since the symmetry of an object's mesh was detected.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
 
     Returns:
         A sentence for the user.
 
     Raises:
-        MeshError: there is no symmetry, or nothing was moved; nothing was written.
+        MeshError: there is no symmetry, or no vertex was moved; nothing was written.
     """
     return run(mirror_sculpt_async(context, obj.name, direction))
 
 
 async def mirror_sculpt_async(context: Context, name: str, direction: Direction) -> str:
-    """`mirror_sculpt` as a coroutine, which holds no Blender data while it waits."""
+    """`mirror_sculpt` as a coroutine, which keeps no Blender data across an `await`."""
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
     if not moved.any():
@@ -56,7 +56,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
 
 
 def _why_nothing_moved(obj: Object) -> str:
-    """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
+    """The reason why no vertices of an object were moved, and the remedy."""
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:
         return message(

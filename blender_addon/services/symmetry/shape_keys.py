@@ -27,7 +27,7 @@ from ...storage import stored_symmetry
 from .mesh_access import READING, own_mesh, writable_mesh, writing
 
 KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
-# Displacements shorter than this part of a key's longest one are noise.
+# Displacements shorter than this fraction of a key's longest one are noise.
 NOISE = 1e-4
 
 
@@ -39,16 +39,16 @@ def mirror_shape_key(
     direction: Direction = "left_to_right",
     blend: float = BLEND,
 ) -> str:
-    """Make shape keys along the symmetry stored on an object's mesh.
+    """Create or change shape keys along the symmetry stored on an object's mesh.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
         key: the name of the key to start from.
-        mode: "mirror" makes the key of the other side, as Smile.R from Smile.L; "split" a left and a right key, as
-            Smile.L and Smile.R from Smile; "symmetrise" makes the key itself the same on both sides.
-        direction: for "symmetrise", see `zoomout_core.symmetry.mirror.symmetrised`; "exchange" with "mirror" makes the
-            key, too, from that of the other side.
+        mode: "mirror" makes the key of the other side, such as Smile.R from Smile.L; "split" makes a left and a right
+            key, such as Smile.L and Smile.R from Smile; "symmetrise" makes the key itself symmetric.
+        direction: for "symmetrise", see `zoomout_core.symmetry.mirror.symmetrise`; "exchange" with "mirror" also makes
+            the key itself from that of the other side.
         blend: for "split", see `zoomout_core.symmetry.offsets.split_offsets`.
 
     Returns:
@@ -63,7 +63,7 @@ def mirror_shape_key(
 async def mirror_shape_key_async(
     context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
 ) -> str:
-    """`mirror_shape_key` as a coroutine, which holds no Blender data while it waits."""
+    """`mirror_shape_key` as a coroutine, which keeps no Blender data across an `await`."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     with stage(READING, 0, 0):
@@ -89,10 +89,10 @@ async def mirror_shape_key_async(
 
 
 def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
-    """A shape key of an object, and its displacements (n, 3) from the key that it is relative to.
+    """A shape key of an object, and its displacements (n, 3) from its reference key.
 
     Raises:
-        MeshError: there is no such key, or none is active, or keys are absolute.
+        MeshError: there is no such key, no key is active, or keys are absolute.
     """
     present = obj.data.shape_keys
     if not name:
@@ -111,7 +111,7 @@ def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
 
 
 def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str, ...]:
-    """The names of what is made of a key, where keys of some names are present."""
+    """The names of the keys that are made from a key; `present` has the names of existing keys."""
     if mode == "split":
         return f"{name}.L", f"{name}.R"
     partner = counterpart_of(name, present)
@@ -123,7 +123,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
 
 
 def _check_not_locked(obj: Object, names: Collection[str]) -> None:
-    """Raise a MeshError if a key of these names is there and locked against changes."""
+    """Raise a MeshError if a key of these names exists and is locked."""
     blocks = obj.data.shape_keys.key_blocks
     for name in names:
         if name in blocks and blocks[name].lock_shape:
@@ -135,7 +135,7 @@ def _check_not_locked(obj: Object, names: Collection[str]) -> None:
 
 
 def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
-    """A sentence that says what was done."""
+    """The result in a sentence."""
     first, *others = names
     made = message("'{first}' and '{second}'", first=first, second=others[0]) if others else f"'{first}'"
     if mode == "symmetrise":
@@ -146,12 +146,12 @@ def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Directi
 
 
 def _mirror(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
-    """The displacements (n, 3) of keys on the other side."""
+    """The mirrored displacements (n, 3) of keys."""
     return [_without_noise(mirror_offsets(one, symmetry), one) for one in offsets]
 
 
 def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
-    """The displacements (n, 3) of each key that is made."""
+    """The displacements (n, 3) of each new key."""
     if mode == "mirror":
         return _mirror([offsets], symmetry)
     if mode == "split":
@@ -166,14 +166,14 @@ def _without_noise(made: Floats, offsets: Floats) -> Floats:
 
 
 def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place: bool) -> None:
-    """Write a key with displacements from the key that it is relative to; an existing key's value is retained.
+    """Write a key with displacements from its reference key; an existing key keeps its value.
 
     Args:
         obj: the object.
-        key: as it was read, under its new name.
-        offsets: (n, 3).
-        mode: see `mirror_shape_key`; with "mirror", vertex group and relative key are those of the other side.
-        in_place: whether it is written where it was read, so that all else stays.
+        key: the key as it was read, under its new name.
+        offsets: (n, 3) displacements.
+        mode: see `mirror_shape_key`; with "mirror", vertex group and reference key are those of the other side.
+        in_place: whether it overwrites the key that was read, which keeps its settings.
     """
     blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to
     if not in_place:
@@ -188,6 +188,6 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place:
 
 
 def _other_name(name: str, present: list[str]) -> str:
-    """The name of the other side if there is such a thing, else the name itself."""
+    """The name for the other side if it is present, else the name itself."""
     partner = counterpart_of(name, present)
     return partner if partner in present else name

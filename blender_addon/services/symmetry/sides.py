@@ -16,12 +16,12 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from ... import mesh_data
 from ...storage import stored_symmetry
 
-# Names of the vertex groups, which change sides as others do.
+# Names of the vertex groups, with suffixes for the sides like other groups.
 LEFT, RIGHT, MIDDLE = "Side.L", "Side.R", "Side Middle"
 
 
 def select_symmetry_line(obj: Object) -> str:
-    """Select the vertices nearest to the symmetry line stored on an object's mesh, and nothing else.
+    """Select only the vertices nearest to the symmetry line stored on an object's mesh.
 
     Returns:
         A sentence for the user.
@@ -40,7 +40,7 @@ def select_symmetry_line(obj: Object) -> str:
 
 
 def vertices_on_line(symmetry: SelfMap) -> Booleans:
-    """(n,) of each edge that the symmetry line crosses the end that lies nearer to it."""
+    """(n,) mask of the vertices on the line: the nearer end of each edge that it crosses."""
     ends = symmetry.surface.edges
     distance = symmetry.distance[ends]
     crossed = distance[:, 0] * distance[:, 1] <= 0
@@ -51,7 +51,7 @@ def vertices_on_line(symmetry: SelfMap) -> Booleans:
 
 
 def name_sides(obj: Object, width: float) -> str:
-    """Make vertex groups of the sides of an object's mesh, in place of those of the same names.
+    """Make vertex groups of the sides of an object's mesh; they replace those of the same names.
 
     Args:
         obj: a mesh object.
@@ -61,7 +61,7 @@ def name_sides(obj: Object, width: float) -> str:
         A sentence for the user.
 
     Raises:
-        MeshError: there is no symmetry, or there are no sides; nothing was written.
+        MeshError: there is no symmetry, or it has no sides; nothing was written.
     """
     symmetry = _with_sides(obj)
     side = symmetry.sides(width * np.sqrt(symmetry.surface.area))

@@ -26,13 +26,13 @@ from .mesh_access import READ, READING, own_mesh, writable_mesh, writing
 
 
 def symmetrise_weights(context: Context, obj: Object, direction: Direction = "left_to_right", only: str = "") -> str:
-    """Make an object's vertex groups the same on both sides, or exchange the sides, along its mesh's symmetry.
+    """Make an object's vertex groups symmetric, or exchange their sides, along its mesh's symmetry.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
         direction: see `zoomout_core.symmetry.mirror.symmetrise`.
-        only: the name of a group, which alone is taken with its partner; "" for all.
+        only: the name of a group, to change only this and its partner; "" for all.
 
     Returns:
         A sentence for the user.
@@ -44,7 +44,7 @@ def symmetrise_weights(context: Context, obj: Object, direction: Direction = "le
 
 
 async def symmetrise_weights_async(context: Context, name: str, direction: Direction, only: str = "") -> str:
-    """`symmetrise_weights` as a coroutine, which holds no Blender data while it waits."""
+    """`symmetrise_weights` as a coroutine, which keeps no Blender data across an `await`."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     with stage(READING, 0, READ):
@@ -62,12 +62,12 @@ async def symmetrise_weights_async(context: Context, name: str, direction: Direc
 
 @dataclass(frozen=True, eq=False)
 class _Chosen:
-    """The groups that are made symmetric, and their constraints.
+    """The groups to make symmetric, and their constraints.
 
     Attributes:
-        weights: of these groups and their partners.
-        sharing: how they share a vertex among them and with the others, see `zoomout_core.transfer.weights`.
-        locked: names of those that are left out because they, or their partners, are locked.
+        weights: weights of these groups and their partners.
+        sharing: how they share a vertex among them and with others, see `zoomout_core.transfer.weights`.
+        locked: names of groups that are left out because they, or their partners, are locked.
     """
 
     weights: Attribute
@@ -105,7 +105,7 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
 
 
 def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
-    """What was done with an object's groups, in a sentence."""
+    """The result for an object's groups, in a sentence."""
     labels = chosen.weights.labels
     groups = message("{count} vertex groups of '{name}'", count=len(labels), name=name)
     done = message("Exchanged the sides of {what}" if direction == "exchange" else "Made {what} symmetric", what=groups)

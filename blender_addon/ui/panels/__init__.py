@@ -12,7 +12,7 @@ from .transfer import ZOOMOUT_PT_report, ZOOMOUT_PT_transfer
 from .transfer_options import ZOOMOUT_PT_binding, ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
 from .wrap import ZOOMOUT_PT_wrap
 
-# In the order in which Blender is to know them: a panel before those below it, whose order `bl_order` says.
+# In the order of registration: a panel before its subpanels, whose order is in `bl_order`.
 CLASSES = (
     ZOOMOUT_UL_landmarks,
     ZOOMOUT_PT_match,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Characters of several objects, below the panel to match."""
+"""Subpanel of the match: characters of several objects."""
 
 from __future__ import annotations
 

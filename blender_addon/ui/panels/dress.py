@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subpanel of the transfer: dressing the target with what the source wears."""
+"""Subpanel of the transfer: dressing the target with the source's clothes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of landmarks, below the panel to match."""
+"""Subpanel of the match: the list of landmarks."""
 
 from __future__ import annotations
 
@@ -97,9 +97,9 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
 
 
 def _pair(context: Context) -> list[Any]:
-    """The source and the first of the targets, as far as there are any."""
+    """The source and the first target, if any."""
     try:
         source, targets = participants(context)
-    except zo.MeshError:  # the buttons are greyed out, and say so
+    except zo.MeshError:  # the greyed-out buttons show the reason
         return []
     return [source, *targets[:1]]

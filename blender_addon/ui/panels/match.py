@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel to match: objects, options, obstacles and the button."""
+"""The panel of the match: objects, options, obstacles and the button."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             layout.prop(settings, "map_file")
         if settings.initial not in ("NEAREST", "SAME_ORDER"):
             row = layout.row(align=True)
-            row.use_property_split = False  # the three need all the width
+            row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
         found = findings(context)
         show_findings(context, layout, found)
@@ -59,7 +59,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
 
 
 def _object_row(layout: UILayout, label: str, text: str) -> None:
-    """Objects that were chosen elsewhere, in the place of a property."""
+    """Draw objects that were chosen elsewhere, aligned like a property."""
     split = layout.split(factor=0.4)
     name = split.row()
     name.alignment = "RIGHT"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subpanels of the match: hints beside the shapes, and advanced options."""
+"""Subpanels of the match: further hints, and advanced options."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ZOOMOUT_PT_hints(SidebarPanel, Panel):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        """Whether the start weighs any."""
+        """Whether the start uses hints."""
         return context.scene.zoomout.initial == "AUTO"
 
     def draw(self, context: Context) -> None:

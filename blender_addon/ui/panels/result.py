@@ -22,13 +22,13 @@ from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
 from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
 
-# Share of vertices of low confidence from which on a match has no check mark.
+# From this share of vertices of low confidence on, a match has no check mark.
 DOUBTFUL = 0.25
-# Part of either surface's area without a partner from which on it is told.
+# From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
-# Number of thumbnails in a row, so that what tells candidates apart fits below them.
+# Number of thumbnails in a row, so that the candidates' differences fit below them.
 COLUMNS = 2
-# What tells a candidate from the most likely one.
+# Differences of a candidate from the most likely one.
 DIFFERENCES = {
     candidate_differences.BEST: "Most Likely",
     candidate_differences.MIRROR: "Mirror Image",
@@ -42,7 +42,7 @@ DIFFERENCES = {
     candidate_differences.TOP: "Top Differs",
     candidate_differences.BOTTOM: "Bottom Differs",
 }
-# What can be selected, in words that fit beside each other.
+# Labels of the buttons that select elements, short enough for one row.
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
     ZOOMOUT_OT_select_flipped: "Flipped",
@@ -89,7 +89,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         row.prop(settings, "redo_keeps", toggle=True)
         if listing is not None:
             _draw_candidates(usable, listing)
-        # What changes with the candidate stands below the buttons, which stay where they are.
+        # Content that changes with the candidate is below the buttons, so that these do not move.
         if not reason:
             of_target, of_source = stored.get("without_partner") or (0, 0)
             if max(of_target, of_source) >= TOLD:
@@ -104,7 +104,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
 
 
 def _mark(doubtful: float, listing: CandidateList | None) -> str:
-    """The icon of a match: a mirror image never has the check mark of a good one."""
+    """The icon of a match; a mirror image never gets a check mark."""
     if listing is not None and listing.candidates[listing.chosen].mirrored:
         return "MOD_MIRROR"
     return "CHECKMARK" if doubtful < DOUBTFUL else "ERROR"

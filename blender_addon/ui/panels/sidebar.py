@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels of the sidebar have in common."""
+"""Common parts of the sidebar's panels."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ...translations import CONTEXT, translated
 from ...viewport import preview
 from .. import manual
 
-# Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
+# Width of a letter and of the border around a panel's text, in pixels at a scale of 1.
 LETTER, BORDER = 6.5, 60
-# The button of a panel is taller than what it depends on.
+# Height of a panel's main button, relative to others.
 BUTTON = 1.5
-# Letters of a label that fits beside two others; lines that the longest legend takes.
+# Letters of a label that fits beside two others; number of lines of the longest legend.
 NARROW, LEGEND = 12, 2
 NOTHING_SHOWN = "No preview is shown"
 # Size of the thumbnails of candidates, in icons.
@@ -31,7 +31,7 @@ PICTURE = 3.2
 
 
 class SidebarPanel:
-    """What the panels have in common."""
+    """The base of the sidebar's panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -40,9 +40,9 @@ class SidebarPanel:
 
 
 def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE", lines: int = 0) -> None:
-    """Text in the user's language, broken into lines that fit the panel.
+    """Draw sentences in the user's language, wrapped to the width of the panel.
 
-    Each sentence may begin with an icon, and has some lines at least.
+    Each sentence may have an icon, and takes at least `lines` lines.
     """
     scale = context.preferences.system.ui_scale
     letters = max(20, int((context.region.width / scale - BORDER) / LETTER))
@@ -54,7 +54,7 @@ def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: st
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
-    """Obstacles and doubts, above the button that they concern."""
+    """Draw obstacles and doubts, above the button that they concern."""
     for finding in found:
         if finding.begins:
             sentences(context, layout, [finding.text], "INFO")
@@ -67,9 +67,9 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
 def preview_buttons(
     context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], enabled: bool = True
 ) -> None:
-    """What can be shown of the active object in the viewport, above what the colours that are shown mean.
+    """Draw a button for each preview of the active object, and below them the legend.
 
-    Whatever is enabled, colours can be taken away. The height stays, whatever is shown: no button moves away.
+    The button that removes a preview is always enabled. The height is constant, so that no button moves.
     """
     shown = preview.preview_of(context.active_object)
     if shown is not None and shown.kind not in kinds:
@@ -91,7 +91,7 @@ def preview_buttons(
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:
-    """The main button of a panel; while an operator is running, its progress."""
+    """Draw the main button of a panel, or the progress of a running operator."""
     row = layout.row()
     row.scale_y = BUTTON
     if activity.running is not None:
@@ -104,19 +104,19 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
 
 
 def count_text(one: str, several: str, context: Context, source: Object | None) -> str:
-    """The text of a button for one target, or that for several, in which their number is put."""
+    """The text of a button for one target, or for several with their number."""
     number = len(own_sources(context)) or (len(chosen_targets(context, source)) if source else 1)
     return translated(message(several, count=number)) if number > 1 else one
 
 
 def help_button(layout: UILayout, page: str) -> None:
-    """A button that opens a page of the guide, in the header of a panel."""
+    """Draw a button that opens a page of the guide, in the header of a panel."""
     row = layout.row()
     row.emboss = "NONE"
     row.operator("wm.url_open", text="", icon="HELP").url = manual.address(page)
 
 
 def split_properties(layout: UILayout) -> None:
-    """Names to the left, values to the right, and no dots to animate them by."""
+    """Draw names to the left of values, without the dots for animation."""
     layout.use_property_split = True
     layout.use_property_decorate = False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel of a mesh's own symmetry, and what is done along it."""
+"""The panel of a mesh's own symmetry, and subpanels of the work along it."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
 
 
 class SymmetrySubpanel(SidebarPanel):
-    """What the panels below that of the symmetry have in common."""
+    """The base of the symmetry's subpanels."""
 
     layout: UILayout  # of the panel
     bl_parent_id = "ZOOMOUT_PT_symmetry"
@@ -89,7 +89,7 @@ class SymmetrySubpanel(SidebarPanel):
         self.draw_options(layout, settings)
 
     def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
-        """Options and operators of one kind of data."""
+        """Draw options and operators of one kind of data."""
         raise NotImplementedError
 
 
@@ -134,7 +134,7 @@ class ZOOMOUT_PT_symmetry_shape(SymmetrySubpanel, Panel):
         layout.operator(operators.ZOOMOUT_OT_name_sides.bl_idname)
 
 
-# In the order in which Blender is to know them.
+# In the order of registration.
 CLASSES = (
     ZOOMOUT_PT_symmetry,
     ZOOMOUT_PT_symmetry_weights,
@@ -145,7 +145,7 @@ CLASSES = (
 
 
 def _doubts(target: Object) -> list[Finding]:
-    """What the user should know before a mesh's symmetry is sought."""
+    """Doubts for the user before detecting a mesh's symmetry."""
     found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
     halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
     return found + [
@@ -158,7 +158,7 @@ def _doubts(target: Object) -> list[Finding]:
 
 
 def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
-    """A thumbnail and a button for each symmetry that was found, the chosen one pressed, and its notes."""
+    """Draw a thumbnail and a button for each symmetry found, the chosen one pressed, and its notes."""
     grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
     pictures = stored_symmetry.thumbnails(stored)
     for number, candidate in enumerate(stored["candidates"]):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel to transfer: the source's data, obstacles, the button, and the report."""
+"""The panel of the transfer: the source's data, obstacles, the button, and the report."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         if source is None and target is not None and target.name in own:
             source = context.scene.objects[own[target.name]]
         _draw_choice(layout, context, source)
-        # What is merely doubtful of the meshes stands above, in the panel to match.
+        # The panel of the match, above, shows mere doubts about the meshes.
         found = [finding for finding in findings(context) if finding.blocks]
         matched = bool(own) or (source is not None and match_source(context, target) == source.name)
         known = [context.scene.objects[name] for name in own] or [target] * matched
@@ -74,7 +74,7 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
 
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:
-    """Check marks with how much the source has of each; those of which it has none cannot be set."""
+    """Draw a check box for each kind of data with the source's count; kinds that it lacks are disabled."""
     settings, counts = context.scene.zoomout, inventory(context, source) if source else {}
     row = layout.row(align=True)
     for text, every in (("All", True), ("None", False)):
