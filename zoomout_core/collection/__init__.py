@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many shapes at once: prepared once each, matched in pairs, and their maps brought to agree."""
+"""Many shapes at once: prepare each once, match them in pairs, and choose maps that agree."""

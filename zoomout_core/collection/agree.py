@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The matches of several targets with one source, brought to agree: those that are sure speak for the others."""
+"""Several targets matched with one source: the certain matches decide between candidates of the uncertain ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from zoomout_core.matching.result import MatchResult
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance, portion, stage
 
-# The source, beside the names of targets, which are not empty.
+# Name of the source; names of targets are not empty.
 SOURCE = ""
 STAGE = "Comparing with other targets"
 AGREED = (
@@ -30,14 +30,14 @@ THROUGH = (
 
 
 def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str, MatchResult]:
-    """Matches of several targets with one source, with other candidates where these agree better with each other.
+    """Replace matches of several targets with one source by candidates that agree better with each other.
 
-    Targets whose match is unsure are matched with those that are most alike among the sure ones. Without both there is
-    nothing to ask, and no time is taken.
+    Targets with an uncertain match are matched with the most similar targets that have a certain one. Returns at once
+    if either kind is missing.
 
     Args:
         results: the matches, by the names of the targets.
-        options: of the matches between targets.
+        options: options of the matches between targets.
     """
     unsure = [name for name, result in results.items() if result.certainty < MIN_TEMPLATE_CERTAINTY]
     sure = [name for name, result in results.items() if result.certainty >= MIN_TEMPLATE_CERTAINTY]
@@ -70,7 +70,7 @@ def _take(
     summaries: Mapping[str, ShapeSummary],
     options: MatchOptions,
 ) -> dict[str, MatchResult]:
-    """The results, where another candidate agrees better that one."""
+    """Replace results by the candidate that agrees better, if there is one."""
     taken = dict(results)
     changed = [pair for pair in agreement.changed if pair.source == SOURCE]
     for number, pair in enumerate(changed):

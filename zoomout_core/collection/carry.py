@@ -21,20 +21,20 @@ def carry(
     engine: Engine,
     blender: str | None = None,
 ) -> dict[str, list[str]]:
-    """Carry what a template has onto all shapes that it is matched with, into the folder `meshes` of the results.
+    """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
-    What fails is added to the result's failures.
+    Failures are added to those of the result.
 
     Args:
         result: the collection.
         template: the name of the shape that has the attributes.
-        kinds: of `assets.transfer_asset.KINDS`.
-        ending: of the files, such as glb.
-        engine: that sees the folder of the results.
-        blender: the program that does it where the shapes were read by it, see `mesh.blender_files.blender_command`.
+        kinds: kinds of data, from `assets.transfer_asset.KINDS`.
+        ending: extension of the files, such as glb.
+        engine: an engine with access to the folder of the results.
+        blender: Blender's program, for shapes that Blender read, see `mesh.blender_files.blender_command`.
 
     Returns:
-        For each mesh that was written the notes on it.
+        The notes on each mesh that was written.
     """
     names = {f"carry {pair.target}": pair for pair in result.records if pair.source == template}
     source = result.items[template]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A whole collection: every shape prepared once, pairs matched side by side, and their maps brought to agree."""
+"""Match a whole collection: prepare each shape once, match pairs in parallel, and choose maps that agree."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ from zoomout_core.runtime.progress import Progress, listening, portion
 
 _log = logging.getLogger(__name__)
 
-# Certainty (probability) of a map from the template below which the shape is also matched with other shapes.
+# If a map from the template is less certain (a probability), its shape is also matched with other shapes.
 MIN_TEMPLATE_CERTAINTY = 0.9
-# How many other shapes: those most similar in spectrum among the ones matched with certainty. Each costs a match.
+# Number of these other shapes: those most similar in spectrum among the certain ones. Each costs a match.
 SHAPES_BETWEEN = 3
-# Shapes of which what maps are compared by is kept in memory, at a third of a megabyte each.
+# Shape summaries kept in memory, at a third of a megabyte each.
 KEPT = 2000
-# Parts of the progress: reading through Blender, preparing shapes, matching the pairs that are asked for, and others.
+# Fractions of the progress at the end of: reading by Blender, preparing shapes, matching the given pairs, and others.
 READ, PREPARED, MATCHED, COMPARED = 0.05, 0.3, 0.8, 0.9
 
 
@@ -58,14 +58,14 @@ class CollectionResult:
     """The maps of a collection.
 
     Attributes:
-        folder: where they are: `maps/SOURCE/TARGET.npz`, as `zoomout match` writes them.
+        folder: folder of the maps, `maps/SOURCE/TARGET.npz`, as `zoomout match` writes them.
         items: the files, by the names of their shapes.
         records: how each pair went.
         failures: what failed and why, by the name of a shape or by the pair.
         agreement: which candidates agree best; None where no three shapes are matched with each other.
-        seconds_of_shapes: that preparing took, of those that were prepared now.
-        matched: how many pairs were matched now, not found.
-        temporary: what removes the folder when the result is dropped, where none was given.
+        seconds_of_shapes: preparation time of each shape that was prepared in this run.
+        matched: how many pairs were matched in this run, not found in the folder.
+        temporary: removes a temporary folder when the result is dropped; None if a folder was given.
 
     Example:
         >>> options = zo.MatchOptions(k_final=30)
@@ -111,28 +111,28 @@ def match_collection(
 ) -> CollectionResult:
     """Match the shapes of a collection, and choose among the candidates of each pair those that agree.
 
-    Of `template`, `pairs` and `neighbours` one says what is matched. Results are written to `folder` pair by pair; what
-    is there already, of the same shapes by the same options, is not made again.
+    Give one of `template`, `pairs` and `neighbours`. Results are written to `folder` pair by pair; those of the same
+    shapes with the same options are reused.
 
     Args:
-        shapes: paths of meshes or point clouds, whose names are those of the files without endings; surfaces, or what
-            else stands for a shape, named by their numbers; or shapes by names.
-        folder: of the results; made if it is missing. None for a temporary one, which lives as long as the result.
-        template: the name, or the path, of the shape that is the source of all others. Where a map from it is unsure,
-            some shapes between are matched, too.
+        shapes: paths of meshes or point clouds, named by file without extension; surfaces or other shapes
+            (`ShapeLike`), named by number; or a mapping of names to shapes.
+        folder: folder of the results, created if missing. None for a temporary one, which lives as long as the result.
+        template: the name or path of the shape that is the source of all others. If a map from it is uncertain, its
+            target is also matched with a few other shapes.
         pairs: sources and targets by their names, or "all".
         neighbours: number of shapes with similar spectra to match each shape with; all shapes are connected.
-        options: of every match; no landmarks and no initial map.
-        engine: what does the work; this process if it is not given, see `collection.engine.local_engine`.
-        cache: folder in which prepared shapes are kept.
-        agree: whether candidates are chosen together.
-        carries: whether all shapes are read by Blender, which then can carry data from one to the other; .blend and
-            .fbx are in any case.
-        blender: the program, see `mesh.blender_files.blender_command`.
-        progress: called with the progress, see `zoomout_core.progress`.
+        options: options of every match, without landmarks or an initial map.
+        engine: runs the tasks, see `collection.engine.local_engine`; None for this process.
+        cache: folder of prepared shapes.
+        agree: whether to choose candidates that agree with each other.
+        carries: whether Blender reads all shapes, so that it can transfer data between them. It always reads .blend and
+            .fbx.
+        blender: Blender's program, see `mesh.blender_files.blender_command`.
+        progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
-        MeshError: no choice of pairs, or an unknown name.
+        MeshError: no pairs are chosen, or a name is unknown.
         ImportError: the engine needs a package that is missing.
 
     Example:
@@ -227,11 +227,11 @@ def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
 
 
 class _Run:
-    """A collection on its way.
+    """A collection that is being matched.
 
     Attributes:
         prepared: the shapes that are ready.
-        records: of the pairs that are matched.
+        records: the records of the pairs matched so far.
         failures: what failed and why.
     """
 
@@ -257,7 +257,7 @@ class _Run:
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
 
     def prepare_and_match(self, pairs: Sequence[PairName] | None) -> None:
-        """Prepare all shapes, and match pairs if it is known which."""
+        """Prepare all shapes, and match the pairs that are already known."""
         tasks = [self._preparing(item) for item in self.items.values()]
         tasks += [self._matching(pair, None) for pair in pairs or ()]
         self._complete(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
@@ -281,7 +281,7 @@ class _Run:
         return Task(f"match {pair}", match_pair, (pair, items, beginning, self._place), after)
 
     def _complete(self, tasks: Sequence[Task], pairs: int, title: str) -> None:
-        """Run tasks and take in what they make."""
+        """Run tasks and record their results."""
         kinds: Counter[str] = Counter()
         names = {task.key: task.arguments[0] for task in tasks}
         failed_pairs: dict[PairName, str] = {}
@@ -294,7 +294,7 @@ class _Run:
         for done in run_tasks(self._engine, tasks, title_of):
             kinds[self._take_in(names[done.key], done.result, failed_pairs)] += 1
         for pair, message in failed_pairs.items():
-            if not any(name in self.failures for name in pair):  # else its shape is named
+            if not any(name in self.failures for name in pair):  # else the failure names the shape
                 self.failures[str(pair)] = message
 
     def _take_in(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
@@ -319,7 +319,7 @@ class _Run:
         return "matched"
 
     def unsure_pairs(self) -> list[PairName]:
-        """Pairs that tell more where a map from the template is unsure: with shapes that are alike and sure."""
+        """Pairs of shapes whose map from the template is uncertain with similar shapes whose map is certain."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
         unsure = [name for name in self.items if certainty.get(name, 1.0) < MIN_TEMPLATE_CERTAINTY]
         sure = [name for name in self.items if certainty.get(name, 0.0) >= MIN_TEMPLATE_CERTAINTY]
@@ -331,7 +331,7 @@ class _Run:
     def agreement(self) -> Agreement | None:
         """The candidates that agree best; None where no three shapes are matched with each other."""
         maps: dict[PairName, CandidateMaps] = {}
-        for pair in pairs_in_cycles(sorted(self.records)):  # whatever ended first
+        for pair in pairs_in_cycles(sorted(self.records)):  # sorted, so that the order of completion does not matter
             try:
                 maps[pair] = load_candidate_maps(self.folder / place_of_map(pair))
             except (FileNotFoundError, ArrayFileError) as error:
@@ -340,7 +340,7 @@ class _Run:
         return found if found.before else None
 
     def beginnings(self, agreement: Agreement) -> dict[PairName, Beginning]:
-        """Starts for pairs whose maps do not agree with the others."""
+        """Starting points for pairs whose maps do not agree with the others."""
         found = {}
         for pair, record in self.records.items():
             candidate, third = agreement.candidate.get(pair, 0), agreement.through.get(pair)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps that agree: of the candidates of each pair the one that closes cycles, so that a flip is outvoted.
+"""Maps that agree: choose the candidate of each pair that closes cycles, so that a flip is outvoted.
 
-Around three shapes the maps of a collection should lead back to where they began. Each pair has several candidates,
-such as the map with left and right exchanged; those are chosen together that are likely by themselves and close the
-cycles that they are part of. Where none of a pair's own does, the map through a third shape is a candidate, too.
+Around three shapes, the maps of a collection should return to their start. Each pair has several candidates, such as
+the map with left and right exchanged. They are chosen together, so that they are likely by themselves and close their
+cycles. If no candidate of a pair does, the map through a third shape becomes one.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ class CycleTuning(Tuning, set_by="collection"):
 
     Attributes:
         open: mean error of a cycle at which its cost saturates.
-        closed: mean error that right maps have, as samples are as far apart.
-        weight: of an open cycle against the logarithm of a candidate's probability.
-        min_certainty: of any candidate, so that the others can outvote the surest.
-        turned_inside_out: what of its probability a candidate keeps that treats the orientation unlike the first.
+        closed: mean error of correct maps, which comes from the spacing of the samples.
+        weight: weight of an open cycle relative to the logarithm of a candidate's probability.
+        min_certainty: minimum probability of a candidate, so that even the most certain one can be outvoted.
+        turned_inside_out: factor on the probability of a candidate that treats the orientation unlike the first.
         composed: probability of a map through a third shape.
-        gain: smallest saving of a change, so that equal candidates stay.
-        cycles: of a pair at most, the surest.
-        rounds: over all pairs, at most.
+        gain: minimum cost reduction of a change, so that ties change nothing.
+        cycles: maximum number of cycles per pair; the most certain are kept.
+        rounds: maximum number of passes over all pairs.
     """
 
     open: float = tuned(0.15, "at unit area", 1e-3, 10)
@@ -56,13 +56,12 @@ class Agreement:
     """The candidates of a collection's pairs that agree best.
 
     Attributes:
-        candidate: of each pair; one beyond those that it has is a map through a third shape.
-        through: that shape, of the pairs that have one.
-        maps: the candidates of each pair, those through third shapes included.
-        before: mean error of the cycles that each pair is part of, at unit area, with the most likely candidates; only
-            of pairs that are part of one.
-        after: the same with these candidates.
-        certainty: probability of each pair's candidate, as its cycles leave it.
+        candidate: number of each pair's candidate; one past the pair's own means a map through a third shape.
+        through: that third shape, for pairs mapped through one.
+        maps: the candidates of each pair, including those through third shapes.
+        before: mean cycle error of each pair at unit area, with the most likely candidates; only for pairs in a cycle.
+        after: the same with the chosen candidates.
+        certainty: probability of each pair's candidate, given its cycles.
     """
 
     candidate: dict[PairName, int]
@@ -79,11 +78,11 @@ class Agreement:
 
 
 def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], ShapeSummary]) -> Agreement:
-    """Choose a candidate for each pair of a collection, so that as many cycles as can be close.
+    """Choose a candidate for each pair of a collection, so that as many cycles as possible close.
 
     Args:
         maps: the candidates of each pair, the most likely first.
-        shape: that of a name.
+        shape: returns the summary of the shape with a name.
     """
     votes = _Votes(dict(maps), shape)
     first = dict.fromkeys(maps, 0)
@@ -103,7 +102,7 @@ def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], Shap
 
 @dataclass(eq=False)
 class _Votes:
-    """The cycles of some pairs, and what choices of their candidates cost."""
+    """The cycles of some pairs, and the costs of choosing their candidates."""
 
     maps: dict[PairName, CandidateMaps]
     shape: Callable[[str], ShapeSummary]
@@ -118,7 +117,7 @@ class _Votes:
         }
 
     def error_around(self, cycle: Triangle, labels: Mapping[PairName, int]) -> float:
-        """Mean distance, at unit area, by which a cycle misses where it began, from each of its corners."""
+        """Mean distance, at unit area, between the start and end of a cycle, from each of its corners."""
         chosen = labels[cycle[0]], labels[cycle[1]], labels[cycle[2]]
         if (cycle, chosen) not in self._known:
             self._known[cycle, chosen] = self._measure(cycle, labels)
@@ -135,7 +134,7 @@ class _Votes:
         return float(np.mean(errors))
 
     def _map(self, start: str, end: str, labels: Mapping[PairName, int]) -> Integers:
-        """(s,) for each sample of one shape a sample of the other."""
+        """(s,) the sample of one shape for each sample of the other."""
         pair = PairName(end, start)
         if pair in self.maps:
             return np.asarray(self.maps[pair].forward[labels[pair]])
@@ -157,7 +156,7 @@ class _Votes:
         return np.where(unlike, CYCLES.turned_inside_out * certainty, certainty)
 
     def certainty(self, pair: PairName, labels: Mapping[PairName, int]) -> float:
-        """Probability of a pair's candidate beside its others, as all the rest stands."""
+        """Probability of a pair's candidate among its candidates, with all other pairs fixed."""
         if not self.cycles_of[pair]:
             return float(self.maps[pair].certainty[labels[pair]])
         costs = self._costs(pair, dict(labels))
@@ -173,7 +172,7 @@ class _Votes:
         return found
 
     def settle(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
-        """Improve labels until no change of one, or of all around a shape, lowers the cost."""
+        """Improve labels until no change of one pair, or of all pairs of a shape, lowers the cost."""
         found = dict(labels)
         of_shape: dict[str, list[PairName]] = {}
         for pair in self.maps:
@@ -186,7 +185,7 @@ class _Votes:
         return found
 
     def _improve(self, pair: PairName, labels: dict[PairName, int]) -> bool:
-        """Give a pair the candidate that costs least; whether it is another one."""
+        """Give a pair the cheapest candidate; returns whether it changed."""
         if not self.cycles_of[pair]:
             return False
         costs = self._costs(pair, labels)
@@ -197,7 +196,7 @@ class _Votes:
         return True
 
     def _costs(self, pair: PairName, labels: dict[PairName, int]) -> Floats:
-        """(m,) what each candidate of a pair costs beside others, as all the rest stands."""
+        """(m,) cost of each candidate of a pair, with all other pairs fixed."""
         now, costs = labels[pair], []
         for number, probability in enumerate(self.prior(pair)):
             labels[pair] = number
@@ -207,11 +206,11 @@ class _Votes:
         return np.array(costs)
 
     def _turn(self, pairs: list[PairName], labels: dict[PairName, int]) -> bool:
-        """Change the candidates of all pairs of a shape together, such as of a flipped one, if that costs less."""
+        """Change the candidates of all pairs of a shape together, such as a flipped one, if that costs less."""
         pairs = [pair for pair in pairs if self.cycles_of[pair]]
         stand = {pair: labels[pair] for pair in pairs}
         now = self._total(pairs, labels)
-        # No choice costs less than one in which all cycles close and each pair has its most likely candidate.
+        # Lower bound of the cost: all cycles close and each pair has its most likely candidate.
         if now - sum(-np.log(self.prior(pair).max()) for pair in pairs) <= CYCLES.gain:
             return False
         for first in pairs:
@@ -228,7 +227,7 @@ class _Votes:
         return False
 
     def _beside(self, first: PairName, other: PairName, labels: dict[PairName, int]) -> int:
-        """The candidate of a pair that agrees best with that of another pair of the same shape, whatever others do."""
+        """The candidate of a pair that agrees best with another pair of the same shape, ignoring all other pairs."""
         shared = [cycle for cycle in self.cycles_of[other] if first in cycle]
         now, costs = labels[other], []
         for number, probability in enumerate(self.prior(other)):
@@ -244,7 +243,7 @@ class _Votes:
         return float(own + sum(self._openness(cycle, labels) for cycle in cycles))
 
     def compose(self, labels: Mapping[PairName, int]) -> dict[PairName, str]:
-        """Give pairs whose cycles stay open a map through a third shape as one more candidate; that shape of each."""
+        """Add a map through a third shape to the candidates of pairs whose cycles stay open; returns these shapes."""
         through = {}
         for pair, cycles in self.cycles_of.items():
             if not cycles or self.error(pair, labels) < CYCLES.open / 2:
@@ -259,7 +258,7 @@ class _Votes:
         return through
 
     def _doubt(self, pair: PairName, third: str, labels: Mapping[PairName, int]) -> float:
-        """How much is in doubt of the maps between a pair and a third shape."""
+        """How uncertain the maps between a pair and a third shape are."""
         legs = [leg for end in pair for leg in (PairName(third, end), PairName(end, third)) if leg in self.maps]
         others = [[cycle for cycle in self.cycles_of[leg] if pair not in cycle] for leg in legs]
         open_ones = sum(
@@ -270,7 +269,7 @@ class _Votes:
 
 
 def pairs_in_cycles(pairs: Sequence[PairName]) -> list[PairName]:
-    """Those of some pairs that are part of a cycle of three."""
+    """The pairs that are part of a cycle of three."""
     return [pair for pair, cycles in _triangles(pairs).items() if cycles]
 
 
@@ -301,6 +300,6 @@ def _corners(cycle: Triangle) -> tuple[str, str, str]:
 
 
 def _third(pair: PairName, cycle: Triangle) -> str:
-    """The shape of a cycle that is not of the pair."""
+    """The shape of a cycle that is not in the pair."""
     (name,) = {name for other in cycle for name in other} - set(pair)
     return name

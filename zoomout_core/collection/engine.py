@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What runs the tasks of a collection: this process, or Dask (Rocklin 2015) on the cores of a machine or of many."""
+"""Engines for the tasks of a collection: this process, or Dask (Rocklin 2015) on one machine or many."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from uuid import uuid4
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
 from zoomout_core.runtime.progress import advance, renaming, stage
 
-# Seconds between two looks at what has ended.
+# Seconds between two checks for finished tasks.
 PATIENCE = 0.05
 # Seconds within which a scheduler must answer.
 CONNECTING = 20
-# Seconds within which a result must arrive that is there: of megabytes at most, and never where its worker was lost.
+# Seconds within which a finished result (megabytes at most) must arrive; it never does if its worker was lost.
 ARRIVING = 60
-# Tasks that a cluster knows of at a time: more than its workers, and few enough that its scheduler keeps up.
+# Tasks submitted to a cluster at a time: more than its workers, and few enough for its scheduler to keep up.
 MAX_UNDER_WAY = 2000
 LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A task that came to nothing; the message says why, in a sentence."""
+    """A failed task; the message says why, in a sentence."""
 
     message: str
 
@@ -39,10 +39,10 @@ class Task:
     """A piece of work.
 
     Attributes:
-        key: unlike that of any other.
-        function: what does it; found by its name in other processes.
-        arguments: of it.
-        after: keys of earlier tasks, the results of which are further arguments.
+        key: unique key.
+        function: does the work; importable by name in other processes.
+        arguments: arguments of the function.
+        after: keys of earlier tasks, whose results are further arguments.
     """
 
     key: str
@@ -53,19 +53,19 @@ class Task:
 
 @dataclass(frozen=True)
 class Done:
-    """A task that has ended, and what it returned: a `Failure`, where it failed."""
+    """A task that has ended, and its result: a `Failure` if it failed."""
 
     key: str
     result: Any
 
 
 class Engine(Protocol):
-    """What runs tasks, each after those that it needs."""
+    """Runs tasks, each after those that it depends on."""
 
     def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Run tasks, and yield each when it has ended; progress is reported while they run.
 
-        A task that fails, or needs one that has, costs itself alone.
+        A failure affects only the task itself and those that depend on it.
         """
         ...
 
@@ -78,9 +78,9 @@ def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]
     """Run tasks, and yield each when it has ended, with the progress of the whole.
 
     Args:
-        engine: that runs them.
+        engine: runs the tasks.
         tasks: the tasks.
-        title: of the progress, by the number of tasks that have ended.
+        title: returns the title of the progress for the number of finished tasks.
     """
     if not tasks:
         return
@@ -94,9 +94,9 @@ def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]
 
 
 def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of a task; a Failure if an argument is one, or if its input is at fault.
+    """The result of a task; a Failure if an argument is one, or if the input is invalid.
 
-    What may go better another time, such as where memory is short, is raised.
+    Errors that may not occur again, such as a lack of memory, are raised.
     """
     failed = next((each for each in arguments if isinstance(each, Failure)), None)
     if failed is not None:
@@ -105,15 +105,15 @@ def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
         return function(*arguments)
     except NotEnoughMemoryError:
         raise
-    except ValueError as error:  # another time it would be the same
+    except ValueError as error:  # a retry would fail alike
         return Failure(str(error))
 
 
 class InThisProcess:
-    """One task after the other; their progress is reported without the titles of their stages.
+    """Runs one task after the other; their progress is reported without the titles of their stages.
 
     Args:
-        retries: how often a task is tried again that failed by something that may pass, such as a lack of memory.
+        retries: how often to retry a task after a failure that may pass, such as a lack of memory.
     """
 
     def __init__(self, retries: int = 0) -> None:
@@ -131,11 +131,11 @@ class InThisProcess:
             yield Done(task.key, results[task.key])
 
     def _result(self, task: Task, arguments: tuple[Any, ...]) -> Any:
-        """The result of a task, with retries after failures that may pass."""
+        """The result of a task, with retries after temporary failures."""
         for tries_left in reversed(range(self._retries + 1)):
             try:
                 return attempt(task.function, *arguments)
-            except Exception as error:  # one task of thousands must not end the others
+            except Exception as error:  # one of thousands of tasks must not end the others
                 if not tries_left:
                     return Failure(sentence_of(error))
         raise AssertionError
@@ -145,8 +145,8 @@ class OnDask:
     """Tasks on the workers of a Dask cluster.
 
     Args:
-        client: of the cluster, a `distributed.Client`.
-        retries: how often a task is tried again whose worker failed, or was lost.
+        client: the cluster's `distributed.Client`.
+        retries: how often to retry a task whose worker failed or was lost.
     """
 
     def __init__(self, client: Any, retries: int = 0) -> None:
@@ -165,7 +165,7 @@ class OnDask:
                 lost.add(done.key)
             else:
                 yield done
-        # A worker that is killed takes what waits for it along, and a cluster cannot tell which task was at fault.
+        # Tasks that wait for a killed worker are lost with it, and the cluster cannot tell which one was at fault.
         failed: dict[str, Failure] = {}
         for task in tasks:
             if task.key in lost:
@@ -179,7 +179,7 @@ class OnDask:
         ahead = deque(_sort_by_need(tasks))
         uses = Counter(key for task in tasks for key in task.after)
         futures: dict[str, Any] = {}
-        under_way: dict[str, str] = {}  # names that the cluster has for tasks, and their keys
+        under_way: dict[str, str] = {}  # keys of tasks by the cluster's names
         waiting = as_completed(loop=self._client.loop)
 
         def release(key: str) -> None:
@@ -206,7 +206,7 @@ class OnDask:
             if not ended:
                 if self._client.status != "running":
                     raise ConnectionError(LOST)
-                advance(0.0)  # where whoever listens may cancel
+                advance(0.0)  # so that a listener can cancel
                 time.sleep(PATIENCE)
 
     def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done]:
@@ -229,9 +229,9 @@ class OnDask:
 
             try:
                 return future.result(timeout=ARRIVING)
-            except TimedOut:  # it went with its worker, such as when the machine slept
+            except TimedOut:  # lost with its worker, such as when the machine slept
                 return _Lost(sentence_of(None))
-            except OSError as cut:  # of the connection: a task's own is in its status
+            except OSError as cut:  # of the connection: an error of the task is in its status
                 raise ConnectionError(LOST) from cut
         error = future.exception() if future.status == "error" else None
         lost = error is None or type(error).__name__ == "KilledWorker"
@@ -240,7 +240,7 @@ class OnDask:
 
 @dataclass(frozen=True)
 class _Lost:
-    """A task that was given up with the worker that had it, whether that was its fault or not."""
+    """A task that was abandoned with its worker, whether or not it was at fault."""
 
     message: str
 
@@ -255,7 +255,7 @@ def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
 
 
 def _sort_by_need(tasks: Sequence[Task]) -> list[Task]:
-    """Sort tasks so that dependencies come right before each, and are soon released."""
+    """Sort tasks so that dependencies come right before each task, and are soon released."""
     task_of = {task.key: task for task in tasks}
     ordered: dict[str, Task] = {}
     for task in sorted(tasks, key=lambda task: not task.after):
@@ -284,7 +284,7 @@ def sentence_of(error: BaseException | None) -> str:
 
 @contextmanager
 def local_engine(workers: int, retries: int) -> Iterator[Engine]:
-    """An engine on this machine: with one worker this process, else a Dask cluster of one process a core.
+    """An engine on this machine: this process for one worker, else a Dask cluster of one process per core.
 
     Raises:
         ImportError: several workers were asked for, and Dask is not installed.
@@ -295,8 +295,8 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     distributed = _import_distributed(retries)
     import dask
 
-    # Each process computes on a core of its own. Dask's own settings would have every array that is let go given back
-    # to the system at once, and taken from it again: 97 s of processor time for 61 (`benchmarks collection-engine`).
+    # Each process computes on a core of its own. Dask's default settings return the memory of every freed array to the
+    # system at once, and request it again: 97 s of processor time instead of 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
     with (
         dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),
@@ -313,11 +313,11 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
 
 @contextmanager
 def remote_engine(address: str, retries: int) -> Iterator[Engine]:
-    """An engine on a Dask cluster that runs, such as one of SLURM or Kubernetes.
+    """An engine on a running Dask cluster, such as one of SLURM or Kubernetes.
 
     Args:
-        address: of its scheduler, such as tcp://10.0.0.1:8786.
-        retries: of a task.
+        address: the scheduler's address, such as tcp://10.0.0.1:8786.
+        retries: how often to retry a task.
 
     Raises:
         ImportError: Dask is not installed.
@@ -337,7 +337,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
 
 
 def _import_distributed(retries: int) -> Any:
-    """The package, set so that a worker which dies costs a task one of its tries."""
+    """The package, configured so that a dying worker uses up one try of its task."""
     try:
         import dask
         import distributed
@@ -346,6 +346,6 @@ def _import_distributed(retries: int) -> Any:
             "Using several processes requires Dask: pip install 'zoomout-core[collections]', or use --workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})
-    # What it says is about its own parts; what failed is in the report.
+    # Its log is about its own parts; failures are in the report.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     return distributed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map of a pair of a collection: made, written whole, and read again where it is there already."""
+"""The map of a pair of a collection: made, written atomically, and read again on the next run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
-# Candidates of a pair that are kept to choose among.
+# Number of candidates kept for each pair.
 MAX_CANDIDATES = 8
-# Confidence below which a vertex counts as doubtful, as the commands say it.
+# Confidence below which the commands call a vertex doubtful.
 LOW = 0.5
 RECORD = "record"
 
@@ -38,13 +38,13 @@ class PairName(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CandidateMaps:
-    """The maps of a pair that were found, between the samples of both shapes; the chosen one was the most likely.
+    """The candidate maps of a pair, between the samples of both shapes, most likely first.
 
     Attributes:
-        forward: (m, s_t) for each sample of the target one of the source.
-        backward: (m, s_s) for each sample of the source one of the target.
-        certainty: (m,) probability of each among those that treat the orientation as it does.
-        reverses_orientation: (m,).
+        forward: (m, s_t) the source sample of each sample of the target.
+        backward: (m, s_s) the target sample of each sample of the source.
+        certainty: (m,) probability of each among the candidates that treat the orientation alike.
+        reverses_orientation: (m,) whether each reverses the orientation.
     """
 
     forward: Integers
@@ -53,7 +53,7 @@ class CandidateMaps:
     reverses_orientation: Booleans
 
     def with_another(self, forward: Integers, backward: Integers) -> CandidateMaps:
-        """These, and one more map at the end, of which nothing is known."""
+        """These, with one more map at the end, whose properties are unknown."""
         return CandidateMaps(
             np.vstack([self.forward, forward]),
             np.vstack([self.backward, backward]),
@@ -64,20 +64,20 @@ class CandidateMaps:
 
 @dataclass(frozen=True)
 class PairRecord:
-    """How the match of a pair went, as JSON can hold it.
+    """How the match of a pair went, in values that JSON can store.
 
     Attributes:
-        key: a hash of both files and of the options.
-        certainty: probability that it is right as a whole.
-        mean_confidence: of its vertices.
-        low_confidence: share of the vertices whose confidence is low.
-        share_without_partner: of the target's area.
-        source_share_without_partner: of the source's.
+        key: a hash of both files and the options.
+        certainty: probability that the map is right as a whole.
+        mean_confidence: mean confidence of its vertices.
+        low_confidence: share of the vertices with low confidence.
+        share_without_partner: share of the target's area without a partner.
+        source_share_without_partner: share of the source's area without a partner.
         candidates: how many maps were found.
         candidate: which of them this is.
-        through: the shape that a map was composed through, where none of the candidates agreed with the others.
+        through: the shape that the map was composed through, if no candidate agreed with the other pairs.
         notes: sentences for the user.
-        seconds: that it took.
+        seconds: duration of the match.
     """
 
     key: str
@@ -151,7 +151,7 @@ def load_candidate_maps(path: Path) -> CandidateMaps:
 
 
 def candidate_maps_of(result: MatchResult, summaries: tuple[ShapeSummary, ShapeSummary]) -> CandidateMaps:
-    """The candidates of a match, between the samples that the shapes of a collection are known by."""
+    """The candidates of a match, as maps between the samples of the shape summaries."""
     candidates = result.candidates[:MAX_CANDIDATES]
     there = [_between_samples(result.pair, each, summaries) for each in candidates]
     return CandidateMaps(
@@ -165,10 +165,10 @@ def candidate_maps_of(result: MatchResult, summaries: tuple[ShapeSummary, ShapeS
 def _between_samples(
     pair: Pair, candidate: Candidate, summaries: tuple[ShapeSummary, ShapeSummary]
 ) -> tuple[Integers, Integers]:
-    """A candidate as maps between the samples that the shapes of a collection are known by, both ways.
+    """A candidate as maps between the samples of the shape summaries, in both directions.
 
-    The match may have taken another body of a shape than was prepared, such as a skin around it; then samples go by
-    what is nearest.
+    The match may have used another body of a shape than was prepared, such as a skin around it. Then samples are
+    assigned to the nearest vertices.
     """
     shapes = pair.source_shape, pair.target_shape
     search = [each.search for each in shapes]
@@ -183,7 +183,7 @@ def _between_samples(
 
 
 def _at_samples(summary: ShapeSummary, numbers: Integers, images: Integers) -> Integers:
-    """(s,) images at all samples of a shape, of those (q,) at samples with numbers (q,)."""
+    """(s,) images at all samples of a shape, from the images (q,) at samples with numbers (q,)."""
     if np.array_equal(numbers, np.arange(len(summary.samples))):
         return images
     near = cKDTree(summary.points[numbers]).query(summary.points)[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which pairs of a collection are matched."""
+"""Choose the pairs of a collection to match."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.mesh.surface import MeshError
 
-# Eigenvalues that shapes are compared by: the constant function's is zero for all.
+# Eigenvalues used to compare shapes: the first, of the constant function, is always zero.
 COMPARED = slice(1, 40)
 # Distance between two equal shapes: positive, so that a spanning tree sees their edge.
 SMALLEST = 1e-12
@@ -33,11 +33,11 @@ def all_pairs(names: Sequence[str]) -> list[PairName]:
 
 
 def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> list[PairName]:
-    """Each shape with those most alike, and what else it takes to join all of them.
+    """Each shape with the most similar ones, and further pairs that connect all shapes.
 
     Args:
-        eigenvalues: (k,) of each shape, by its name.
-        neighbours: how many each shape is matched with, beside those that choose it.
+        eigenvalues: (k,) of each shape, by name.
+        neighbours: how many shapes to choose for each shape; others may choose it as well.
     """
     names = list(eigenvalues)
     if len(names) < 2:
@@ -47,7 +47,7 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
     nearest = np.argsort(distances, axis=1, kind="stable")[:, : min(neighbours, len(names) - 1)]
     chosen = {(min(i, int(j)), max(i, int(j))) for i in range(len(names)) for j in nearest[i]}
     np.fill_diagonal(distances, 0.0)
-    # A tree of the least distances joins all, and most of it is among the nearest anyway.
+    # A minimum spanning tree connects all shapes; most of its edges join nearest neighbours anyway.
     tree = minimum_spanning_tree(csr_array(np.maximum(distances, SMALLEST))).tocoo()
     chosen |= {(min(i, j), max(i, j)) for i, j in zip(tree.row.tolist(), tree.col.tolist(), strict=True)}
     return [PairName(names[i], names[j]) for i, j in sorted(chosen)]
@@ -60,9 +60,9 @@ def pairs_between(
 
     Args:
         unsure: names of shapes.
-        sure: names of others.
+        sure: names of other shapes.
         eigenvalues: (k,) of each shape, by its name.
-        most: how many of the sure ones for each.
+        most: how many sure shapes for each.
     """
     distances = unlikeness([eigenvalues[name] for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
     nearest = np.argsort(distances, axis=1, kind="stable")[:, :most]
@@ -70,17 +70,17 @@ def pairs_between(
 
 
 def unlikeness(eigenvalues: Sequence[Floats]) -> Floats:
-    """(c, c) mean difference of the logarithms of the shapes' eigenvalues: they grow linearly, by Weyl's law."""
+    """(c, c) mean difference of the logarithms of the shapes' eigenvalues, which grow linearly by Weyl's law."""
     count = min(min(len(each) for each in eigenvalues), COMPARED.stop)
     logarithms = np.log(np.maximum([each[COMPARED.start : count] for each in eigenvalues], SMALLEST))
     return np.asarray(cdist(logarithms, logarithms, "cityblock") / max(count - COMPARED.start, 1))
 
 
 def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
-    """The pairs of a file: a source and a target a line, by their names or by those of their files.
+    """The pairs in a file: a source and a target per line, by name or file name.
 
     Raises:
-        MeshError: the file cannot be read, a line has not two names, or a name is of no shape.
+        MeshError: the file cannot be read, a line does not have two names, or a name is unknown.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small pictures of the shapes of a collection, coloured through their maps: same colours correspond."""
+"""Small pictures of the shapes of a collection, coloured through their maps: equal colours correspond."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from zoomout_core.mesh.surface import Surface
 if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult
 
-# Pixels of a picture on each side, and vertices of a surface that is drawn in it.
+# Pixels of a picture per side, and the most vertices of a surface to draw.
 PIXELS, MAX_VERTICES = 180, 6_000
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A shape as it is drawn.
+    """A drawn shape.
 
     Attributes:
-        png: the picture.
-        colors: (n, 3) of its vertices, 0 to 255.
+        png: content of the PNG file.
+        colors: (n, 3) colours of its vertices, 0 to 255.
     """
 
     png: bytes
@@ -45,11 +45,11 @@ class Picture:
 
 
 def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Task]:
-    """What draws all shapes that a map joins to others: each after the one whose colours it takes.
+    """Tasks that draw all shapes with a map: each after the shape that it takes its colours from.
 
     Args:
         result: the collection.
-        root: the shape whose places have colours of their own, such as a template; the one with most maps if not given.
+        root: the shape that is coloured by position, such as a template; the one with most maps if not given.
     """
     tasks = []
     for name, parent in color_tree(list(result.records), result.records, root):
@@ -66,7 +66,7 @@ def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Tas
 
 
 def draw(result: CollectionResult, root: str | None, engine: Engine) -> dict[str, bytes]:
-    """PNG files of all shapes that a map joins to others, by their names, see `picture_tasks`; what fails has none."""
+    """PNG files of all shapes with a map, by name, see `picture_tasks`; a shape that fails is left out."""
     tasks = picture_tasks(result, root)
     found: dict[str, bytes] = {}
     for done in run_tasks(engine, tasks, lambda _: f"Drawing {len(found)} of {len(tasks)}"):
@@ -78,7 +78,7 @@ def draw(result: CollectionResult, root: str | None, engine: Engine) -> dict[str
 def color_tree(
     pairs: Sequence[PairName], records: Mapping[PairName, PairRecord], root: str | None
 ) -> list[tuple[str, str | None]]:
-    """Each shape, and the one through whose map it is coloured: along the tree of the surest maps, from the root on."""
+    """Each shape and the shape that it takes its colours from, along the tree of the most certain maps."""
     beside: dict[str, list[tuple[str, float]]] = {}
     for pair in pairs:
         for one, other in ((pair.source, pair.target), (pair.target, pair.source)):
@@ -109,11 +109,11 @@ def draw_picture(
     """Draw a shape.
 
     Args:
-        path: its file.
-        parent_path: the file of the shape whose colours it takes; None for places' own.
-        map_file: of the map between the two.
-        forward: whether that leads from this shape to the other.
-        parent: how that was drawn.
+        path: the shape's file.
+        parent_path: the file of the shape that it takes its colours from; None to colour it by position.
+        map_file: file of the map between the two.
+        forward: whether the map leads from this shape to the other.
+        parent: the drawn parent.
     """
     surface = as_surface(read_shape(path))
     if parent is None or parent_path is None or map_file is None:
@@ -129,7 +129,7 @@ def draw_picture(
 
 
 def _draw(surface: Surface, colors: Floats) -> bytes:
-    """A PNG of a surface with colours (n, 3)."""
+    """Draw a surface with colours (n, 3) as a PNG."""
     from matplotlib.figure import Figure
 
     from zoomout_core.plotting import draw_surface

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a collection went: `report.json` for programs, and `report.html`, one page that opens in any browser."""
+"""Report on a collection: `report.json` for programs, and `report.html`, one page that opens in any browser."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from zoomout_core.collection.pair_map import PairName, PairRecord
 from zoomout_core.runtime.outputs import atomic_write
 
 REPORT, PAGE = "report.json", "report.html"
-# Pairs in the table of what to look at first.
+# Maximum pairs in the table of pairs to check first.
 MAX_ROWS = 100
 # Smallest certainty of a map that the commands call sure.
 SURE = 0.9
 
 
 def trust(result: CollectionResult, pair: PairName) -> float:
-    """How far to trust a pair's map as a whole, in [0, 1]: its certainty, beside what the cycles around it say."""
+    """How far to trust a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
     certainty, agreement = result.records[pair].certainty, result.agreement
     if agreement is None or pair not in agreement.after:
         return certainty
-    # A map that was composed or chosen by the others has little certainty by itself.
+    # A map that was composed, or chosen by other pairs, has little certainty by itself.
     own = agreement.certainty[pair] if agreement.candidate[pair] else certainty
     openness = (agreement.after[pair] - CYCLES.closed) / (CYCLES.open - CYCLES.closed)
     return own * (1 - min(1.0, max(0.0, openness)) / 2)
 
 
 def figures_of_collection(result: CollectionResult, received: Mapping[str, list[str]] | None = None) -> dict[str, Any]:
-    """How a collection went, as JSON can hold it: pairs by trust, the least first.
+    """How a collection went, in values that JSON can store; pairs are sorted by trust, lowest first.
 
     Args:
         result: the collection.
@@ -71,7 +71,7 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
 
 
 def lines_of_collection(result: CollectionResult) -> list[str]:
-    """Sentences for the user about a collection."""
+    """Summarise a collection in sentences for the user."""
     records, agreement = result.records, result.agreement
     unsure = sum(trust(result, pair) < SURE for pair in records)
     lines = [
@@ -96,7 +96,7 @@ def write_reports(
 
     Args:
         result: the collection.
-        pictures: PNG files of its shapes, by their names.
+        pictures: PNG files of its shapes, by name.
         received: of a transfer the notes on each target.
 
     Raises:
@@ -110,14 +110,14 @@ def write_reports(
 
 
 def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
-    """The page of a collection, with all that it shows."""
+    """The HTML page of a collection."""
     least: dict[str, tuple[float, PairName]] = {}
     for pair in result.records:
-        # In a template's collection a shape is known by its own map, elsewhere by its least certain one.
+        # With a template, each shape is shown with the map onto it; otherwise with its least certain map.
         for name in (pair.target,) if _template_of(result) == pair.source else pair:
             least[name] = min(least.get(name, (2.0, pair)), (trust(result, pair), pair))
     order = sorted(least, key=lambda name: least[name][0])
-    # Those that no map is shown of, such as a template, come before the others.
+    # Shapes without a map of their own, such as a template, come first.
     cards = [_card(name, None, None, None, pictures[name]) for name in pictures if name not in least]
     cards += [_card(name, *least[name], result.records[least[name][1]], pictures.get(name)) for name in order]
     rows = sorted(result.records, key=lambda pair: (trust(result, pair), pair))[:MAX_ROWS]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shapes of a collection: files, each prepared once, and summaries to compare maps by."""
+"""The shapes of a collection: files that are each prepared once, and summaries for comparing maps."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Item:
     """A file of a collection.
 
     Attributes:
-        name: of the shape, unlike that of any other.
-        path: of the file that its surface is read from.
-        original: the file that Blender read that surface from, and carries data from or onto; None for `path` itself.
+        name: unique name of the shape.
+        path: the file that its surface is read from.
+        original: the file that Blender read that surface from and transfers data from or to; None for `path` itself.
     """
 
     name: str
@@ -45,19 +45,19 @@ class Item:
 
     @property
     def file(self) -> Path:
-        """The file of this shape that there was before."""
+        """The user's file of this shape."""
         return self.path if self.original is None else self.original
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeSummary:
-    """What of a prepared shape maps are compared by.
+    """The part of a prepared shape that maps are compared by.
 
     Attributes:
         key: a hash of the file's content.
-        samples: (s,) vertices of the surface.
-        points: (s, 3) where they are.
-        distances: (d, s) geodesic distances, at unit area, from the first samples to all.
+        samples: (s,) sampled vertices of the surface.
+        points: (s, 3) their positions.
+        distances: (d, s) geodesic distances at unit area from the first d samples to all.
         eigenvalues: (k,).
     """
 
@@ -76,13 +76,13 @@ class ShapeSummary:
         return np.where(one == other, 0.0, self.distances[self._nearest_distance_sample[one], other])
 
     def number_of(self, vertices: Integers, surface: Surface) -> Integers:
-        """(q,) the samples that vertices (q,) of the surface are, or that are nearest to them."""
+        """(q,) number of the sample at, or nearest to, each of some vertices (q,) of the surface."""
         if np.array_equal(vertices, self.samples):
             return np.arange(len(vertices))
         return np.asarray(cKDTree(self.points).query(surface.vertices[vertices])[1])
 
     def as_arrays(self) -> dict[str, Any]:
-        """What `from_arrays` makes the same of."""
+        """Arrays that `from_arrays` restores this from."""
         return {
             "key": np.frombuffer(bytes.fromhex(self.key), dtype=np.uint8),
             "samples": self.samples,
@@ -93,12 +93,12 @@ class ShapeSummary:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, Any]) -> ShapeSummary:
-        """The shape that `as_arrays` was of."""
+        """Restore a summary from `as_arrays`."""
         return cls(**{**arrays, "key": arrays["key"].tobytes().hex()})
 
     @classmethod
     def load(cls, path: Path) -> ShapeSummary:
-        """The shape of a file that was written from `as_arrays`.
+        """Read a summary from a file that was written from `as_arrays`.
 
         Raises:
             ArrayFileError: it is no such file.
@@ -110,10 +110,10 @@ class ShapeSummary:
 
 
 def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
-    """Files as items of a collection, each named after its file, with its ending where several would be called alike.
+    """Turn files into items of a collection, named by file; with extension if names would be equal.
 
     Raises:
-        MeshError: two files of the same name and ending.
+        MeshError: two files have the same name and extension.
     """
     files = [Path(path) for path in paths]
     stems = [path.stem for path in files]
@@ -127,16 +127,16 @@ def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
 
 
 def content_key(content: bytes) -> str:
-    """A name for the content of a file."""
+    """A hash of the content of a file."""
     return blake2b(content, digest_size=16).hexdigest()
 
 
 @on_one_blas_thread
 def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
-    """Prepare the shape of a file as a match with these options would, and say what maps of it are compared by.
+    """Prepare the shape of a file as a match with these options would, and summarise it.
 
     Raises:
-        MeshError: the file cannot be read, or its shape not be matched.
+        MeshError: the file cannot be read, or its shape cannot be matched.
     """
     surface = as_surface(read_shape(path))
     cached_working_mesh(surface)
@@ -149,7 +149,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
 
 
 def summary_of(surface: Surface, shape: ShapeAnalysis, key: str) -> ShapeSummary:
-    """What maps of a prepared shape are compared by."""
+    """Summarise a prepared shape."""
     samples = surface_vertices(shape, shape.search.samples)
     return ShapeSummary(
         key,
@@ -161,6 +161,6 @@ def summary_of(surface: Surface, shape: ShapeAnalysis, key: str) -> ShapeSummary
 
 
 def spread_from_samples(surface: Surface, samples: Integers, images: Integers) -> Integers:
-    """(n,) for each vertex of a surface the image (s,) of the nearest of its samples (s,), as a start for a map."""
+    """(n,) for each vertex the image of the nearest sample, to start a map from images (s,) of samples (s,)."""
     near = cKDTree(surface.vertices[samples]).query(surface.vertices)[1]
     return np.asarray(images[near])

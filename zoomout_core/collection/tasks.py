@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tasks of a collection: prepare a shape, match a pair. What each makes is written whole, and found again.
+"""The tasks of a collection: prepare a shape, match a pair. Results are written atomically, and reused.
 
-Where workers see the folder of results they write there themselves. Where they do not, files go to them and come back
-with the tasks, and each keeps what it prepares in a folder of its own.
+Workers with access to the folder of results write there themselves. Otherwise files are sent to them and return with
+the tasks, and each worker keeps prepared shapes in a folder of its own.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import atomic_write
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
-# Folders of workers that do not see the results: prepared shapes to send, and received ones.
+# Folders of workers without access to the results: prepared shapes to send, and received ones.
 PREPARED, CACHE = "prepared", "cache"
-# Bytes that the prepared shapes of a collection take at most: a thousand of the usual size.
+# Maximum bytes of a collection's prepared shapes: a thousand of the usual size.
 MAX_BYTES = 16 << 30
 
 
@@ -52,10 +52,10 @@ class Workplace:
     """Where and how tasks work.
 
     Attributes:
-        results: the folder of the results; None where workers do not see it.
-        cache: the folder in which prepared shapes are kept for all workers; None to leave that as it is.
-        options: of every match.
-        token: a name for what workers keep to themselves.
+        results: the folder of the results; None if workers have no access to it.
+        cache: the folder of prepared shapes for all workers; None for the current one.
+        options: options of every match.
+        token: names the private folder of each worker.
     """
 
     results: Path | None
@@ -65,34 +65,34 @@ class Workplace:
 
     @property
     def folder(self) -> Path:
-        """Where this worker writes: where none sees the results, to a folder of its own that goes with it."""
+        """Where this worker writes: the results, or a private folder that is removed with the worker."""
         return self.results if self.results is not None else _folder_of_worker() / f"zoomout-{self.token}"
 
     def storing(self, of: str = "") -> AbstractContextManager[None]:
-        """A context in which shapes that are prepared are kept where this workplace says.
+        """A context in which prepared shapes are stored as this workplace says.
 
         Args:
-            of: the shape that is prepared to be sent on, which is kept apart.
+            of: name of a shape that is prepared for sending, which is stored separately.
         """
         cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
         return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 
     def key(self, *parts: object) -> str:
-        """A name for what comes of some inputs by the options and the version of this package."""
+        """A hash of some inputs, the options and the version of this package."""
         options = sorted((name, repr(value)) for name, value in vars(self.options).items())
         return content_key(repr((parts, options, package_version())).encode())
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A shape that is ready to be matched.
+    """A prepared shape.
 
     Attributes:
-        name: of the shape.
+        name: name of the shape.
         key: a hash of its file's content.
         eigenvalues: (k,).
-        seconds: that it took; 0 where it was prepared before.
-        content: files, by their place in the workplace's folder, where workers share none.
+        seconds: duration; 0 if it was prepared before.
+        content: files by their path in the workplace's folder, if workers share none.
     """
 
     name: str
@@ -104,13 +104,13 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A pair that is matched.
+    """A matched pair.
 
     Attributes:
         pair: its shapes.
-        record: how it went.
-        new: whether it was matched now, rather than found.
-        content: files, as of `Prepared`.
+        record: how the match went.
+        new: whether it was matched now, not found in the folder.
+        content: files, as in `Prepared`.
     """
 
     pair: PairName
@@ -121,13 +121,13 @@ class Matched:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """The start of a map, in place of the shapes alone.
+    """A starting point of a map, instead of matching from the shapes alone.
 
     Attributes:
         candidate: the number of the candidate to take.
-        through: or the shape that leads to a better map than any candidate.
-        samples: (s,) vertices of the target, where it is known.
-        images: (s,) the vertices of the source that these go to.
+        through: or the shape to compose a map through, which is better than any candidate.
+        samples: (s,) vertices of the target with known images.
+        images: (s,) the vertices of the source that these map to.
     """
 
     candidate: int = 0
@@ -136,30 +136,30 @@ class Beginning:
     images: Integers | None = None
 
     def is_start_of(self, record: PairRecord) -> bool:
-        """Whether this is what a map was begun from."""
+        """Whether a map was started from this."""
         return (record.candidate, record.through) == (self.candidate, self.through)
 
 
 def place_of_shape(name: str) -> Path:
-    """Where in the results a shape's summary is."""
+    """Path of a shape's summary in the results."""
     return Path(SHAPES) / f"{name}.npz"
 
 
 def place_of_map(pair: PairName) -> Path:
-    """Where in the results a pair's map is."""
+    """Path of a pair's map in the results."""
     return Path(MAPS) / pair.source / f"{pair.target}.npz"
 
 
 def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
-    """Prepare a shape, once and for all of its pairs.
+    """Prepare a shape once for all of its pairs.
 
     Args:
         item: its file.
-        content: of the file, where workers do not see it.
+        content: content of the file, if workers have no access to it.
         place: where to work.
 
     Raises:
-        MeshError: it cannot be read, or not be matched.
+        MeshError: it cannot be read or matched.
     """
     began = perf_counter()
     path = item.path
@@ -191,18 +191,18 @@ def match_pair(
     source: Prepared,
     target: Prepared,
 ) -> Matched:
-    """Match a pair, unless its map is there already.
+    """Match a pair, unless its map exists.
 
     Args:
         pair: its names.
         items: its files.
-        beginning: what its map is begun from; None for the shapes alone, or for whatever was chosen before.
+        beginning: the starting point of its map; None for the shapes alone, or for the earlier choice.
         place: where to work.
-        source: as it was prepared.
-        target: as it was prepared.
+        source: the prepared source.
+        target: the prepared target.
 
     Raises:
-        MeshError: a file cannot be read, or not be matched.
+        MeshError: a file cannot be read or matched.
     """
     for shape in (source, target):
         for name, content in shape.content.items():
@@ -230,7 +230,7 @@ def match_pair(
         ShapeSummary.load(place.folder / place_of_shape(pair.target)),
     )
     through = "" if beginning is None else beginning.through
-    # What there was to choose among stays the same, so that the next run chooses alike.
+    # Keep the earlier candidates, so that the next run makes the same choice.
     candidates = earlier or candidate_maps_of(result, summaries)
     arrays = arrays_of(result, candidates, key, perf_counter() - began, through)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -241,10 +241,10 @@ def match_pair(
 
 
 def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
-    """Transfer a source's data to a target, by their map in a file; returns notes for the user.
+    """Transfer a source's data to a target by their map file; returns notes for the user.
 
     Raises:
-        MeshError: there is nothing to carry, or a file cannot be read or written.
+        MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
     assets = read_asset(source), read_asset(target)
     known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
@@ -255,7 +255,7 @@ def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kind
 
 
 def _folder_of_worker() -> Path:
-    """The folder that a worker of Dask removes when it ends; elsewhere the folder of temporary files."""
+    """The folder that a Dask worker removes when it ends; in other processes the temporary folder."""
     if "distributed" in sys.modules:
         with suppress(ValueError):  # this process is no worker
             return Path(sys.modules["distributed"].get_worker().local_directory)
@@ -263,7 +263,7 @@ def _folder_of_worker() -> Path:
 
 
 def _place_of_input(item: Item, place: Workplace) -> Path:
-    """The local copy of a file for a worker that does not see it."""
+    """Path of the local copy of a file, for a worker without access to it."""
     return place.folder / "inputs" / item.name / item.path.name
 
 
@@ -272,7 +272,7 @@ def _path_of(item: Item, place: Workplace, shape: Prepared) -> Path:
 
 
 def _known_shape(path: Path, key: str) -> ShapeSummary | None:
-    """The stored summary of the same content; None if it is of another one or cannot be read."""
+    """The stored summary; None if its content differs or it cannot be read."""
     try:
         summary = ShapeSummary.load(path)
     except (FileNotFoundError, ArrayFileError):
@@ -281,7 +281,7 @@ def _known_shape(path: Path, key: str) -> ShapeSummary | None:
 
 
 def _known_record(path: Path, key: str) -> PairRecord | None:
-    """How a pair went that was matched before, of the same contents in the same way."""
+    """The record of an earlier match of the same contents with the same options."""
     try:
         record = PairRecord.load(path)
     except (FileNotFoundError, ArrayFileError):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of a collection that Blender reads and writes: each is read once, as a surface that is kept, and carried onto.
+"""Files of a collection that Blender reads and writes: each is read once and stored as a surface.
 
-What Blender carries data onto it must have read, too, since it numbers vertices and triangles in its own way. So where
-it carries, it reads all files that it knows; others are handed to it as what is read of them here.
+Blender numbers vertices and triangles in its own way, so it must also read the files that it transfers data to. If it
+transfers data, it reads all files of known formats; other files are read here and passed on to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from zoomout_core.mesh.surface import MeshError
 
 # Folders of the results: surfaces that Blender read, and records of its transfers.
 SURFACES, CARRIED = "surfaces", "carried"
-# The extension's names for the kinds of data.
+# The extension's names of the kinds of data.
 DATA = {
     UV: "uv_maps",
     COLOR: "color_attributes",
@@ -36,11 +36,11 @@ DATA = {
 
 
 class ReadItems(NamedTuple):
-    """Items as they can be matched.
+    """Items that are ready to be matched.
 
     Attributes:
-        items: those that could be read, by their names.
-        failures: why others could not.
+        items: readable items, by name.
+        failures: why the others could not be read.
     """
 
     items: dict[str, Item]
@@ -48,22 +48,22 @@ class ReadItems(NamedTuple):
 
 
 def is_of_blender(path: Path) -> bool:
-    """Whether a file is read through Blender alone."""
+    """Whether only Blender can read a file."""
     return path.suffix.lower() in ENDINGS
 
 
 def read_items(
     items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
 ) -> ReadItems:
-    """Have Blender read those files that need it, unless their surfaces are there already.
+    """Read the files that need Blender, unless their surfaces are stored already.
 
     Args:
-        items: by their names.
-        folder: of the results.
-        template: the name of the shape that has the data, which is read as its modifiers leave it.
-        carries: whether Blender is to carry data onto all.
-        program: Blender's, see `blender_command`.
-        engine: what does the work, if it sees the files.
+        items: items by name.
+        folder: folder of the results.
+        template: the name of the shape with the data, which is read with its modifiers applied.
+        carries: whether Blender will transfer data to all.
+        program: Blender's program, see `blender_command`.
+        engine: runs the tasks, if it has access to the files.
     """
     chosen = [each for each in items.values() if (carries or is_of_blender(each.path)) and each.path.is_file()]
     found, tasks = dict(items), []
@@ -88,10 +88,10 @@ def read_items(
 
 
 def read_item(path: Path, role: str, output: Path, known: bool, program: str | None) -> None:
-    """Write the surface of a file, by Blender where it knows the format.
+    """Write the surface of a file, using Blender if it knows the format.
 
     Raises:
-        MeshError: it cannot be read, or there is no Blender.
+        MeshError: the file cannot be read, or Blender is missing.
     """
     if known:
         write_surface(path, output, role, program)
@@ -102,19 +102,19 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
 def carry_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
 ) -> tuple[str, ...]:
-    """Transfer a source's data to a target through Blender, unless it is done already; returns notes for the user.
+    """Transfer a source's data to a target by Blender, unless done already; returns notes for the user.
 
     Args:
         source: a file that Blender reads.
         target: another one.
-        map_file: of the surfaces that it read of both.
+        map_file: the map between the surfaces that Blender read.
         output: the file to write.
-        kinds: of `DATA`; with skin weights a target is bound to the armature.
-        record: where it is kept what was done.
-        program: Blender's, see `blender_command`.
+        kinds: keys of `DATA`; with skin weights the target is bound to the armature.
+        record: file that records the transfer.
+        program: Blender's program, see `blender_command`.
 
     Raises:
-        MeshError: there is nothing to carry, or a file cannot be read or written.
+        MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
     contents = [content_key(path.read_bytes()) for path in (source, target, map_file)]
     key = content_key(repr((contents, kinds, output.name, package_version())).encode())
@@ -138,7 +138,7 @@ def carry_pair(
 
 
 def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
-    """Where the surface of a file is kept, by its content; earlier ones of that name go."""
+    """Path of a file's surface, by content; removes earlier surfaces of that name."""
     key = content_key(repr((content_key(item.path.read_bytes()), role, package_version())).encode())
     place = folder.resolve() / SURFACES / f"{item.name}-{key}.ply"
     pattern = re.compile(re.escape(item.name) + "-[0-9a-f]{32}[.]ply")
@@ -149,7 +149,7 @@ def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
 
 
 def _known_notes(record: Path, key: str) -> tuple[str, ...] | None:
-    """The notes of a transfer that was made before of the same contents; None where it was not, or of others."""
+    """The notes of an earlier transfer of the same contents; None if there was none."""
     try:
         held = json.loads(record.read_bytes())
         return tuple(map(str, held["notes"])) if held["key"] == key else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays from .npz files that may be broken, or made to do harm: nothing is run, and memory is bounded."""
+"""Read arrays from .npz files that may be broken or malicious: no code is run, and memory is bounded."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from zipfile import ZipFile
 
 import numpy as np
 
-# From the start of a file: the shape of its array, whether columns come first, and the type.
+# Reads from the start of a file: the shape of its array, whether it is in column-major order, and its type.
 Header: TypeAlias = Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]]
-# Bytes that the arrays of a file may take unless it says otherwise: a map of 67 million vertices.
+# Default limit of bytes for the arrays of a file: a map of 67 million vertices.
 MAX_BYTES = 1 << 31
 HEADERS: dict[tuple[int, int], Header] = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -29,13 +29,13 @@ class ArrayFileError(ValueError):
 def read_arrays(
     path: str | os.PathLike[str], names: Sequence[str] = (), max_bytes: int = MAX_BYTES
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Those of some arrays that an .npz file holds, or all of them.
+    """Read some arrays of an .npz file, as far as it has them, or all.
 
-    Sizes are checked before anything is read: those that headers state, and those that what is packed unfolds to.
+    Sizes are checked before anything is read: those in the headers, and those of the decompressed content.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ArrayFileError: it is no .npz file, a broken one, or its arrays take more than `max_bytes`.
+        FileNotFoundError: the file is missing.
+        ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`.
     """
     if not Path(path).exists():
         raise FileNotFoundError(f"There is no file {path}: check the path.")
@@ -55,14 +55,14 @@ def read_arrays(
             return found
     except ArrayFileError:
         raise
-    except Exception as error:  # what zipfile, zlib and numpy raise on a broken file depends on where they stumble
+    except Exception as error:  # on a broken file zipfile, zlib and numpy raise various errors
         raise ArrayFileError("it is not an .npz file, or it is damaged") from error
 
 
 def _array(file: IO[bytes], size: int, name: str) -> np.ndarray[Any, Any]:
-    """The array in a file of a size, which its header must state."""
+    """Read the array in a file, whose header must match the file's size."""
     header = HEADERS[np.lib.format.read_magic(file)]
-    shape, fortran_order, dtype = header(file)  # of a bounded length
+    shape, fortran_order, dtype = header(file)  # reads a bounded length
     if dtype.hasobject or min(shape, default=0) < 0:
         raise ArrayFileError(f"its array '{name}' does not contain numbers")
     if prod(shape) * dtype.itemsize != size - file.tell():

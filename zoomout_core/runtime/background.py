@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One computation in a thread, for callers that must not wait, such as a user interface."""
+"""Run one computation in a thread, for callers that must not wait, such as a user interface."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Result = TypeVar("Result")
 
 
 class Background(Generic[Result]):
-    """A function that runs in a thread of its own, which others poll.
+    """A function that runs in its own thread, and that others poll.
 
     Args:
         work: the function; it starts at once.
 
     Attributes:
-        progress: the latest that it reported.
+        progress: the latest reported progress.
     """
 
     def __init__(self, work: Callable[[], Result]) -> None:
@@ -31,7 +31,7 @@ class Background(Generic[Result]):
         pool.shutdown(wait=False)
 
     def wait(self, seconds: float) -> bool:
-        """Wait for the result, up to some seconds; returns whether the function has ended."""
+        """Wait for the result for at most some seconds; returns whether the function has ended."""
         return bool(wait([self._future], seconds).done)
 
     def result(self) -> Result:

@@ -13,19 +13,19 @@ from types import FrameType
 
 # The exit code after an interrupt by the user: 128 and the signal's number, as in shells.
 INTERRUPTED = 130
-# Seconds after which an interrupt is tried again.
+# Seconds after which an interrupt is raised again.
 SOON = 0.01
-# Exit codes of commands that ended normally all the same, or reported the interrupt themselves.
+# Exit codes of commands that ended normally despite the interrupt, or reported it themselves.
 ENDINGS = (None, 0, INTERRUPTED)
 
 
 @contextmanager
 def handle_interrupts() -> Iterator[None]:
-    """A context of the main thread that an interrupt ends as a KeyboardInterrupt, whatever becomes of it within.
+    """A context of the main thread that always ends with a KeyboardInterrupt after an interrupt.
 
-    Within a callback of a weak reference or a finalizer Python prints an exception, and goes on as if nothing was:
-    there it is raised again. Compiled modules that are being imported make an ImportError of it, and whoever catches
-    that one may end with an exit code of failure: what fails after an interrupt is a KeyboardInterrupt.
+    Python only prints exceptions in callbacks of weak references and in finalizers: such an interrupt is raised again.
+    Compiled modules that are being imported turn it into an ImportError, and code that catches this may end with an
+    exit code of failure: any failure after an interrupt becomes a KeyboardInterrupt.
     """
     arrived = False
 
@@ -36,12 +36,12 @@ def handle_interrupts() -> Iterator[None]:
 
     def hook(unraisable: sys.UnraisableHookArgs, /) -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
-            Timer(SOON, _thread.interrupt_main).start()  # at once it would be raised, and lost, in here
+            Timer(SOON, _thread.interrupt_main).start()  # raised at once, it would be lost in here
         else:
             unraisable_before(unraisable)
 
     unraisable_before, sys.unraisablehook = sys.unraisablehook, hook
-    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # nobody else's, nor deaf, as in background
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # no other handler, and not ignored as in background
     if ours:
         signal.signal(signal.SIGINT, handler)
     try:

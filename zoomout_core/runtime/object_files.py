@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trees of dataclasses in .npz files: plain arrays and one JSON text, so that nothing in a file can run.
+"""Store trees of dataclasses in .npz files: plain arrays and one JSON text, so that no code in a file can run.
 
-What occurs several times in a tree is stored once, and is one object again when it is read.
+An object that occurs several times in a tree is stored once, and is one object again after reading.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from zoomout_core.runtime.outputs import atomic_write
 
 TREE = "tree"
 SPARSE = "data", "indices", "indptr"
-# The classes that may be in a file, and the attributes that are kept of each.
+# The classes that a file may contain, and the stored attributes of each.
 Classes: TypeAlias = Mapping[type, Sequence[str]]
 
 
@@ -30,13 +30,13 @@ def fields_of(*classes: type) -> dict[type, tuple[str, ...]]:
 
 
 def save_object(path: str | PathLike[str], value: object, classes: Classes) -> None:
-    """Write an object with all that it refers to.
+    """Write an object and everything that it refers to.
 
     Args:
-        path: of the file, which takes the place of an earlier one only when it is complete.
+        path: path of the file, which replaces an earlier one only when it is complete.
         value: an object of one of the classes. Their attributes are numbers, strings, arrays, sparse matrices, tuples,
             lists, dictionaries with strings as keys, and objects of these classes.
-        classes: that occur, with their attributes.
+        classes: the classes that occur, with their attributes.
 
     Raises:
         OutputError: the file cannot be written.
@@ -49,15 +49,15 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:
-    """Read what `save_object` has written.
+    """Read an object that `save_object` has written.
 
     Args:
-        path: of the file.
-        classes: that it may hold, with their attributes.
+        path: path of the file.
+        classes: the classes that it may contain, with their attributes.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ArrayFileError: it is no such file, a broken one, or it holds another class.
+        FileNotFoundError: the file is missing.
+        ArrayFileError: it has another format, is broken, or contains another class.
     """
     arrays = read_arrays(path)
     try:
@@ -65,18 +65,18 @@ def load_object(path: str | PathLike[str], classes: Classes) -> Any:
         return _Reader(tree["objects"], arrays, classes).decode(tree["root"])
     except ArrayFileError:
         raise
-    except Exception as error:  # where parts do not fit together, what fails depends on the fault
+    except Exception as error:  # the type of the error depends on which parts do not fit together
         raise ArrayFileError("it is damaged, or was saved by another version") from error
 
 
 class _Writer:
-    """Numbers objects and arrays as they are met."""
+    """Numbers objects and arrays in the order of their first occurrence."""
 
     def __init__(self, classes: Classes) -> None:
         self.objects: list[Any] = []
         self.arrays: list[np.ndarray[Any, Any]] = []
         self._classes = classes
-        # By identity; objects are kept alive, so that no identity is used twice.
+        # By id; objects are kept alive, so that no id is reused.
         self._numbers: dict[int, tuple[object, int]] = {}
 
     def encode(self, value: object) -> Any:
@@ -112,7 +112,7 @@ class _Writer:
 
 
 class _Reader:
-    """Makes the objects of a tree, each once."""
+    """Creates each object of a tree once."""
 
     def __init__(self, objects: list[Any], arrays: dict[str, Any], classes: Classes) -> None:
         self._objects, self._arrays, self._made = objects, arrays, dict[int, Any]()
@@ -135,7 +135,7 @@ class _Reader:
     def _object(self, stored: Any) -> Any:
         if stored["class"] == csc_array.__name__:
             matrix = csc_array(tuple(self.decode(part) for part in stored["parts"]), shape=tuple(stored["shape"]))
-            matrix.check_format(full_check=True)  # beyond its arrays, compiled code would read what is not there
+            matrix.check_format(full_check=True)  # or compiled code could read beyond its arrays
             return matrix
         made, names = self._classes[stored["class"]]
         value: Any = object.__new__(made)

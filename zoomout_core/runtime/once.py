@@ -12,9 +12,9 @@ Result = TypeVar("Result")
 
 
 def once_per_argument(function: Callable[[Argument], Result]) -> Callable[[Argument], Result]:
-    """Keep what a function of an object returns with the object, as a cached property does.
+    """Cache the result of a function of an object with the object, like a cached property.
 
-    So a module adds to a class of a lower one what that one need not know.
+    So a module can extend a class of a lower layer, which need not know of it.
     """
     name = f"{function.__module__}.{function.__qualname__}"
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output files: written whole or not at all, and never in place of what they are made from.
+"""Output files: written completely or not at all, and never over their inputs.
 
-A file is written beside the place that it is for, and renamed to it once it is whole; so a full disk, a limit or a
-kill leaves what was there before, and nobody ever reads a half.
+A file is written under a temporary name beside its place, and renamed once it is complete. So a full disk, a limit or a
+kill leaves the earlier file, and nobody reads an incomplete one.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from pathlib import Path
 from secrets import token_hex
 from time import time
 
-# The names of files and folders that are being written; what follows is the output's ending.
+# Names of files and folders that are being written, followed by the extension of the output.
 PART = re.compile(r"\.[0-9a-f]{8}\.part(\.[^.]*)?")
-# Seconds after which what was begun and not finished is what a dead process left behind.
+# Seconds after which an unfinished file counts as left behind by a dead process.
 ABANDONED = 3600
 
 
 class OutputError(OSError):
-    """A file that cannot be written; the message says in one sentence why, and what to do."""
+    """A file that cannot be written; the message says in one sentence why and what to do."""
 
 
 def check_output(
     output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = (), in_place: bool = False
 ) -> None:
-    """Check, before the work begins, that a file can be written and is none of those that are read.
+    """Check, before the work begins, that a file can be written and is not an input.
 
     Args:
         output: the file to write.
-        inputs: the files that it is made from; those that are missing are passed over.
-        in_place: whether it may be one of these.
+        inputs: the files that it is made from; missing ones are skipped.
+        in_place: whether it may be one of the inputs.
 
     Raises:
         OutputError: its folder is missing or cannot be written to, it is a folder, or it is one of the inputs.
@@ -54,7 +54,7 @@ def check_output(
 
 
 def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
-    """Whether two paths lead to one file that exists, by whatever links or spelling."""
+    """Whether two paths lead to the same existing file, through any links or spelling."""
     try:
         return os.path.samefile(one, other)
     except OSError:  # one of them is missing
@@ -63,9 +63,9 @@ def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> 
 
 @contextmanager
 def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path to write to in the same folder, of the same ending; the file takes its place when all went well.
+    """A path to write to in the same folder, with the same extension; replaces the output on success.
 
-    What is no ordinary file, such as a pipe, is written to directly.
+    Special files, such as a pipe, are written to directly.
 
     Raises:
         OutputError: it could not be written; the earlier file is unchanged.
@@ -86,9 +86,9 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path of the same name in a folder of its own, for a file with others that it names, such as textures.
+    """A path of the same name in a temporary folder, for a file that refers to others, such as textures.
 
-    When all went well, all that is in that folder takes its place beside `output`, the file itself last.
+    On success, all files of that folder are moved beside `output`, the file itself last.
 
     Raises:
         OutputError: it could not be written; the earlier file is unchanged.
@@ -111,7 +111,7 @@ def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _saying_why(path: Path) -> Iterator[None]:
-    """An error of the system becomes a sentence that names the output."""
+    """Turn a system error into a sentence that names the output."""
     try:
         yield
     except OutputError:
@@ -124,13 +124,13 @@ def _saying_why(path: Path) -> Iterator[None]:
 
 
 def _complete(part: Path) -> None:
-    """Make sure that a file is on the disk as a whole.
+    """Make sure that a file was written completely.
 
-    Many libraries say nothing where a write fails. A disk or a limit that ended one does not let the file grow by a
-    byte either, so that is tried.
+    Many libraries ignore failed writes. A full disk or a limit also prevents the file from growing by one byte, so that
+    is tried.
 
     Raises:
-        OSError: it does not grow.
+        OSError: the file cannot grow.
     """
     with part.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)
@@ -141,7 +141,7 @@ def _complete(part: Path) -> None:
 
 
 def _replace(path: Path, part: Path) -> None:
-    """Put a file in the place of another, with its permissions."""
+    """Replace a file by another, which takes over its permissions."""
     if path.exists():
         with suppress(OSError):  # it is another user's
             part.chmod(stat.S_IMODE(path.stat().st_mode))
@@ -149,13 +149,13 @@ def _replace(path: Path, part: Path) -> None:
 
 
 def _part_of(path: Path) -> Path:
-    """A temporary name beside a file, with the same ending, by which some libraries choose the format.
+    """A temporary name beside a file, with its extension, by which some libraries choose the format.
 
-    What dead processes began in the same folder is removed.
+    Files that dead processes left in the folder are removed.
     """
     for part in path.parent.iterdir():
         if PART.fullmatch(part.name):
-            with suppress(OSError):  # another process was faster, or it is another user's
+            with suppress(OSError):  # another process removed it, or it is another user's
                 if time() - part.stat().st_mtime > ABANDONED:
                     shutil.rmtree(part) if part.is_dir() else part.unlink()
     return path.with_name(f".{token_hex(4)}.part{path.suffix}")

@@ -8,11 +8,11 @@ from html import escape
 
 
 class Summary:
-    """The base of classes whose arrays would fill the screen; dataclasses of it are made with `repr=False`."""
+    """Base of classes whose arrays would fill the screen; its dataclasses are declared with `repr=False`."""
 
     @abstractmethod
     def _summary(self) -> dict[str, str]:
-        """What matters about the object, by short names."""
+        """The main properties of the object, by short names."""
 
     def __repr__(self) -> str:
         rows = self._summary()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several cores at work: functions side by side, and a BLAS that does not fight over the cores meanwhile.
+"""Run functions on several cores, while BLAS uses one thread so that it does not compete for the cores.
 
-The products of a match are small. Threads of BLAS gain nothing on them, and where other programs keep the cores
-busy they wait for each other, many times as long as the products take.
+The matrix products of a match are small, so BLAS threads gain nothing. If other programs keep the cores busy, these
+threads wait for each other many times longer than the products take.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
-# Seconds between two looks at an interrupt of the user while threads work: half of what users notice.
+# Seconds between two checks for a user's interrupt while threads work: half of what users notice.
 PATIENCE = 0.05
-# Threads that work at a time, unless the user says otherwise: more wait for each other in a match.
+# Default maximum of threads: with more, the threads of a match wait for each other.
 MAX_THREADS = 8
 VARIABLE = "ZOOMOUT_THREADS"
 
 
 class _Cores:
-    """So many threads work at a time; one that waits for others lends its core to them."""
+    """Limits how many threads work at a time; one that waits for others lends them its core."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._free, self._mine = threading.Semaphore(count), threading.local()
 
     def run(self, work: Callable[[], Result]) -> Result:
-        """Run a function once a core is free; returns its result."""
+        """Run a function as soon as a core is free; returns its result."""
         with self._free:
             self._mine.held = True
             try:
@@ -69,14 +69,14 @@ _cores: _Cores | None = None
 
 
 def set_threads(count: int | None) -> None:
-    """Set how many threads work at a time from now on, in all computations; results do not depend on it.
+    """Set how many threads all computations may use from now on; results do not depend on it.
 
     Args:
-        count: of 1 or more; None for what the environment variable ZOOMOUT_THREADS says, or else as many as there are
-            cores that this process may use, up to 8.
+        count: 1 or more; None for the environment variable ZOOMOUT_THREADS, or if it is not set, the number of cores
+            that this process may use, at most 8.
 
     Raises:
-        ValueError: it is no such number.
+        ValueError: the number is invalid.
 
     Example:
         >>> zo.set_threads(2)
@@ -87,7 +87,7 @@ def set_threads(count: int | None) -> None:
 
 
 def threads() -> int:
-    """How many threads work at a time."""
+    """How many threads may work at a time."""
     return _known_cores().count
 
 
@@ -103,12 +103,12 @@ def _known_cores() -> _Cores:
 
 
 def holding_a_core(work: Callable[[], Result]) -> Result:
-    """Call a function once fewer threads than `threads()` are at work."""
+    """Call a function as soon as fewer than `threads()` threads are at work."""
     return _known_cores().run(work)
 
 
 def usable_cores() -> int:
-    """Cores that this process may use; where the system does not tell, all."""
+    """Cores that this process may use; all if the system does not say."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -119,7 +119,7 @@ def _check(name: str, count: object) -> int:
 
 
 def side_by_side(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:
-    """Call two functions in as many threads, and return their results."""
+    """Call two functions in two threads, and return their results."""
     works: tuple[Callable[[], Any], ...] = first, second
     of_first, of_second = _in_threads(works)
     return of_first, of_second
@@ -131,7 +131,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
 
 
 def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
-    """Results of functions that run in threads; where one raises, the others end when they next report progress."""
+    """Results of functions that run in threads; if one raises, the others end when they next report progress."""
     count = min(threads(), len(works))
     if count <= 1:
         results = []
@@ -154,7 +154,7 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
         with cores.lend():
             running = set(futures)
             while running:
-                # In short waits, for an interrupt of the user reaches no thread that waits for long.
+                # Wait briefly each time: a user's interrupt does not reach a thread during a wait.
                 ended, running = wait(running, PATIENCE, FIRST_EXCEPTION)
                 if any(future.exception() for future in ended):
                     break
@@ -168,7 +168,7 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
 
 
 class _OneBlasThread:
-    """A context in which BLAS uses one thread; the earlier number is restored when the last one leaves it."""
+    """A context in which BLAS uses one thread; the earlier number is restored when the last thread leaves it."""
 
     def __init__(self) -> None:
         self._lock, self._entered, self._limits = Lock(), 0, ExitStack()
@@ -189,7 +189,7 @@ class _OneBlasThread:
 
 
 def _take_over_blas() -> None:
-    """Let the calling thread limit BLAS; since threadpoolctl 3.8 others than the first to do so are ignored."""
+    """Allow the calling thread to limit BLAS; since threadpoolctl 3.8 only the first thread to do so may."""
     clear = getattr(getattr(threadpoolctl, "OpenBLASController", None), "clear_controlling_thread", None)
     if clear is not None:
         clear(force=True)
