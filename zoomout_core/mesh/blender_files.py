@@ -2,8 +2,8 @@
 """Read .blend, .fbx and other files through Blender, in a child process.
 
 The process runs a command of this project's extension (`blender --command zoomout`), which writes its results to files.
-An extension that is installed beside the core in a Python with `bpy` registers itself by entry points of the group
-`ENTRY_POINTS`, so that the core names no module of it.
+An extension that is installed beside the core in a Python with `bpy` registers entry points in the group
+`ENTRY_POINTS`, so that the core does not depend on its modules.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from zoomout_core.runtime.progress import advance, stage
 # Formats that only Blender reads, and others that it imports.
 ENDINGS = (".blend", ".fbx")
 IMPORTED = (".glb", ".gltf", ".obj", ".ply", ".stl")
-# How the meshes of a file are read: as its modifiers leave them, or themselves, see `surface --help` there.
+# Whether to read the meshes of a file with modifiers applied, or as they are; see the extension's `surface --help`.
 SOURCE, TARGET = "source", "target"
 # The environment variable that names the program.
 PROGRAM = "ZOOMOUT_BLENDER"
-# Seconds that Blender may take for one command, and between two looks at whether it has ended.
+# Seconds that Blender may take for one command, and between two checks whether it has ended.
 MAX_SECONDS, PATIENCE = 3600.0, 0.05
 # The extension's entry points: `main`, the module that `python -m` runs, and `demo`, a module with `run` and `summary`.
 ENTRY_POINTS = "zoomout.extension"
@@ -43,7 +43,7 @@ NO_BLENDER = (
 
 
 def extension_module(name: str) -> EntryPoint | None:
-    """The module that an installed extension registers by a name, or None without one or without Blender (`bpy`)."""
+    """The module that an installed extension registers under a name; None without an extension or Blender (`bpy`)."""
     registered = entry_points(group=ENTRY_POINTS, name=name)
     return next(iter(registered), None) if find_spec("bpy") else None
 
@@ -52,11 +52,11 @@ def blender_command(program: str | None = None) -> list[str]:
     """The beginning of a command line of the extension.
 
     Args:
-        program: Blender's; by default the one that the environment variable names, else the extension registered in
+        program: Blender's program; by default the one in the environment variable, else the extension registered in
             this Python, else the program on the path.
 
     Raises:
-        MeshError: there is no Blender.
+        MeshError: Blender is missing.
     """
     named = program or os.environ.get(PROGRAM)
     found = shutil.which(named or "blender")
@@ -73,12 +73,12 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
     """Run a command of the extension, and return its report.
 
     Args:
-        arguments: of the command, but `--report`.
+        arguments: arguments of the command, without `--report`.
         program: see `blender_command`.
 
     Raises:
-        MeshError: there is no Blender, or it could not do it; the message is its own sentence.
-        ChildProcessError: it was killed.
+        MeshError: Blender is missing or failed; the message is Blender's.
+        ChildProcessError: Blender was killed.
     """
     command, began = blender_command(program), monotonic()
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
@@ -103,7 +103,7 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
                 if process.poll() is None:
                     process.kill()
                 process.wait()
-        if process.returncode < 0:  # another time it may go better
+        if process.returncode < 0:  # a retry may succeed
             raise ChildProcessError(
                 f"Blender was terminated by signal {-process.returncode}: it may need more memory than is available."
             )
@@ -114,22 +114,22 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
 
 
 def write_surface(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> None:
-    """Write what is shown in a file that Blender reads as one surface, a PLY file.
+    """Write the visible meshes of a file that Blender reads as one surface, a PLY file.
 
     Args:
-        path: of the file.
-        output: of the surface.
+        path: the file to read.
+        output: the PLY file to write.
         role: `SOURCE` or `TARGET`.
         program: see `blender_command`.
 
     Raises:
-        MeshError: there is no Blender, or it cannot read the file, or that shows no mesh.
+        MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.
     """
     run_blender(["surface", str(path.resolve()), "--role", role, "--save", str(output)], program)
 
 
 def _environment() -> dict[str, str]:
-    """The environment variables of this process, with the folder of the extension on Python's path."""
+    """The environment variables of this process, with the extension's folder on Python's path."""
     extension = extension_module("main")
     spec = find_spec(extension.module) if extension else None
     places = [str(Path(each).resolve().parent) for each in (spec.submodule_search_locations or ())] if spec else []

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decimation of triangle meshes of any size, in short steps, and where each vertex went.
+"""Decimate triangle meshes of any size in short steps, and track where each vertex goes.
 
-Quadric error (Garland and Heckbert 1997) decides what goes. Large meshes are thinned before: where many vertices lie
-closer than the result can resolve, one of each handful stays.
+Quadric error (Garland and Heckbert 1997) decides which vertices to remove. Large meshes are thinned first: of vertices
+that are closer than the result can resolve, one of each cluster stays.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.progress import advance
 
-# The library keeps its mesh in global variables, so that two threads must not use it at once.
+# The library keeps its mesh in global variables, so only one thread may use it at a time.
 DECIMATING = Lock()
 # Edge length, in vertex spacings of the result, below which thinning merges the ends.
 MIN_EDGE = 0.25
-# Share of vertices left by a round above which thinning and decimation end, as another round would gain little.
+# Thinning and decimation end when a round leaves more than this share of the vertices: another would gain little.
 MAX_REMAINING_SHARE = 0.8
-# Rounds of choosing an independent set; vertices that are still undecided then stay.
+# Rounds of choosing an independent set; vertices that are still undecided afterwards stay.
 INDEPENDENT_SET_ROUNDS = 8
-# Vertices that one stage removes at most, which takes a tenth of a second: quadric decimation cannot be interrupted and
-# holds the interpreter's lock.
+# Maximum vertices removed in one stage, a tenth of a second: quadric decimation cannot be interrupted and holds the
+# interpreter's lock.
 MAX_STAGE_VERTICES = 20_000
 
 
 def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
-    """A mesh with about `count` vertices.
+    """Reduce a mesh to about `count` vertices.
 
     Args:
         vertices: (n, 3) positions.
@@ -39,7 +39,7 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
         count: how many vertices should stay.
 
     Returns:
-        (n', 3) positions and (m', 3) triangles of the result, and (n,) the vertex that each went into.
+        (n', 3) positions and (m', 3) triangles of the result, and (n,) the vertex that each was merged into.
     """
     merged = np.arange(len(vertices))
     area = triangle_areas(vertices, triangles).sum()
@@ -68,17 +68,17 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
 
 
 def _progress(most: int, left: int, count: int) -> float:
-    """The fraction done of a decimation from `most` to `count` vertices."""
+    """The completed fraction of a decimation from `most` to `count` vertices."""
     return float(np.clip(np.log(most / left) / max(np.log(most / count), 1e-9), 0, 1))
 
 
 def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
-    """By quadric error, in one go."""
+    """Decimate by quadric error in one step."""
     with DECIMATING:
         points, fewer, collapses = fast_simplification.simplify(
             vertices, triangles, target_count=2 * count, return_collapses=True
         )
-        # Only where vertices went is taken from the replay: a few of its points are far off.
+        # Use only the vertex mapping of the replay: a few of its points are far off.
         *_, merged = fast_simplification.replay_simplification(vertices, triangles, collapses)
     return points, fewer, merged
 

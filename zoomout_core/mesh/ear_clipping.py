@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One polygon cut into triangles by clipping ears, the shortest cut first.
+"""Triangulate a polygon by clipping ears, the shortest cut first.
 
-An ear is a corner whose triangle with its two neighbours lies in the polygon. Cutting one off changes this for its
-neighbours alone (the two ears theorem: Meisters 1975), and only reflex corners can lie in the way; these are kept in a
-grid, so that short cuts look at few of them. Polygons that touch themselves, such as those with holes joined by
-bridges, are cut as well, and what crosses itself is cut somehow.
+An ear is a corner whose triangle with its two neighbours is inside the polygon (the two ears theorem: Meisters 1975).
+Cutting one off affects only its neighbours, and only reflex corners can block an ear. These are kept in a grid, so that
+short cuts check few of them. Polygons that touch themselves, such as those with holes joined by bridges, are supported;
+those that cross themselves are triangulated somehow.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from zoomout_core.arrays import Floats, Integers
 
 Point = tuple[float, float]
 
-# Three corners are on a line when the sine of the angle between them is below this, which is rounding.
+# Three corners are collinear if the sine of the angle between them is below this, which is rounding.
 STRAIGHT = 1e-10
 # The order of cutting: ears, then collinear corners, then any other corner.
 EAR, ON_A_LINE, NO_EAR = range(3)
@@ -30,7 +30,7 @@ def clip_ears(points: Floats, normal: Floats) -> Integers:
 
 
 def _flat(points: Floats, normal: Floats) -> list[Point]:
-    """The points in the plane that they lie in about, counter-clockwise, in a square of about unit size."""
+    """Project the points to their approximate plane, counter-clockwise, in a square of about unit size."""
     length = np.linalg.norm(normal)
     along = normal / length if length > 0 else np.array([0.0, 0, 1])
     side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
@@ -40,12 +40,12 @@ def _flat(points: Floats, normal: Floats) -> list[Point]:
 
 
 def _turn(a: Point, b: Point, c: Point) -> float:
-    """Twice the signed area of a triangle: above zero where the way from a by b to c turns left."""
+    """Twice the signed area of a triangle: positive if the path from a by b to c turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 class _Polygon:
-    """The rest of a polygon, as a ring of corners."""
+    """The remaining polygon, as a ring of corners."""
 
     def __init__(self, points: list[Point]) -> None:
         size = len(points)
@@ -56,7 +56,7 @@ class _Polygon:
         self._reflex = {corner for corner in range(size) if turns[corner] <= 0}
         self._low = low = tuple(map(min, zip(*points, strict=True)))
         high = tuple(map(max, zip(*points, strict=True)))
-        # Columns and rows for a unit of length: about as many cells as reflex corners.
+        # Columns and rows per unit length: about as many cells as reflex corners.
         along = max(1.0, len(self._reflex) ** 0.5)
         self._columns, self._rows = (along / ((high[axis] - low[axis]) or 1) for axis in range(2))
         self._cells: dict[tuple[int, int], list[int]] = {}
@@ -76,7 +76,7 @@ class _Polygon:
             entry = heappop(order)
             corner = entry[2]
             if gone[corner] or entry != latest[corner]:
-                continue  # it has a newer rank
+                continue  # outdated: it has a newer rank
             if entry[0] == NO_EAR:  # where a polygon crosses itself, a cut may change more than its neighbours
                 latest[corner] = self._rank(corner)
                 if latest[corner] != entry:
@@ -94,7 +94,7 @@ class _Polygon:
         return [*found, (self._before[last], last, self._after[last])]
 
     def _rank(self, corner: int) -> tuple[int, float, int]:
-        """The smallest is cut first."""
+        """The rank of a corner; the smallest is cut first."""
         bend = self._bend(corner)
         if bend > 0:
             self._reflex.discard(corner)
@@ -104,27 +104,27 @@ class _Polygon:
         return ON_A_LINE if bend == 0 else NO_EAR, -bend, corner
 
     def _bend(self, corner: int) -> float:
-        """How the polygon turns at a corner, above zero to the left; zero where that is rounding."""
+        """How much the polygon turns at a corner, positive to the left; zero up to rounding."""
         a, b, c = (self._points[each] for each in (self._before[corner], corner, self._after[corner]))
         turn = _turn(a, b, c)
         legs = ((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2) * ((c[0] - b[0]) ** 2 + (c[1] - b[1]) ** 2)
         return turn if turn * turn > STRAIGHT * STRAIGHT * legs else 0.0
 
     def _is_blocked(self, corner: int) -> bool:
-        """Whether something of the polygon is in the triangle of a corner and its neighbours."""
+        """Whether a part of the polygon is in the triangle of a corner and its neighbours."""
         ring = self._before[corner], corner, self._after[corner]
         a, b, c = (self._points[each] for each in ring)
         for other in self._reflex_near(a, b, c):
             if other in ring:
                 continue
             p = self._points[other]
-            # Beyond the edge in question if below zero, on its line if zero.
+            # Negative beyond an edge, zero on its line.
             ab, bc, ca = _turn(a, b, p), _turn(b, c, p), _turn(c, a, p)
             if ab < 0 or bc < 0 or ca < 0:
                 continue
             if ab > 0 and bc > 0:
                 return True  # inside, or on the cut
-            # It touches an edge or a corner: does one of its own edges lead into the triangle?
+            # The corner touches an edge or a corner: does one of its own edges lead into the triangle?
             for end in (self._points[self._before[other]], self._points[self._after[other]]):
                 if (
                     (ab > 0 or _turn(a, b, end) > 0)
@@ -147,7 +147,7 @@ class _Polygon:
                         yield corner
 
     def _crossings(self, triangle: Sequence[Point], column: int) -> list[float]:
-        """Where the sides of a triangle cross the line on which a column begins."""
+        """Where the sides of a triangle cross the first line of a column."""
         x = self._low[0] + column / self._columns
         return [
             ay + (x - ax) / (bx - ax) * (by - ay)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh files: surfaces and point clouds from OFF, PLY, OBJ, STL, glTF and whatever else trimesh reads.
+"""Mesh files: surfaces and point clouds from OFF, PLY, OBJ, STL, glTF and all other formats that trimesh reads.
 
-Vertices keep their number and order, since landmarks and maps name them by number. The formats that hold
-polygons are read here: trimesh splits the vertices of OBJ wherever texture coordinates or normals part and
-regroups them by material, takes all faces of a binary PLY to be as large as the first, and refuses OFF with
-faces of several sizes. The others are left to it, and it keeps vertices when told not to process them.
+Vertices keep their number and order, since landmarks and maps refer to them by number. Formats with polygons are read
+here, because trimesh splits the vertices of OBJ where texture coordinates or normals differ and regroups them by
+material, assumes that all faces of a binary PLY are as large as the first, and rejects OFF with faces of several sizes.
+Trimesh reads the other formats; it keeps their vertices with processing switched off.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.text_tables import decode, flatten, number_table
 from zoomout_core.runtime.outputs import atomic_write
 
-# What trimesh reads with packages of the extra `formats`.
+# Formats that trimesh reads with packages of the extra `formats`.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
 # Positions (n, 3), the vertex of each corner (c,), and the first corner of each face (f + 1,).
 Polygons = tuple[Floats, Integers, Integers]
@@ -42,7 +42,7 @@ def read_surface(path: str | PathLike[str]) -> Surface:
             by Blender, see `blender_files`.
 
     Raises:
-        MeshError: the file is missing, cannot be read, holds no faces, or holds faces that cannot be used.
+        MeshError: the file is missing, cannot be read, has no faces, or has invalid faces.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
 
@@ -56,10 +56,10 @@ def read_surface(path: str | PathLike[str]) -> Surface:
 
 @memory_in_words
 def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
-    """Read a mesh file as `read_surface` does, or as `read_point_cloud` does where it holds no faces.
+    """Read a mesh file like `read_surface`, or like `read_point_cloud` if it has no faces.
 
     Raises:
-        MeshError: the file is missing, cannot be read, or holds points or faces that cannot be used.
+        MeshError: the file is missing, cannot be read, or has invalid points or faces.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
@@ -67,10 +67,10 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
 
 
 def surface_of(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface:
-    """The surface of a file whose polygons, and columns of vertices if it is PLY, have been read.
+    """Make the surface of a file from its polygons, and the vertex columns of a PLY file.
 
     Raises:
-        MeshError: it holds no faces, or points or faces that cannot be used.
+        MeshError: it has no faces, or invalid points or faces.
     """
     return _with_faces(_shape(polygons, vertex_columns, path), path)
 
@@ -95,10 +95,10 @@ def _with_faces(shape: Surface | PointCloud, path: str | PathLike[str]) -> Surfa
 
 
 def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
-    """Read the points of a file, whether it holds faces or not, and the normals of a PLY file.
+    """Read the points of a file with or without faces, and the normals of a PLY file.
 
     Raises:
-        MeshError: the file is missing, cannot be read, or holds points that cannot be used.
+        MeshError: the file is missing, cannot be read, or has invalid points.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
 
@@ -115,7 +115,7 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
 
 
 def existing(path: str | PathLike[str]) -> Path:
-    """The path of a file that is there, else a MeshError."""
+    """The path of an existing file, else a MeshError."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
     path = Path(path)
@@ -147,7 +147,7 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
 
 
 def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
-    """What `read_polygons` returns, and the columns of vertices of a PLY file."""
+    """The polygons of `read_polygons`, and the vertex columns of a PLY file."""
     path = existing(path)
     readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
     readers |= {".off": _read_off, ".obj": _read_obj}
@@ -158,7 +158,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path), {}
     except (MeshError, ImportError):
         raise
-    except Exception as error:  # the error of a reader depends on where the file is broken
+    except Exception as error:  # readers raise various errors on a broken file
         reason = " ".join(str(error).split())
         raise MeshError(
             f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
@@ -169,13 +169,13 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
 
 
 def _read_off(path: Path) -> Polygons:
-    """After keyword and counts a line a vertex, then a line a face; colours and the like may follow."""
+    """Keyword and counts, then a line per vertex, then a line per face, where colours may follow."""
     text = decode(file_bytes(path))
     lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
         raise ValueError("it does not begin with OFF")
-    lines[:1] = [" ".join(counts)] if counts else []  # the counts may stand beside the keyword
+    lines[:1] = [" ".join(counts)] if counts else []  # the counts may follow the keyword on its line
     vertex_count, face_count = (int(word) for word in lines[0].split()[:2])
     vertex_lines = lines[1 : vertex_count + 1]
     face_lines = lines[vertex_count + 1 : vertex_count + face_count + 1]
@@ -195,7 +195,7 @@ def _read_off(path: Path) -> Polygons:
 
 
 def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
-    """Write a surface or a point cloud with its normals to a PLY file, whole, with every digit.
+    """Write a surface, or a point cloud with its normals, to a PLY file, atomically and in full precision.
 
     Raises:
         OutputError: it cannot be written.
@@ -230,7 +230,7 @@ def _read_obj(path: Path) -> Polygons:
 
 
 def _read_with_blender(path: Path) -> Polygons:
-    """The triangles of all meshes that are shown in a file, without what modifiers add to them."""
+    """The triangles of all visible meshes of a file, without their modifiers."""
     with TemporaryDirectory(prefix="zoomout-") as folder:
         surface = Path(folder) / "surface.ply"
         write_surface(path, surface)
@@ -250,7 +250,7 @@ def _read_with_extra(path: Path) -> Polygons:
 
 
 def _read_with_trimesh(path: Path) -> Polygons:
-    """The triangles of all meshes and point sets in a file, in its order, placed as its scene says."""
+    """The triangles of all meshes and point sets in a file, in file order, transformed as in its scene."""
     try:
         import trimesh
     except ImportError as error:
@@ -280,7 +280,7 @@ def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
     for name, geometry in scene.geometry.items():
         points = np.asarray(getattr(geometry, "vertices", ()), dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
-            continue  # voxels, or a drawing in the plane
+            continue  # voxels, or a planar drawing
         triangles = np.asarray(getattr(geometry, "faces", ()), dtype=np.int64).reshape(-1, 3)
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]

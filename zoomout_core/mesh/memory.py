@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What runs out of memory says so in a sentence."""
+"""Report a lack of memory in a sentence."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ NO_MEMORY = "There is not enough memory: close other programs, use a coarser det
 
 
 class NotEnoughMemoryError(MeshError):
-    """A mesh that is too large for the memory that there is now; elsewhere, or later, there may be more."""
+    """A mesh that is too large for the memory available now; later, or on another machine, there may be more."""
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def memory_in_words(function: Function) -> Function:
-    """Have a function raise `NotEnoughMemoryError`, which says what to do, where no memory is left."""
+    """Make a function raise `NotEnoughMemoryError`, which says what to do, if memory runs out."""
 
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:

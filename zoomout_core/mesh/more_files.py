@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Formats of other programs: USD by usd-core, and those of simulations by meshio; the extra `formats` brings both."""
+"""Formats of other programs: USD by usd-core, simulation formats by meshio; the extra `formats` installs both."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from zoomout_core.mesh.surface import MeshError
 
 # Positions (n, 3), the vertex of each corner (c,), and the number of corners of each face (f,).
 Faces = tuple[Floats, Integers, Integers]
-# Cells of meshio that are faces, and how many corners they have; those of higher order begin with these.
+# Meshio's cell types that are faces, and their numbers of corners; cells of higher order list their corners first.
 CELLS = {"triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
 
 def read_usd(path: Path) -> Faces:
-    """All meshes of a USD stage at its first time, one after the other, placed as it says.
+    """All meshes of a USD stage at its first time, one after the other, with their transforms applied.
 
     Raises:
         MeshError: it cannot be opened.
@@ -45,7 +45,7 @@ def read_usd(path: Path) -> Faces:
                 for attribute in (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr())
             )
             transform = np.array(placed.GetLocalToWorldTransform(prim))
-            # Rows are points here, so that the transform stands on their right.
+            # Points are rows, so the transform is multiplied from the right.
             positions = points.reshape(-1, 3).astype(np.float64) @ transform[:3, :3] + transform[3, :3]
             turned = (np.linalg.det(transform[:3, :3]) < 0) != (mesh.GetOrientationAttr().Get(time) == "leftHanded")
             yield positions, _reverse_winding(corners, sizes) if turned else corners, sizes
@@ -54,7 +54,7 @@ def read_usd(path: Path) -> Faces:
 
 
 def read_with_meshio(path: Path) -> Faces:
-    """The faces of a file that meshio knows; of solids their surface is not made.
+    """The faces of a file that meshio reads; surfaces of solid cells are not extracted.
 
     Raises:
         MeshError: it cannot be read.
@@ -64,7 +64,7 @@ def read_with_meshio(path: Path) -> Faces:
 
     try:
         mesh = meshio.read(path)
-    except (meshio.ReadError, SystemExit) as error:  # which it takes for the end of its own command
+    except (meshio.ReadError, SystemExit) as error:  # meshio exits as if from its own command
         raise MeshError(f"{path} could not be read ({error}): check that the file is complete.") from error
     points = np.asarray(mesh.points, dtype=np.float64)
     positions = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
@@ -85,14 +85,14 @@ READERS: dict[str, Callable[[Path], Faces]] = {
 
 
 def _reverse_winding(corners: Integers, sizes: Integers) -> Integers:
-    """The corners of faces the other way round."""
+    """The corners of faces in reverse order."""
     start = np.cumsum(sizes) - sizes
     place = np.arange(len(corners)) - np.repeat(start, sizes)
     return np.asarray(corners[np.repeat(start + sizes - 1, sizes) - place])
 
 
 def _join(parts: Iterator[Faces]) -> Faces:
-    """Meshes as one."""
+    """Join meshes into one."""
     found = list(parts)
     count = np.cumsum([0, *(len(points) for points, _, _ in found)])
     corners = [each + first for (_, each, _), first in zip(found, count, strict=False)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OBJ files: one pass over the lines of a file gives its polygons, and what assets keep beside them."""
+"""OBJ files: one pass over the lines of a file collects its polygons and the data that assets need."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from zoomout_core.mesh.text_tables import decode, flatten, number_table
 
 @dataclass(frozen=True, eq=False)
 class ObjFile:
-    """The lines of an OBJ file, sorted; methods read their numbers, so that a broken line harms no one who skips it.
+    """The lines of an OBJ file by keyword; methods parse their numbers, so unused broken lines do no harm.
 
     Attributes:
-        position_lines: `v x y z`, with colours where there are any.
+        position_lines: `v x y z`, with colours if there are any.
         coordinate_lines: `vt u v`.
         face_lines: `f` and `v/vt/vn` of each corner.
-        positions_above: for each face the number of positions above it, from which corners may count backwards,
-        coordinates_above: and of texture coordinates.
+        positions_above: for each face the number of positions above it, from which corners may count backwards.
+        coordinates_above: for each face the number of texture coordinates above it.
         face_materials: for each face an index into the materials, -1 for none.
         materials: names of the materials that are used, each once.
         libraries: names of .mtl files.
@@ -47,7 +47,7 @@ class ObjFile:
         return number_table(self.position_lines, [1, 2, 3]), *flatten(polygons)
 
     def coordinates(self) -> list[list[float]]:
-        """(t, 2) texture coordinates; those that are left out are zero."""
+        """(t, 2) texture coordinates; missing components are zero."""
         words = (line.split()[1:3] for line in self.coordinate_lines)
         return [[float(word) for word in pair] + [0.0] * (2 - len(pair)) for pair in words]
 
@@ -57,13 +57,13 @@ class ObjFile:
         return [_coordinate(corner, known) for line, known in faces for corner in line.split()[1:]]
 
     def colors(self) -> list[list[float]]:
-        """(k, 3) colours of those vertices that have one."""
+        """(k, 3) colours of the vertices that have one."""
         words = (line.split()[1:7] for line in self.position_lines)
         return [[float(word) for word in each[3:]] for each in words if len(each) == 6]
 
 
 def parse_obj(content: bytes) -> ObjFile:
-    """Sort the lines of an OBJ file."""
+    """Sort the lines of an OBJ file by keyword."""
     found, numbers, material = ObjFile(), dict[str, int](), -1
     for keyword, line in statements(content):
         if keyword == "v":
@@ -84,7 +84,7 @@ def parse_obj(content: bytes) -> ObjFile:
 
 
 def statements(content: bytes) -> Iterator[tuple[str, str]]:
-    """The keyword of each line of an OBJ or .mtl file that has one, and the line, without comments."""
+    """The keyword of each line of an OBJ or .mtl file, and the line without comments; skips lines without one."""
     for line in decode(content).replace("\\\n", " ").splitlines():
         line = line.partition("#")[0]
         words = line.split(None, 1)

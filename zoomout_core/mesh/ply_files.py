@@ -12,9 +12,9 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.text_tables import decode, flatten
 
-# Columns of an element: arrays (count,), or (count, k) for lists of one size; for several sizes a list of arrays.
+# Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
-# Names of types in PLY headers, and numpy's.
+# Names of types in PLY headers, and in numpy.
 PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
@@ -24,7 +24,7 @@ PLY_TYPES = {
 
 @dataclass(frozen=True)
 class _Property:
-    """A column of a PLY element; of a list, `size_type` is the type of the length that precedes it."""
+    """A column of a PLY element; for a list, `size_type` is the type of the length that precedes it."""
 
     name: str
     type: np.dtype[Any]
@@ -42,7 +42,7 @@ def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, I
     """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
 
     Args:
-        columns: of a PLY file, see `ply_columns`.
+        columns: columns of a PLY file, see `ply_columns`.
     """
     vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
     face = columns.get("face", {})
@@ -50,7 +50,7 @@ def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, I
 
 
 def ply_normals(vertex_columns: PlyColumns) -> Floats | None:
-    """(n, 3) normals, where each vertex has one."""
+    """(n, 3) normals; None unless each vertex has one."""
     if not {"nx", "ny", "nz"} <= vertex_columns.keys():
         return None
     return np.stack([np.array(vertex_columns[axis], dtype=np.float64) for axis in ("nx", "ny", "nz")], axis=1)
@@ -60,7 +60,7 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     """The content of a PLY file, by element and property.
 
     Raises:
-        ValueError: it is not PLY, or incomplete; a KeyError or a StopIteration where its header is broken.
+        ValueError: it is not PLY, or incomplete; a KeyError or a StopIteration if its header is broken.
     """
     end = content.find(b"end_header")
     if not content.startswith(b"ply") or end < 0:
@@ -69,7 +69,7 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     body = content[content.index(b"\n", end) + 1 :]
     encoding = next(words[1] for words in header if words[:1] == ["format"])
     if encoding == "ascii":
-        body = np.array(body.split(), dtype=np.float64).tobytes()  # from here on a binary file of doubles
+        body = np.array(body.split(), dtype=np.float64).tobytes()  # treat it as a binary file of doubles from here on
         types = {word: np.dtype(np.float64) for word in PLY_TYPES}
     else:
         order = ">" if encoding == "binary_big_endian" else "<"
@@ -93,7 +93,7 @@ def _ply_elements(header: list[list[str]], types: dict[str, np.dtype[Any]]) -> l
 
 
 def _element_columns(body: bytes, element: _Element) -> tuple[dict[str, Any], bytes]:
-    """The columns of an element, arrays (count, ...) or lists of arrays of any size; and the rest of the file."""
+    """The columns of an element, arrays (count, ...) or lists of arrays of any size, and the rest of the file."""
     if element.count == 0:
         return {column.name: np.zeros(0) for column in element.properties}, body
     first, _ = _ply_row(body, 0, element.properties)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A triangle mesh through the points of a cloud, by Delaunay triangulations in their tangent planes.
+"""Reconstruct a triangle mesh from a point cloud, by Delaunay triangulations in the points' tangent planes.
 
 Each point is joined to its natural neighbours in its tangent plane (Gopi, Krishnan and Silva, Surface reconstruction
-based on lower dimensional localized Delaunay triangulation, 2000). Of these triangles those are taken, first the ones
-that all three of their corners agree on, that make an oriented manifold. Points across a gap are no natural neighbours
-where the gap is wider than the points are apart. Normals that are not given are those of the planes that fit best,
-turned alike along the tree of the smallest turns (Hoppe et al., Surface reconstruction from unorganized points, 1992).
+based on lower dimensional localized Delaunay triangulation, 2000). From these triangles an oriented manifold is
+selected, beginning with those that all three corners agree on. Points across a gap are not natural neighbours if the
+gap is wider than their spacing. Normals that are not given come from the best fitting planes, oriented consistently
+along the tree of the smallest turns (Hoppe et al., Surface reconstruction from unorganized points, 1992).
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
 
-# Points whose neighbours are looked at together: bounds the memory.
+# Points processed together; bounds the memory.
 BLOCK = 1 << 15
-# The neighbour whose distance is the spacing of the points: as many as a vertex of a mesh has.
+# Rank of the neighbour whose distance is the spacing of the points: a vertex of a mesh has about so many.
 SPACING = 6
-# A triangle of less area, by the square of its longest edge, is three points on a line.
+# A triangle of less area, relative to the square of its longest edge, counts as three collinear points.
 ON_A_LINE = 1e-6
-# Nearest points in space that may be neighbours on the surface; triangulating more takes longer.
+# Number of nearest points in space that may be neighbours on the surface; more take longer to triangulate.
 NEIGHBOURS = 24
-# Nearest points in space that tangent planes are fitted to; more would smooth bends away.
+# Number of nearest points in space for fitting tangent planes; more would smooth bends away.
 PLANE_NEIGHBOURS = 12
-# Cosine of the angle between given normals below which two points are not neighbours: they are on two sides of a sheet.
+# Cosine of the angle between given normals below which two points are not neighbours, but on two sides of a sheet.
 MIN_NORMAL_COSINE = 0.3
 # Longest edge of a triangle, in spacings at each of its corners; longer ones bridge gaps.
 MAX_EDGE = 8.0
@@ -37,13 +37,13 @@ MIN_PART_TRIANGLES = 20
 
 
 def triangulate_points(points: Floats, normals: Floats | None = None) -> Integers:
-    """(m, 3) the triangles of an oriented manifold through points (n, 3).
+    """(m, 3) triangles of an oriented manifold through points (n, 3).
 
-    A few points of a noisy cloud are in no triangle, nor are the second and later ones at a place.
+    A few points of a noisy cloud are in no triangle, and neither are duplicates of a point.
 
     Args:
         points: positions.
-        normals: (n, 3) unit normals on the outside, if known.
+        normals: (n, 3) outward unit normals, if known.
     """
     _, first = np.unique(points, axis=0, return_index=True)
     first.sort()
@@ -62,9 +62,9 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
     spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
     if normals is None:
-        # Triangles of one star alone cross gaps: with them the spectra of seven clouds are a sixth farther off.
+        # Triangles of a single star cross gaps: using them raises the error of the spectra of seven clouds by a sixth.
         facing = facing * _senses(facing, triangles[agreed > 1])[:, None]
-    # Those that more corners agree on first, then those with shorter edges.
+    # First the triangles that more corners agree on, then those with shorter edges.
     triangles = _manifold(triangles, np.lexsort((longest, -agreed)), points, facing)
     edges, _ = unique_edges(triangles)
     _, part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(len(points),) * 2), directed=False)
@@ -73,7 +73,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
 
 
 def _plane_normals(points: Floats, near: Integers) -> Floats:
-    """(n, 3) unit normals, of either sense, of the planes that fit points and those near them (n, c) best."""
+    """(n, 3) unit normals, of either sign, of the planes that best fit each point and its neighbours (n, c)."""
     around = points[near[:, : PLANE_NEIGHBOURS + 1]]
     around = around - around.mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nci,ncj->nij", around, around))
@@ -81,16 +81,16 @@ def _plane_normals(points: Floats, near: Integers) -> Floats:
 
 
 def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, either: bool) -> Integers:
-    """(s, 3) the Delaunay triangles around some points (b,), among the points near them (b, c), in tangent planes.
+    """(s, 3) Delaunay triangles around some points (b,) and their neighbours (b, c), in tangent planes.
 
-    Inverted at the unit circle around a point, its neighbours in the triangulation are the corners of the convex hull.
+    After inversion in the unit circle around a point, its Delaunay neighbours are the corners of the convex hull.
 
     Args:
         centre: numbers of the points.
-        near: of the points near them.
+        near: numbers of their neighbours.
         points: (n, 3) positions.
         normals: (n, 3) unit normals.
-        either: whether these are of either sense, and tell nothing of who is a neighbour.
+        either: whether the normals have either sign, so that they cannot rule out neighbours.
     """
     offset, normal = points[near] - points[centre, None], normals[centre]
     length = np.linalg.norm(offset, axis=2)
@@ -100,13 +100,13 @@ def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, ei
     angle = np.where(joined, np.arctan2(y, x), np.inf)
     order = np.argsort(angle, axis=1, kind="stable")
     near, length, angle, joined = (np.take_along_axis(array, order, axis=1) for array in (near, length, angle, joined))
-    # Turned into the plane at its own distance: on a curved surface the projection is nearer than the path.
+    # Rotate into the plane, keeping the distance: on a curved surface a projection would shorten it.
     inverse = 1 / length
     x, y = inverse * np.cos(np.where(joined, angle, 0)), inverse * np.sin(np.where(joined, angle, 0))
     corner, following = _hull_corners(joined, x, y)
     row, column = np.nonzero(corner)
     after = following[row, column]
-    ahead = x[row, column] * y[row, after] - y[row, column] * x[row, after] > 0  # by less than half a turn
+    ahead = x[row, column] * y[row, after] - y[row, column] * x[row, after] > 0  # less than half a turn ahead
     row, column, after = row[ahead], column[ahead], after[ahead]
     return np.column_stack([centre[row], near[row, column], near[row, after]])
 
@@ -115,12 +115,12 @@ def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Int
     """Corners of the convex hulls of rows of points and the origin; the points (b, c) are sorted by angle.
 
     Args:
-        joined: which points there are.
+        joined: which of the points exist.
         x: first coordinates.
-        y: second ones.
+        y: second coordinates.
 
     Returns:
-        (b, c) which are corners, and for each the column of the next one.
+        (b, c) which points are corners, and for each point the column of the next corner.
     """
     corner, following = joined.copy(), np.zeros(joined.shape, dtype=np.int64)
     rows = np.arange(len(joined))
@@ -132,7 +132,7 @@ def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Int
         (x0, y0), (x1, y1) = (
             (np.take_along_axis(X, column, axis=1), np.take_along_axis(Y, column, axis=1)) for column in (before, after)
         )
-        # A point inside the triangle of the origin and those beside it; none is where these are half a turn apart.
+        # Inside the triangle of the origin and both neighbours; never if these are half a turn apart.
         inside = (X - x0) * (y1 - Y) - (Y - y0) * (x1 - X) <= 0
         inside &= corner[rows] & (x0 * Y - y0 * X > 0) & (X * y1 - Y * x1 > 0)
         corner[rows] &= ~inside
@@ -141,7 +141,7 @@ def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Int
 
 
 def _next(chosen: Booleans) -> Integers:
-    """(b, c) for each column the next one in its row that is chosen, around the end."""
+    """(b, c) for each column the next chosen one in its row, cyclically."""
     columns = chosen.shape[1]
     number = np.where(chosen, np.arange(columns), columns)
     number = np.column_stack([number[:, 1:], number.min(axis=1) + columns * chosen.any(axis=1)])
@@ -155,12 +155,12 @@ def _longest_edges(points: Floats, triangles: Integers) -> Floats:
 
 
 def _senses(normals: Floats, triangles: Integers) -> Floats:
-    """(n,) 1 or -1, by which normals (n, 3) agree along the edges of triangles where these turn least."""
+    """(n,) signs by which normals (n, 3) agree along the triangles' edges of the smallest turns."""
     n = len(normals)
     edges, _ = unique_edges(triangles)
     turn = 1 - np.abs(np.einsum("ex,ex->e", normals[edges[:, 0]], normals[edges[:, 1]]))
-    # An edge of no turn would be none in a sparse matrix.
-    # scipy 1.15, the last one for Python 3.10, takes indices of 4 bytes alone.
+    # Add a little, because a sparse matrix drops edges of zero turn. Indices have 4 bytes, because scipy 1.15, the last
+    # version for Python 3.10, takes no others.
     graph = coo_array((turn + 1e-3, edges.T.astype(np.int32)), shape=(n, n)).tocsr()
     tree = minimum_spanning_tree(graph)
     tree = tree + tree.T
@@ -176,9 +176,9 @@ def _senses(normals: Floats, triangles: Integers) -> Floats:
 
 
 def _manifold(triangles: Integers, order: Integers, points: Floats, normals: Floats) -> Integers:
-    """(t, 3) those of the triangles (m, 3), turned as the normals (n, 3) are, that share each edge with one other.
+    """(t, 3) select triangles (m, 3) that share each edge with at most one other, and wind them by normals (n, 3).
 
-    They are taken in the given order (m,).
+    They are selected in the given order (m,).
     """
     facing = np.einsum("mx,mcx->mc", area_normals(points, triangles), normals[triangles])
     sense = np.sign(facing).sum(axis=1)
@@ -190,7 +190,7 @@ def _manifold(triangles: Integers, order: Integers, points: Floats, normals: Flo
     taken = np.zeros(len(triangles), dtype=bool)
     left = np.flatnonzero(np.abs(sense) == 3)
     while len(left):
-        # Those that come first at all of their edges, all at once.
+        # Select all triangles at once that come first at each of their edges.
         foremost = np.full(len(free), len(triangles))
         np.minimum.at(foremost, half_edge[left].ravel(), np.repeat(rank[left], 3))
         first = (foremost[half_edge[left]] == rank[left, None]).all(axis=1)

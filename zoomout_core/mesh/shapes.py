@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What users hand in as a shape: a surface or a point cloud, arrays, another library's mesh, or the path of a file."""
+"""Shapes as users pass them: a surface, a point cloud, arrays, another library's mesh, or the path of a file."""
 
 from __future__ import annotations
 
@@ -37,14 +37,15 @@ ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | Mesh
 
 @memory_in_words
 def as_shape(shape: ShapeLike) -> Surface | PointCloud:
-    """The surface or the point cloud that a user hands in.
+    """Convert a user's shape to a surface or a point cloud.
 
     Args:
-        shape: itself; positions (n, 3) with faces, as `Surface` takes them; an object that has `vertices` and `faces`,
-            or `triangles`, such as those of trimesh and Open3D, or `vertices` alone; or the path of a mesh file.
+        shape: a surface or point cloud; positions (n, 3) with faces, as `Surface` takes them; an object with `vertices`
+            and `faces` or `triangles`, such as those of trimesh and Open3D, or with `vertices` only; or the path of a
+            mesh file.
 
     Raises:
-        MeshError: it cannot be used, or the file cannot be read.
+        MeshError: it is invalid, or the file cannot be read.
         TypeError: it is none of these.
     """
     if isinstance(shape, Surface | PointCloud):
@@ -65,20 +66,20 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
 
 @memory_in_words
 def as_surface(shape: ShapeLike) -> Surface:
-    """The surface that a user hands in, and of a point cloud the one that is reconstructed from it.
+    """Convert a user's shape to a surface; the surface of a point cloud is reconstructed.
 
     Raises:
-        MeshError: it cannot be used, or no surface passes through the points.
-        TypeError: it is no shape, see `as_shape`.
+        MeshError: it is invalid, or no surface passes through the points.
+        TypeError: it is not a shape, see `as_shape`.
     """
     found = as_shape(shape)
     return found.surface if isinstance(found, PointCloud) else found
 
 
 def from_working(shape: Surface | PointCloud, values: Floats) -> Floats:
-    """(n, d) values (m, d) of the working mesh's vertices, at those of the surface or at the points.
+    """(n, d) values at a surface's vertices or a cloud's points, from those (m, d) at the working mesh's vertices.
 
-    They are zero at a vertex that no face uses. A point that the surface leaves out is as good as the one beside it.
+    They are zero at a vertex without a face. A point that the surface leaves out gets the value of the nearest one.
     """
     vertex_of = as_surface(shape).working.vertex_of
     unused = vertex_of < 0

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces and point clouds, checked once at the edge so that the rest may trust them.
+"""Surfaces and point clouds, validated once on creation.
 
-A `Surface` keeps the user's mesh as it is: vertices, polygons, corners. Geometry is computed on its
-`working` copy, where borders that coincide are welded, faces without an extent are left out, the winding is
-made consistent and the total area is one.
+A `Surface` keeps the user's mesh unchanged: vertices, polygons, corners. Geometry is computed on its `working` copy,
+where coincident borders are welded, degenerate faces are removed, the winding is consistent and the total area is one.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
 from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.summary import Summary
 
-# Larger coordinates overflow where areas are squared.
+# Larger coordinates overflow when areas are squared.
 LARGEST_COORDINATE = 1e75
-# A vertex that is so many times as far away as the middle one of all cannot belong to faces of the others: beside its
-# faces they have no extent that could be told from rounding. As many corners of faces tell which vertex that is.
+# A vertex this many times as far away as the median vertex cannot share faces with the others: compared with these
+# faces, all others would vanish in rounding. The second number is how many face corners the median is taken of.
 FARTHEST, MANY = 1e6, 10_000
 
 
@@ -35,7 +34,7 @@ class MeshError(ValueError):
 
     Args:
         text: the sentence, or a template with named fields, see `messages.message`.
-        values: of these fields.
+        values: values of these fields.
 
     Example:
         >>> zo.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
@@ -53,7 +52,7 @@ class Surface(Summary):
     Args:
         vertices: (n, 3) positions, in any unit.
         faces: (f, k) vertex numbers, or a sequence of polygons of any size.
-        edges: (e, 2) vertex numbers, where a program numbers the edges; those of the faces when not given.
+        edges: (e, 2) vertex numbers, if a program numbers the edges; those of the faces when not given.
 
     Attributes:
         vertices: (n, 3) positions.
@@ -62,7 +61,7 @@ class Surface(Summary):
         triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
 
     Raises:
-        MeshError: no faces, numbers that are not whole or out of range, coordinates that are not finite, or no area.
+        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite, or no area.
 
     Example:
         >>> square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
@@ -85,17 +84,17 @@ class Surface(Summary):
         triangle_corners: ArrayLike | None = None,
         edges: ArrayLike | None = None,
     ) -> Surface:
-        """A surface from flat corner arrays, as programs store them (no Python list of faces).
+        """Make a surface from flat corner arrays, as programs store them, not a Python list of faces.
 
         Args:
             vertices: (n, 3) positions.
             corner_vertex: (c,) the vertex of each corner.
             face_start: (f + 1,) first corner of each face; the last entry is c.
             triangle_corners: (m, 3) a triangulation by corner numbers; computed when not given.
-            edges: (e, 2) vertex numbers of the edges, loose ones too; those of the faces when not given.
+            edges: (e, 2) vertex numbers of the edges, including loose ones; those of the faces when not given.
 
         Raises:
-            MeshError: as for the constructor, or the arrays do not fit each other.
+            MeshError: as for the constructor, or the arrays are inconsistent.
         """
         surface = cls.__new__(cls)
         surface._set(
@@ -109,7 +108,7 @@ class Surface(Summary):
 
     @classmethod
     def joined(cls, surfaces: Sequence[Surface]) -> Surface:
-        """One surface of several: their vertices, corners, faces, triangles and edges follow each other."""
+        """Join several surfaces: their vertices, corners, faces, triangles and edges follow each other."""
         vertex, corner = (
             np.cumsum([0, *(len(getattr(surface, name)) for surface in surfaces[:-1])])
             for name in ("vertices", "corner_vertex")
@@ -166,12 +165,12 @@ class Surface(Summary):
 
     @cached_property
     def triangle_face(self) -> Integers:
-        """(m,) the face that each triangle is a part of."""
+        """(m,) the face that each triangle belongs to."""
         return self.corner_face[self.triangle_corners[:, 0]]
 
     @property
     def edges(self) -> Integers:
-        """(e, 2) vertex numbers of the edges: as given, else each of the faces' once, the smaller number first."""
+        """(e, 2) vertex numbers of the edges: as given, else each edge of the faces once, the smaller number first."""
         if self._edges is None:
             self._edges = _edges_of_faces(self.corner_vertex, self.face_start)
         return self._edges
@@ -182,29 +181,28 @@ class Surface(Summary):
         return float(triangle_areas(self.vertices, self.triangles).sum())
 
     def share_of_area(self, chosen: Booleans) -> float:
-        """The part of the area, in [0, 1], that some of the vertices (n,) stand for."""
+        """The share of the area, in [0, 1], that belongs to some of the vertices (n,)."""
         areas = vertex_areas(self.vertices, self.triangles)
         return float(areas[chosen].sum() / areas.sum())
 
     @property
     def working(self) -> WorkingMesh:
         """The welded copy of unit area that bases and maps are computed on."""
-        # Up to Python 3.11 a cached_property lets no other surface's be computed in another thread meanwhile.
+        # Not a cached_property: up to Python 3.11 it blocks other threads that compute that of another surface.
         if self._working is None:
             self._working = working_mesh(self.vertices, self.triangles, self.area, self.corner_vertex)
         return self._working
 
     @working.setter
     def working(self, mesh: WorkingMesh) -> None:
-        """Take over the working mesh of a surface of the same arrays."""
+        """Reuse the working mesh of a surface with the same arrays."""
         self._working = mesh
 
     @property
     def rounding(self) -> float:
-        """How far apart the numbers are that the coordinates were rounded to, in units of the vertices.
+        """The step that the coordinates were rounded to, in units of the vertices.
 
-        Numbers of single precision are the further apart the further from zero. It is 0 where some coordinate is none
-        of these.
+        The step of single precision grows with the distance from zero. It is 0 if a coordinate needs double precision.
         """
         if self._rounding is None:
             self._rounding = single_precision_step(self.vertices)
@@ -212,7 +210,7 @@ class Surface(Summary):
 
     @rounding.setter
     def rounding(self, step: float) -> None:
-        """Say what it was before the vertices were brought to where they are."""
+        """Set the step of the coordinates before they were transformed."""
         self._rounding = step
 
     def _summary(self) -> dict[str, str]:
@@ -226,7 +224,7 @@ class Surface(Summary):
 
     @property
     def components(self) -> Integers:
-        """(n,) connected component of each vertex, largest area first; -1 where no face uses the vertex."""
+        """(n,) connected component of each vertex, largest area first; -1 for a vertex without a face."""
         working = self.working
         return np.where(working.vertex_of >= 0, working.component[working.vertex_of], -1)
 
@@ -236,10 +234,10 @@ class PointCloud:
 
     Args:
         points: (n, 3) positions.
-        normals: (n, 3) normals on the outside, or None.
+        normals: (n, 3) outward normals, or None.
 
     Raises:
-        MeshError: fewer than 12 points, coordinates that are not finite, or not a normal for each point.
+        MeshError: fewer than 12 points, coordinates that are not finite, or not one normal per point.
 
     Example:
         >>> zo.match(source, zo.PointCloud(target.vertices), k_final=30).surface_map.triangle.shape == truth.shape
@@ -260,7 +258,7 @@ class PointCloud:
 
     @cached_property
     def surface(self) -> Surface:
-        """The surface that is reconstructed from the points: they are its vertices, in their order.
+        """The surface reconstructed from the points; these are its vertices, in the same order.
 
         Raises:
             MeshError: no surface passes through the points.
@@ -274,9 +272,9 @@ class PointCloud:
 
 
 def single_precision_step(positions: ArrayLike) -> float:
-    """The largest distance from a coordinate (n, 3) to the next number of single precision, if all are such numbers.
+    """The largest distance from a coordinate (n, 3) to the next number of single precision.
 
-    It is 0 if they are not.
+    It is 0 unless all coordinates are such numbers.
     """
     points = np.asarray(positions)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -290,22 +288,22 @@ def single_precision_step(positions: ArrayLike) -> float:
 
 
 def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
-    """Numbers (m,) of vertices, checked; whole floats will do.
+    """Check vertex numbers (m,); integral floats are accepted.
 
     Args:
-        numbers: as the user gave them.
+        numbers: the user's numbers.
         count: how many vertices there are.
-        what: what they are, in words, for the message.
+        what: describes them in the message.
 
     Raises:
-        ValueError: they are no list of whole numbers from 0 to count - 1; the message names the first that is none.
+        ValueError: they are not a list of integers from 0 to count - 1; the message names the first invalid one.
     """
     array = np.asarray(numbers)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
         )
-    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
+    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # also finds NaN
     if len(wrong):
         raise ValueError(f"{what} must be vertex numbers from 0 to below {count}, but {wrong[0]} is not.")
     return array.astype(np.int64)
@@ -335,7 +333,7 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
 
 
 def _whole_numbers(numbers: ArrayLike) -> Integers:
-    """Numbers of elements as integers; whole floats, as some files and programs give them, will do."""
+    """Numbers of elements as integers; integral floats, as some files and programs have, are accepted."""
     array = np.asarray(numbers)
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
@@ -400,7 +398,7 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
 
 
 def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integers) -> None:
-    """Refuse faces between vertices that are near to each other and others that are beyond all measure of these."""
+    """Reject faces between vertices that are close together and vertices that are extremely far away."""
     some = corners[:: 1 + len(corners) // MANY]
     middle = np.median(some, axis=0)
     farthest = FARTHEST * np.median(np.linalg.norm(some - middle, axis=1))
@@ -420,5 +418,5 @@ def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integ
 
 
 def measurable(points: Floats) -> Booleans:
-    """(n,) which points (n, 3) have coordinates that are finite, and not beyond all measure."""
-    return np.asarray((np.abs(points) <= LARGEST_COORDINATE).all(axis=1))  # and so no NaN
+    """(n,) which points (n, 3) have coordinates that are finite and at most `LARGEST_COORDINATE`."""
+    return np.asarray((np.abs(points) <= LARGEST_COORDINATE).all(axis=1))  # false for NaN

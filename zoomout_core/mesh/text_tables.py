@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers and polygons of mesh files that are text."""
+"""Numbers and polygons of text mesh files."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from zoomout_core.arrays import Integers
 
 
 def decode(content: bytes) -> str:
-    """A file's text, whose lines end in a line feed."""
-    # Names and comments may be in any encoding; only numbers and keywords are of interest.
+    """A file's text, with lines that end in a line feed."""
+    # Names and comments may be in any encoding; only numbers and keywords are used.
     return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n")
 
 

@@ -27,13 +27,13 @@ def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
 
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
-    """(n, 3) unit normals of the vertices, the triangles' averaged by area; zero where there are none."""
+    """(n, 3) unit normals of the vertices, averaged over triangles by area; zero without triangles."""
     weighted = np.repeat(area_normals(vertices, triangles), 3, axis=0)
     return unit_vectors(segment_sum(weighted, triangles.ravel(), len(vertices)))
 
 
 def unit_vectors(vectors: Floats) -> Floats:
-    """Vectors (m, 3) of unit length, or zeros where they have none."""
+    """Vectors (m, 3) scaled to unit length; zero vectors stay."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
@@ -53,7 +53,7 @@ def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
 
 
 def border_edges(triangles: Integers) -> Integers:
-    """(b, 2) the undirected edges that only one of the triangles (m, 3) has."""
+    """(b, 2) the undirected edges of only one triangle (m, 3)."""
     edges, edge_of = unique_edges(triangles)
     return np.asarray(edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1])
 
@@ -68,8 +68,8 @@ class Sides(NamedTuple):
     """The sides of triangles, one undirected edge after the other.
 
     Attributes:
-        side: (3m,) numbers of the sides, 3 t for that from the first corner of triangle t to the second.
-        first: (e + 1,) where each edge's sides begin among them.
+        side: (3m,) numbers of the sides; 3 t is the side from the first corner of triangle t to the second.
+        first: (e + 1,) where the sides of each edge begin among these.
     """
 
     side: Indices
@@ -77,9 +77,9 @@ class Sides(NamedTuple):
 
 
 def sides_by_edge(triangles: Integers) -> Sides:
-    """The sides of triangles (m, 3) by the vertices that they connect.
+    """Group the sides of triangles (m, 3) by the vertices that they connect.
 
-    They are counted into the rows of a sparse matrix, which takes a third of the time that sorting them does.
+    They are counted into the rows of a sparse matrix, which takes a third of the time of sorting them.
     """
     low, high = _ends(triangles)
     n = int(high.max(initial=-1)) + 1
@@ -94,7 +94,7 @@ def sides_by_edge(triangles: Integers) -> Sides:
 
 
 def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
-    """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric, as good as undirected."""
+    """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric."""
     edges, _ = unique_edges(triangles)
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
@@ -107,5 +107,5 @@ def area_normals(vertices: Floats, triangles: Integers) -> Floats:
 
 
 def cross(u: Floats, v: Floats) -> Floats:
-    """(m, 3) cross products of vectors (m, 3): several times as fast as numpy's."""
+    """(m, 3) cross products of vectors (m, 3), several times as fast as numpy's."""
     return np.stack([u[:, i - 2] * v[:, i - 1] - u[:, i - 1] * v[:, i - 2] for i in range(3)], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Polygons cut into triangles."""
+"""Triangulate polygons."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.ear_clipping import clip_ears
 
-# A triangle of less than this share of its face's area has none but by rounding.
+# A triangle of less than this share of its face's area is degenerate up to rounding.
 NO_AREA = 1e-12
 
 
 def triangulate(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> Integers:
-    """(m, 3) corner numbers: quads along the diagonal that folds nothing, larger faces by fans or ears."""
+    """(m, 3) corner numbers: quads are cut along a diagonal without folds, larger faces into fans or ears."""
     sizes = np.diff(face_start)
     if (sizes == 3).all():
         return np.arange(len(corner_vertex)).reshape(-1, 3)
@@ -23,7 +23,7 @@ def triangulate(vertices: Floats, corner_vertex: Integers, face_start: Integers)
         chosen = np.flatnonzero(sizes == size)
         corners = face_start[chosen, None] + np.arange(size)
         points = vertices[corner_vertex[corners]]
-        points = points - points[:, :1]  # far from the origin, products would cancel
+        points = points - points[:, :1]  # far from the origin, products would lose digits
         normal = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)  # Newell
         order = _fan(size)
         if size == 4:
@@ -45,7 +45,7 @@ def _fan(size: int) -> Integers:
 
 
 def _agrees(points: Floats, triangles: Integers, normal: Floats, least: float = 0) -> Booleans:
-    """(f,) whether all triangles of a face (f, size, 3) wind like the face itself, with a least share of its area."""
+    """(f,) whether all triangles of a face (f, size, 3) wind like the face, with at least a share of its area."""
     a, b, c = (points[:, triangles[:, i]] for i in range(3))
     share = np.einsum("ftx,fx->ft", np.cross(b - a, c - a), normal)
     return np.asarray((share >= least * np.einsum("fx,fx->f", normal, normal)[:, None]).all(axis=1))

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One closed hull around a mesh of many shells: shells closer than a voxel are joined, the inside is removed.
+"""Make a closed hull around a mesh of many shells: join shells closer than a voxel, and remove the inside.
 
-Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
-in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
-2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The hull is extracted by
-surface nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
+Triangles are rasterised. Voxels are solid if they cannot be reached from outside, or, for meshes with holes, if walls
+enclose them in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using
+volumetric techniques, 2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The
+hull is extracted by surface nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed
+distance.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Empty voxels around the mesh: more than the reach of the Gaussian.
 PADDING = 4
-# Points that are rasterised at once, which bounds the memory.
+# Points that are rasterised at once; bounds the memory.
 POINTS = 1 << 20
-# A cell of the grid: its corners, and the pairs of these that an edge connects.
+# A cell of the grid: its corners, and the pairs of corners that an edge connects.
 CORNERS = np.array(list(product((0, 1), repeat=3)))
 EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
 
 
 @dataclass(frozen=True)
 class VoxelTuning(Tuning, set_by="characters"):
-    """How a solid is made of the voxels that triangles pass through, and its hull smoothed.
+    """How to make a solid from the voxels that triangles pass through, and smooth its hull.
 
     Attributes:
         sampling: spacing of the points that triangles are rasterised by.
-        min_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
-            holes let some of them out.
+        min_directions: a voxel is inside if rays meet walls in this many of the 26 directions to its neighbours; some
+            rays escape through holes.
         widest_gap: wider gaps are not bridged.
         smoothing: standard deviation of the Gaussian that smooths distances.
     """
@@ -51,16 +52,16 @@ VOXELS = VoxelTuning()
 
 
 def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
-    """The outer hull of a mesh, as one closed surface if its pieces lie close together.
+    """The outer hull of a mesh, as one closed surface if its pieces are close together.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers, in any orientation.
         resolution: voxels along the longest extent.
-        inset: how far below the outer sides of the voxels that triangles pass through the hull is extracted, in voxels.
+        inset: depth of the hull, in voxels, below the outer sides of the voxels that triangles pass through.
 
     Returns:
-        (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.
+        (n', 3) positions and (m', 3) triangles wound outwards; only the largest piece if pieces are too far apart.
     """
     low = vertices[triangles].min(axis=(0, 1))
     extent = vertices[triangles].max(axis=(0, 1)) - low
@@ -91,13 +92,13 @@ def _rasterise(points: Floats, triangles: Integers, shape: Integers) -> Booleans
 
 
 def _fill(wall: Booleans) -> Booleans:
-    """The voxels of walls and of what they enclose."""
+    """The voxels of walls and of the space that they enclose."""
     empty, _ = scipy.ndimage.label(~wall)
     return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.min_directions))
 
 
 def _walls_around(wall: Booleans) -> Indices:
-    """In how many of the 26 directions to the neighbours of each voxel there is a wall."""
+    """How many of the 26 directions to the neighbours of each voxel lead to a wall."""
     count = np.zeros(wall.shape, dtype=np.int8)
     for direction in product((-1, 0, 1), repeat=3):
         if any(direction):
@@ -106,7 +107,7 @@ def _walls_around(wall: Booleans) -> Indices:
 
 
 def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
-    """The voxels from which a wall is met by going the other way of a direction."""
+    """The voxels from which the opposite of a direction leads to a wall."""
     axis = next(i for i in range(3) if direction[i])
     order = range(wall.shape[axis]) if direction[axis] > 0 else range(wall.shape[axis] - 1, -1, -1)
     layers = np.moveaxis(wall, axis, 0)
@@ -117,8 +118,9 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
         shifted = previous
         for side, step in enumerate(across):
             if step:
-                # A ray that leaves the grid goes on at its other side, where it may meet a wall. Had it ended, slanted
-                # rays would close open clothes less: 73 of 84 characters were right for 74 (`benchmarks characters`).
+                # A ray that leaves the grid continues at the opposite side, where it may meet a wall. If it ended,
+                # slanted rays would close open clothes less: 73 of 84 characters were right instead of 74 (`benchmarks
+                # characters`).
                 shifted = np.roll(shifted, step, axis=side)
         met[i] = shifted
         previous = shifted | layers[i]
@@ -130,7 +132,7 @@ def _bridge(solid: Booleans, widest: float) -> Booleans:
 
     Args:
         solid: voxels.
-        widest: gaps that are wider than this, in voxels, stay.
+        widest: gaps wider than this, in voxels, are kept.
     """
     piece, count = scipy.ndimage.label(solid, np.ones((3, 3, 3)))
     if count == 1:
@@ -168,13 +170,13 @@ def _bridge(solid: Booleans, widest: float) -> Booleans:
 
 
 def surface_nets(field: Floats) -> tuple[Floats, Integers]:
-    """The surface on which a field on a grid (x, y, z) is zero: one vertex in each cell that it passes through.
+    """The zero surface of a field on a grid (x, y, z), with one vertex in each cell that it passes through.
 
     Args:
-        field: (x, y, z) numbers, not positive on the border of the grid.
+        field: (x, y, z) numbers, zero or negative on the border of the grid.
 
     Returns:
-        (n, 3) positions in units of the grid, and (m, 3) triangles, wound away from where the field is positive.
+        (n, 3) positions in units of the grid, and (m, 3) triangles, with normals away from positive values.
     """
     inside = field > 0
     cells = tuple(size - 1 for size in field.shape)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices that are one but for rounding: at borders, which exporters split, and of parts that are there twice."""
+"""Weld vertices that coincide up to rounding: at borders that exporters split, and of duplicated parts."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import Sides
 
-# Vertices nearer to each other than this part of the surface's diameter are one. Cells of a third of it (and a bit)
-# take 21 bits of a coordinate.
+# Vertices closer than this share of the surface's diameter coincide. Cells of a little more than a third of it need 21
+# bits per coordinate.
 TOLERANCE = 2.0**-20
-# In cells with more vertices in different places than this, only one is tested: a part is smaller than the tolerance.
+# In cells with more distinct positions than this, only one is tested: a part is smaller than the tolerance.
 CROWDED = 16
 
 
 def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
-    """Weld vertices: (n,) the vertex that stands for each, the first of its group.
+    """Weld vertices: (n,) the vertex that replaces each, the first of its group.
 
-    These are vertices of borders that coincide, and of parts that lie wholly on others, triangle on triangle, as the
-    other sides of thin things and forgotten copies do; elsewhere a surface may touch itself. Vertices nearer to each
-    other than the tolerance are one, and so are those that others between them connect, in whatever frame.
+    Coincident borders are welded, and parts that coincide wholly with others, triangle by triangle, such as the other
+    sides of thin objects and forgotten copies. Elsewhere a surface may touch itself. Vertices closer than the tolerance
+    are welded, and so are chains of them. The result does not depend on the frame.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers.
-        sides: of the triangles.
+        sides: sides of the triangles.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
@@ -49,10 +49,10 @@ def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
 
 
 def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
-    """(m,) which triangles (m, 3) are the second of their three vertices, or a later one, in whatever order these are.
+    """(m,) which triangles (m, 3) repeat the three vertices of an earlier one, in any order.
 
-    A fold of a closed surface is none of these: to its edges two other triangles are joined, to those of a sheet of two
-    sides one at most.
+    Folds of a closed surface do not count: two other triangles join the edges of a fold, at most one those of a
+    two-sided sheet.
     """
     side, first = sides
     opposite = np.roll(triangles, 1, axis=1).ravel()
@@ -74,11 +74,11 @@ def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
 
 
 def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
-    """(g,) which groups of triangles that lie on one another belong to a fold.
+    """(g,) which groups of coincident triangles belong to a fold.
 
     Args:
         triangles: (m, 3) vertex numbers.
-        sides: of the triangles.
+        sides: sides of the triangles.
         group_of: (m,) number of the group that each triangle is in, -1 for none.
         groups: how many there are.
     """
@@ -87,7 +87,7 @@ def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups
     group = group_of[side // 3]
     doubled = np.flatnonzero(group >= 0)
     others = np.bincount(edge, group < 0)
-    # Those of one sheet or fold: edges stand behind the groups in the graph.
+    # Groups of one sheet or fold are connected; edges are numbered after the groups in the graph.
     patch = _components(groups + len(others), np.stack([group[doubled], groups + edge[doubled]], axis=1))
     folded = np.zeros(patch.max() + 1, dtype=bool)
     folded[patch[groups + edge[doubled[others[edge[doubled]] > 1]]]] = True
@@ -99,7 +99,7 @@ def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups
 
 
 def _on_border(triangles: Integers, sides: Sides, count: int) -> Booleans:
-    """(n,) which vertices are on an edge of one triangle alone."""
+    """(n,) which vertices are on an edge of only one triangle."""
     side, first = sides
     alone = side[first[:-1][np.diff(first) == 1]]
     border = np.zeros(count, dtype=bool)
@@ -109,18 +109,18 @@ def _on_border(triangles: Integers, sides: Sides, count: int) -> Booleans:
 
 
 def _cells(points: Floats, tolerance: float) -> Integers:
-    """(n,) the cell that each point is in; of one cell no two points are farther apart than the tolerance."""
+    """(n,) the cell of each point; points of one cell are at most the tolerance apart."""
     lattice = np.floor((points - points.min(axis=0)) * (np.sqrt(3) / tolerance)).astype(np.int64)
     return np.asarray((lattice[:, 0] << 42) | (lattice[:, 1] << 21) | lattice[:, 2])
 
 
 def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
-    """(n,) the first point of all that are connected by steps of at most the tolerance.
+    """(n,) the first of the points that are connected with each by steps of at most the tolerance.
 
     Args:
         points: (n, 3) positions.
-        cell: (n,) of each, whose points are one in any case.
-        tolerance: in their unit.
+        cell: (n,) cell of each; points of one cell are always connected.
+        tolerance: in the unit of the positions.
     """
     _, begin, group = np.unique(cell, return_index=True, return_inverse=True)
     apart = (points != points[begin[group]]).any(axis=1)
@@ -132,11 +132,11 @@ def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
 
 
 def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
-    """Weld parts that lie wholly on others to these others' vertices; returns the vertex that stands for each.
+    """Weld parts that coincide wholly with others to these; returns the vertex that replaces each.
 
     Args:
-        stands_for: (n,) at the borders.
-        place: (n,) the first vertex in the same place.
+        stands_for: (n,) the replacements at borders.
+        place: (n,) the first vertex at the same place.
         triangles: (m, 3) vertex numbers.
     """
     own = stands_for[triangles]
@@ -148,7 +148,7 @@ def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> 
     proper = np.flatnonzero((np.diff(corners, axis=1) > 0).all(axis=1))
     proper = proper[np.argsort(largest_first[proper], kind="stable")]
     _, begin, group = np.unique(corners[proper], axis=0, return_index=True, return_inverse=True)
-    twin = proper[begin[group.ravel()]]  # in the largest part that has one
+    twin = proper[begin[group.ravel()]]  # of the largest part that has one
     lies_on_another = np.ones(part.max() + 1, dtype=bool)
     lies_on_another[part[proper[part[twin] == part[proper]]]] = False
     copied = lies_on_another[part[proper]]
@@ -159,12 +159,12 @@ def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> 
 
 
 def _components(count: int, pairs: Integers) -> Integers:
-    """(n,) the number of the connected component of each vertex, by connected ones (e, 2)."""
+    """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
     graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _first_of(label: Integers) -> Integers:
-    """(n,) the first with the same label."""
+    """(n,) the first element with the same label."""
     _, begin, group = np.unique(label, return_index=True, return_inverse=True)
     return np.asarray(begin[group])

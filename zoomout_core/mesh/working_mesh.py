@@ -16,10 +16,10 @@ from zoomout_core.mesh.welding import lies_twice, weld
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
-# Signed volume of an open surface, over that of a sphere of the same area, below which its sign is not trusted.
+# Signed volume of an open surface, relative to a sphere of the same area, below which its sign is not trusted.
 MIN_OPEN_VOLUME = 0.02
-# The same ratio over the length of the mean normal, above which the volume tells the outside of a surface. Shallower
-# open surfaces, such as cloth, may bend the other way in another pose.
+# The same ratio, divided by the length of the mean normal, above which the volume defines the outside of a surface.
+# Shallower open surfaces, such as cloth, may bend the other way in another pose.
 MIN_VOLUME_PER_NORMAL = 2.0
 
 
@@ -31,12 +31,12 @@ class WorkingMesh:
         vertices: (n, 3) positions, centred, divided by the square root of the surface's area.
         triangles: (m, 3) vertex numbers, corners in the order of the surface's own triangle.
         flipped: (m,) whether a triangle winds against the consistent, outward orientation.
-        vertex_of: (n_surface,) the working vertex of each vertex of the surface, -1 where no face uses it.
-        triangle_of: (m,) the surface's triangle that each triangle stems from.
+        vertex_of: (n_surface,) the working vertex of each vertex of the surface, -1 for a vertex without a face.
+        triangle_of: (m,) the surface's triangle that each triangle comes from.
         component: (n,) number of the connected component of each vertex, the largest area first.
         scale: square root of the surface's area, in the surface's units.
-        origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
-        is_hull: whether it is a voxel hull around the surface: then its triangles stem from none of the surface's, and
+        origin: (3,) the origin of this mesh in the surface's frame and unit.
+        is_hull: whether it is a voxel hull around the surface: then its triangles do not come from the surface, and
             `vertex_of` is the nearest vertex.
     """
 
@@ -67,9 +67,9 @@ class WorkingMesh:
 
     @cached_property
     def sides_are_known(self) -> bool:
-        """Whether the volume that it encloses tells outside from inside: not of a cloth, which may bend either way.
+        """Whether the enclosed volume defines the outside; it does not for a cloth, which may bend either way.
 
-        The mean normal is zero where a surface is closed, and of unit length where it is flat.
+        The mean normal of a closed surface is zero, that of a flat one has unit length.
         """
         corners = self.vertices[self.oriented_triangles]
         area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
@@ -86,7 +86,7 @@ class WorkingMesh:
         vertices = np.flatnonzero(inside)
         if len(vertices) == len(inside):
             return self, vertices
-        number = np.full(len(inside) + 1, -1)  # the extra last entry answers for vertex_of = -1
+        number = np.full(len(inside) + 1, -1)  # the extra last entry maps vertex_of = -1
         number[vertices] = np.arange(len(vertices))
         kept = inside[self.triangles].all(axis=1)
         triangles = number[self.triangles[kept]]
@@ -104,7 +104,7 @@ class WorkingMesh:
         ), vertices
 
     def piece(self, inside: Booleans) -> tuple[WorkingMesh, Integers]:
-        """The largest connected piece between some vertices (n,), as `part` returns it; one triangle at least is."""
+        """The largest connected piece on some vertices (n,), as from `part`; they must span a triangle."""
         kept = inside[self.triangles].all(axis=1)
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
@@ -112,8 +112,8 @@ class WorkingMesh:
         """Subdivide at the middles of edges until there are enough vertices.
 
         Returns:
-            The mesh, of which this one's vertices are the first, and (n,) of each vertex the one of this mesh that it
-            is nearest to, or as near as to another.
+            The mesh, which begins with the vertices of this one, and (n,) a nearest vertex of this mesh for each
+            vertex.
         """
         mesh, nearest = self, np.arange(len(self.vertices))
         while len(mesh.vertices) < min_vertices:
@@ -134,11 +134,11 @@ class WorkingMesh:
         return mesh, nearest
 
     def from_surface(self, points: Floats) -> Floats:
-        """(q, 3) points given in the surface's frame and unit, in this mesh's."""
+        """(q, 3) points in this mesh's frame, from the surface's frame and unit."""
         return np.asarray((points - self.origin) / self.scale)
 
     def to_surface(self, points: Floats) -> Floats:
-        """(q, 3) points given in this mesh's frame, in the surface's frame and unit."""
+        """(q, 3) points in the surface's frame and unit, from this mesh's frame."""
         return np.asarray(self.origin + self.scale * points)
 
 
@@ -148,8 +148,8 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers.
-        area: of all triangles, above zero.
-        referenced: vertices that a face uses, though it may be of no triangle with an extent.
+        area: area of all triangles, above zero.
+        referenced: vertices that a face uses, even if all of its triangles are degenerate.
     """
     given = triangles
     sides = sides_by_edge(triangles)
@@ -187,7 +187,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
 
 
 def _component(vertices: Floats, triangles: Integers) -> Integers:
-    """(n,) connected components, numbered by falling area."""
+    """(n,) connected components, numbered by decreasing area."""
     n = len(vertices)
     rows, columns = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
     count, label = connected_components(
@@ -205,7 +205,7 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     """(m,) which triangles to turn so that neighbours agree and normals point outwards."""
     side, first = sides
     m, count = len(triangles), np.diff(first)
-    pair = first[:-1][count == 2]  # manifold edges alone carry an orientation across
+    pair = first[:-1][count == 2]  # only manifold edges propagate an orientation
     left, right = side[pair], side[pair + 1]
     forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     agree = forward[left] != forward[right]
@@ -228,14 +228,13 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
     """Which of m triangles to turn so that neighbours wind alike.
 
-    The orientation double cover: each triangle stands there twice, kept and turned; neighbours that agree
-    are joined copy to copy, the others crosswise. A sheet that contains one copy of each triangle is a
-    consistent winding.
+    Uses the orientation double cover, which has each triangle twice, kept and turned. Neighbours that agree are joined
+    copy to copy, others crosswise. A sheet that contains one copy of each triangle is a consistent winding.
 
     Args:
         m: number of triangles.
         left: (e,) one of the two triangles at an edge.
-        right: (e,) the other one.
+        right: (e,) the other triangle.
         agree: (e,) whether they wind alike.
 
     Returns:
@@ -246,7 +245,7 @@ def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[B
     _, sheet = connected_components(
         coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(2 * m, 2 * m)), directed=False
     )
-    # Of the two sheets over a patch take the one that keeps more triangles (a Moebius band has one: keep all).
+    # Take the sheet over a patch that keeps more triangles (a Moebius band has only one sheet: keep all).
     kept = np.bincount(sheet[:m], minlength=2 * m)
     turned = kept[sheet[m:]] > kept[sheet[:m]]
     tie = kept[sheet[m:]] == kept[sheet[:m]]
@@ -255,7 +254,7 @@ def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[B
 
 
 def _area_and_volume(corners: Floats, patch: Indices) -> tuple[Floats, Floats]:
-    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between them and their centroids.
+    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid.
 
     Args:
         corners: positions.

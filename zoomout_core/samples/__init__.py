@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated meshes with a known truth: creatures, a character as a game has it, and a scan of it.
+"""Generated meshes with known correspondence: creatures, a game character, and a scan of it.
 
-Modules of parts that generators share: `spheres`, `grids`, `arcs`, `implicit` bodies and `skeletons`.
+Generators share the modules `spheres`, `grids`, `arcs`, `implicit` (bodies) and `skeletons`.
 """
 
 from zoomout_core.samples.characters import (

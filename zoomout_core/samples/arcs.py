@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bending along arcs, which nearly keeps distances along a surface."""
+"""Bend along arcs, which nearly preserves distances along a surface."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from zoomout_core.arrays import Floats
 
 
 def bend_along_arc(across: Floats, angle: Floats, radius: float, middle: float = 0.0) -> tuple[Floats, Floats]:
-    """Where points go as a straight line becomes an arc of constant curvature; sections stay plane.
+    """Bend points as a straight line becomes an arc of constant curvature; cross sections stay plane.
 
     Args:
         across: (n,) coordinates of the points in the direction of the arc's centre.
         angle: (n,) radians between the section at the start of the arc and that of each point.
-        radius: of the arc.
+        radius: radius of the arc.
         middle: the coordinate of the line in the direction of the arc's centre.
 
     Returns:
-        (n,) coordinates along the line's first direction, from the start of the arc, and (n,) those across.
+        (n,) coordinates along the line's first direction, from the start of the arc, and (n,) across it.
     """
     reach = radius - (across - middle)
     return reach * np.sin(angle), middle + radius - reach * np.cos(angle)

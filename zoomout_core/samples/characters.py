@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The creature as a game has it, and a scan of it, with the files that they are written to."""
+"""The creature as a game character, a scan of it, and their files."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from zoomout_core.transfer.skinning import blend_matrices, transform_points
 if TYPE_CHECKING:
     from pygltflib import GLTF2
 
-# From the creature's frame to that of glTF, in which y points up.
+# From the creature's frame to glTF's, where y points up.
 UPRIGHT = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-# How the scan stands: turns of its limbs in glTF's frame, in degrees about x, y and z.
+# Pose of the scan: rotations of its limbs in glTF's frame, in degrees about x, y and z.
 STANCE: Mapping[str, tuple[float, float, float]] = {
     "Arm.L": (0, 0, -45),
     "Arm.R": (0, 35, -30),
@@ -43,16 +43,16 @@ STANCE: Mapping[str, tuple[float, float, float]] = {
     "Head": (0, 25, 0),
     "Tail": (-30, 0, 0),
 }
-# Vertices and voxels along the longest extent of what is remeshed.
+# Vertices, and voxels along the longest extent, of the remeshed body.
 FINE, VOXELS = 20000, 120
-# Turns of the waving arm, in degrees.
+# Rotations of the waving arm, in degrees.
 WAVE = 0.0, 50.0, 0.0, 50.0, 0.0
-# Pixels and squares along the side of the texture; of how many vertices of the scan the truth names one.
+# Pixels and squares along a side of the texture; the truth lists every n-th vertex of the scan.
 TEXELS, SQUARES, PAIRS_EVERY = 128, 8, 10
 
 
 def body(count: int = 5000, seed: int = 0) -> Creature:
-    """The creature at rest, with triangles of about one size, as remeshers make them, in glTF's frame: y points up.
+    """The creature at rest in glTF's frame (y points up), with triangles of about equal size, as from a remesher.
 
     Args:
         count: of vertices, about.
@@ -67,7 +67,7 @@ def body(count: int = 5000, seed: int = 0) -> Creature:
 
 
 def character(count: int = 5000) -> Asset:
-    """A creature as a game has it: texture coordinates, a texture, two materials, colours, joints and an animation.
+    """A creature as a game character: texture coordinates, a texture, two materials, colours, joints, an animation.
 
     Args:
         count: of vertices, about.
@@ -93,7 +93,7 @@ def character(count: int = 5000) -> Asset:
 
 
 def scan(count: int = 4000, seed: int = 1) -> Creature:
-    """The same creature as if it were scanned: in another stance, of other triangles, and in glTF's frame.
+    """The same creature as if scanned: in another pose, with other triangles, in glTF's frame.
 
     Args:
         count: of vertices, about.
@@ -104,7 +104,7 @@ def scan(count: int = 4000, seed: int = 1) -> Creature:
 
 
 def in_stance(made: Creature) -> Surface:
-    """A creature that is at rest in glTF's frame, in the stance of the scan."""
+    """Pose a creature, at rest in glTF's frame, like the scan."""
     surface = made.surface
     transforms = np.tile(np.eye(4)[:3], (1 + len(NAMES), 1, 1))
     for number, (name, joint) in enumerate(zip(NAMES, joints(), strict=True), start=1):
@@ -115,13 +115,13 @@ def in_stance(made: Creature) -> Surface:
 
 
 def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
-    """Write `character.glb`, `scan.ply` and `truth.txt`, pairs of their vertices that truly correspond.
+    """Write `character.glb`, `scan.ply` and `truth.txt`, pairs of vertices that correspond.
 
     Returns:
         The paths of the three files.
 
     Raises:
-        OutputError: they could not be written.
+        OutputError: they cannot be written.
         ImportError: the packages of the extra `cli` are not installed.
     """
     place = Path(folder)
@@ -130,7 +130,7 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
     made, scanned = body(), scan()
     write_asset(character(), files[0])
     write_asset(Asset(scanned.surface), files[1])
-    # Programs number the vertices of a glTF file in ways of their own.
+    # Each program numbers the vertices of a glTF file in its own way.
     number = np.asarray(cKDTree(read_surface(files[0]).vertices).query(made.surface.vertices)[1])
     some = np.arange(0, len(scanned.directions), PAIRS_EVERY)
     pairs = np.column_stack([number[true_vertex(made, scanned)[some]], some])
@@ -139,12 +139,12 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
 
 
 def joints() -> Floats:
-    """(limbs, 3) where each limb turns, in glTF's frame."""
+    """(limbs, 3) the joint of each limb, in glTF's frame."""
     return LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True) * FLAT @ UPRIGHT.T
 
 
 def checker() -> bytes:
-    """A PNG file of a checker whose squares differ in hue."""
+    """A PNG file of a checkerboard whose squares differ in hue."""
     place = np.arange(TEXELS) * SQUARES // TEXELS
     shade = np.where((place[:, None] + place) % 2, 1.0, 0.7)
     hue = np.stack(np.broadcast_arrays(place[:, None], SQUARES - 1 - place, SQUARES // 2), axis=-1) / (SQUARES - 1)
@@ -158,7 +158,7 @@ def checker() -> bytes:
 
 
 def _texture_coordinates(made: Creature) -> Floats:
-    """(c, 2) of the corners: longitude and latitude of the directions, with a seam at the back."""
+    """(c, 2) longitude and latitude of the corners' directions, with a seam at the back."""
     where = made.directions[made.surface.corner_vertex]
     across = (np.arctan2(where[:, 0], -where[:, 1]) / np.pi + 1) / 2
     of_face = across.reshape(-1, 3)
@@ -167,7 +167,7 @@ def _texture_coordinates(made: Creature) -> Floats:
 
 
 def _skin(surface: Surface, where: Floats) -> Skin:
-    """The joints of a creature that stands at rest."""
+    """The joints and weights of a creature at rest."""
     count = 1 + len(NAMES)
     inverse_bind = np.tile(np.eye(4), (count, 1, 1))
     inverse_bind[1:, :3, 3] = -joints()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Creatures whose true correspondence is known, in any pose and of any triangles.
+"""Creatures with known correspondence, in any pose and with any triangles.
 
-A creature is a sphere with limbs drawn out of it, given as a function of the direction from its centre. Every choice of
-directions is another mesh of the same surface, and the same direction is the same place. A pose bends the limbs, which
-leaves distances along the surface nearly as they were.
+A creature is a sphere with limbs pulled out of it, as a function of the direction from its centre. Every choice of
+directions is another mesh of the same surface, and equal directions are the same place. A pose bends the limbs, which
+nearly preserves distances along the surface.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ NAMES = ("Arm.L", "Arm.R", "Leg.L", "Leg.R", "Head", "Tail")
 LIMBS = np.array([[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 0.05, 1], [0, 1, -0.25]])
 LENGTHS = np.array([2.6, 2.6, 3.2, 3.2, 0.8, 2.0])
 SHARPNESS = np.array([70.0, 70.0, 70.0, 70.0, 9.0, 90.0])
-# How thick the body is from front to back.
+# Scale of the body along each axis: flattened from front to back.
 FLAT = np.array([1, 0.7, 1])
-# Where limbs begin to bend, from the centre.
+# Distance from the centre at which limbs begin to bend.
 BODY = 1.05
-# How far beyond the body a limb begins to move with its joint, and how far it moves with it alone.
+# Distances beyond the body at which a limb begins to move with its joint, and moves only with it.
 LIMB_BEGINS, LIMB_IS_FREE = 0.1, 1.0
 
 
 @dataclass(frozen=True)
 class Creature:
-    """A mesh with the direction (n, 3) that each vertex stands for."""
+    """A mesh with the direction (n, 3) of each vertex."""
 
     surface: Surface
     directions: Floats
@@ -45,9 +45,9 @@ def creature(
     """A creature with two arms, two legs, a head and a tail.
 
     Args:
-        count: of vertices.
-        seed: of the mesh; the surface is the same for every seed.
-        bend: of the limbs, in radians from body to tip.
+        count: number of vertices.
+        seed: seed of the mesh; the surface is the same for every seed.
+        bend: bend of the limbs, in radians from body to tip.
         asymmetry: how much longer the left limbs are than the right ones.
         without: the number of a limb that it lacks.
     """
@@ -57,22 +57,22 @@ def creature(
 
 
 def at_rest(where: Floats, lengths: Floats = LENGTHS) -> Floats:
-    """(n, 3) the places in some directions (n, 3), with limbs of some lengths."""
+    """(n, 3) points in directions (n, 3), with limbs of some lengths."""
     return where * (1 + _shapes(where) @ lengths)[:, None] * FLAT
 
 
 def limb_heights(where: Floats) -> Floats:
-    """(n, limbs) how far each limb draws what is in some directions (n, 3) out."""
+    """(n, limbs) how far each limb pulls out points in directions (n, 3)."""
     return LENGTHS * _shapes(where)
 
 
 def _shapes(where: Floats) -> Floats:
-    """(n, limbs) how far each limb draws what is in some directions (n, 3) out, as shares of its length."""
+    """(n, limbs) how far each limb pulls out points in directions (n, 3), as shares of its length."""
     return np.exp(SHARPNESS * (where @ (LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True)).T - 1))
 
 
 def limb_weights(where: Floats) -> Floats:
-    """(n, 1 + limbs) how far the body and each limb move what is in some directions (n, 3); rows sum to one."""
+    """(n, 1 + limbs) weights of the body and each limb at directions (n, 3); rows sum to one."""
     limbs = np.clip((limb_heights(where) - LIMB_BEGINS) / (LIMB_IS_FREE - LIMB_BEGINS), 0, 1)
     return np.column_stack([1 - limbs.sum(axis=1), limbs])
 
@@ -83,10 +83,10 @@ def true_vertex(source: Creature, target: Creature) -> Integers:
 
 
 def posed(points: Floats, bend: float) -> Floats:
-    """Points (n, 3) at rest with what lies beyond the body bent along arcs: arms upwards, legs forwards, the tail down.
+    """Points (n, 3) with the limbs bent along arcs: arms upwards, legs forwards, the tail down.
 
     Args:
-        points: (n, 3) at rest.
+        points: (n, 3) positions at rest.
         bend: in radians from body to tip.
     """
     points = points.copy()

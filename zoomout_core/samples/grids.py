@@ -10,18 +10,18 @@ from zoomout_core.mesh.surface import Surface
 
 
 def grid(u: Floats, v: Floats) -> Surface:
-    """The flat grid of quads through the points (u, v, 0) for each of u (n,) and each of v (m,), the latter first."""
+    """The flat grid of quads on the points (u, v, 0) for each u (n,) and v (m,); v varies first."""
     points = np.stack(np.meshgrid(u, v, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
     return Surface(points, grid_faces(len(u) - 1, len(v) - 1))
 
 
 def grid_faces(columns: int, rows: int, closed: tuple[bool, bool] = (False, False)) -> Integers:
-    """(columns * rows, 4) vertices of a grid's quads, wound from the direction of i to that of j.
+    """(columns * rows, 4) vertices of a grid's quads, wound from direction i to direction j.
 
     Args:
         columns: cells along i.
         rows: cells along j; the vertices of each column follow each other.
-        closed: whether the last cells along i, and along j, lead back to the first vertices.
+        closed: whether the last cells along i, and along j, connect to the first vertices.
     """
     across, lines = (count + (not around) for count, around in zip((columns, rows), closed, strict=True))
     i, j = np.indices((columns, rows)).reshape(2, -1, 1)
@@ -30,16 +30,16 @@ def grid_faces(columns: int, rows: int, closed: tuple[bool, bool] = (False, Fals
 
 
 def ring_faces(rings: int, around: int, closed: bool = False) -> Integers:
-    """(f, 4) vertices of the quads between rings of vertices, wound outwards if these go up and counterclockwise.
+    """(f, 4) vertices of the quads between rings of vertices, wound outwards if these go up, counterclockwise.
 
     Args:
-        rings: that follow each other.
-        around: vertices of each.
-        closed: whether the last ring leads back to the first.
+        rings: number of rings.
+        around: vertices of each ring.
+        closed: whether the last ring connects to the first.
     """
     return grid_faces(rings - (not closed), around, (closed, True))[:, [0, 3, 2, 1]]
 
 
 def triangles_of(quads: Integers) -> Integers:
-    """(2 m, 3) the halves of quads (m, 4) cut from the first to the third corner: those before the cut come first."""
+    """(2 m, 3) halves of quads (m, 4) cut from the first to the third corner; all halves before the cut come first."""
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

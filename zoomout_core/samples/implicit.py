@@ -30,7 +30,7 @@ class Limb:
     blend: float = 0.04
 
     def distance(self, points: Floats) -> Floats:
-        """Signed distance (n,) of points (n, 3): the least of the cones with round ends between close stations."""
+        """Signed distance (n,) of points (n, 3): the minimum over round cones between close stations."""
         stations = np.array(self.stations)
         if len(stations) > 2:
             curve = PchipInterpolator(np.arange(len(stations)), stations)
@@ -39,7 +39,7 @@ class Limb:
 
     @property
     def extent(self) -> list[Floats]:
-        """Corners of boxes (3,) that the limb lies in."""
+        """Corners (3,) of boxes that contain the limb."""
         stations = np.array(self.stations)
         return [*(stations[:, :3] - stations[:, 3:]), *(stations[:, :3] + stations[:, 3:])]
 
@@ -70,7 +70,7 @@ class Ellipsoid:
 
     @property
     def extent(self) -> list[Floats]:
-        """Corners of a box (3,) that the ellipsoid lies in."""
+        """Corners (3,) of a box that contains the ellipsoid."""
         return [np.subtract(self.centre, self.radii), np.add(self.centre, self.radii)]
 
     def mirrored(self) -> Ellipsoid:
@@ -88,7 +88,7 @@ def both_sides(solids: list[Solid]) -> list[Solid]:
 
 
 def bounds(solids: Iterable[Solid], margin: float) -> Floats:
-    """(2, 3) the lowest and the highest corner of the space that solids fill, with a margin around it."""
+    """(2, 3) the lowest and the highest corner of a box around solids, with a margin."""
     corners = np.array([corner for solid in solids for corner in solid.extent])
     return np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
 
@@ -106,14 +106,14 @@ def distance(points: Floats, solids: Iterable[Solid]) -> Floats:
 def surface_net(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Floats, Integers]:
     """The surface of a union of solids as quads.
 
-    Naive surface nets (Gibson, Constrained elastic surface nets, 1998): a vertex in each grid cell that the
-    surface passes, a quad around each grid edge that it crosses; the vertices are then evened out and
-    brought back onto the surface in turn.
+    Naive surface nets (Gibson, Constrained elastic surface nets, 1998): a vertex in each grid cell that the surface
+    passes, a quad around each grid edge that it crosses. The vertices are then smoothed and moved back onto the surface
+    in turn.
 
     Args:
         cell: size of a grid cell, about the length of an edge.
-        solids: what the union is made of.
-        space: (2, 3) the lowest and the highest corner of the space that they fill, with room to spare.
+        solids: the solids of the union.
+        space: (2, 3) the lowest and the highest corner of a box around them, with a margin.
 
     Returns:
         (n, 3) vertices and (m, 4) vertex numbers of quads, wound so that normals point outwards.
@@ -146,7 +146,7 @@ def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
     across = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - along**2, 0))
     sine = (start[3] - end[3]) / length
     cosine = np.sqrt(1 - sine**2)
-    # Where on the axis the flank's normal through the point starts; beyond its ends the spheres are nearest.
+    # Where the flank's normal through the point meets the axis; beyond its ends the spheres are nearest.
     foot = np.clip(along - across * sine / cosine, 0, length)
     return np.hypot(along - foot, across) - start[3] - (end[3] - start[3]) * foot / length
 
@@ -154,7 +154,7 @@ def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
 def _occupancy(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Booleans, Floats]:
     """Which points of a fine grid lie inside the solids, and the position of the first point.
 
-    Distances are computed on a coarse grid first. Only the fine points near the surface get distances of their own; the
+    Distances are computed on a coarse grid first. Distances of fine points are computed only near the surface; the
     others take the side of the nearest coarse point.
     """
     coarse = 5
@@ -182,7 +182,7 @@ def _relax(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds: i
 
 
 def _on_surface(points: Floats, solids: Sequence[Solid], step: float = 1e-4) -> Floats:
-    """One Newton step of points (n, 3) onto the surface, with the slope from differences."""
+    """One Newton step of points (n, 3) onto the surface, with the gradient by finite differences."""
     here = distance(points, solids)
     slope = np.stack([(distance(points + offset, solids) - here) / step for offset in step * np.eye(3)], axis=1)
     return points - (here / np.maximum(np.einsum("ij,ij->i", slope, slope), 0.1))[:, None] * slope

@@ -36,11 +36,11 @@ def ball(radius: float, centre: Place = (0, 0, 0), radii: Place = (1, 1, 1), cou
     """An ellipsoid of irregular but even triangles.
 
     Args:
-        radius: that multiplies the half axes.
-        centre: of the ellipsoid.
+        radius: factor of the half axes.
+        centre: centre of the ellipsoid.
         radii: half axes along x, y and z.
-        count: of vertices.
-        seed: of the mesh.
+        count: number of vertices.
+        seed: seed of the mesh.
     """
     where = directions(count, seed)
     return Surface(radius * where * radii + np.array(centre), outward_hull(where))
