@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points on triangle meshes: in space, and in the high-dimensional embeddings of spectral bases.
 
-A point is closest to the interior of a triangle, to an edge or to a corner; which one follows from inner
-products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code serves any dimension.
+The closest point is in the interior of a triangle, on an edge or at a corner. Inner products alone decide which
+(Ericson, Real-Time Collision Detection, 5.1.5), so the same code works in any dimension.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers
 from zoomout_core.runtime.threads import threads
 
-# Pairs of a point and a triangle that are looked at together: bounds the memory.
+# Pairs of a point and a triangle processed together; bounds the memory.
 BLOCK = 1 << 17
-# Bounds the time: a query that still has rivals after this many triangles is as far off the surface as these are wide.
+# Most triangles tested for a query, which bounds the time: one with more rivals is very far from the surface.
 MAX_CANDIDATES = 256
-# Triangles at a vertex of a regular mesh, which the size of a block follows.
+# Triangles at a vertex of a regular mesh, which determines the size of a block.
 RING = 6
-# Fewest queries that several threads finish sooner than one.
+# Minimum number of queries for which several threads are faster than one.
 MANY_QUERIES = 10_000
 # Guard against division by zero.
 SMALLEST = np.finfo(np.float64).tiny
-# In fewer dimensions than this, single precision cannot tell neighbours apart.
+# In fewer dimensions, single precision cannot distinguish neighbours.
 SINGLE_PRECISION_DIMENSION = 16
 
 
 def closest_points(
     points: Floats, vertices: Floats, triangles: Integers, tolerance: float = 0.0
 ) -> tuple[Integers, Floats]:
-    """The closest point of a triangle mesh in space, for every query point.
+    """Find the closest point of a triangle mesh in space for every query point.
 
-    Exact, but for points so far from the surface that more than 256 triangles are about as close.
+    Exact, except for points so far from the surface that more than 256 triangles are about equally close.
 
     Args:
         points: (q, 3) queries.
         vertices: (n, 3) positions, in the same unit.
         triangles: (m, 3) vertex numbers.
-        tolerance: by how much more than the least a distance may be, in the same unit.
+        tolerance: how much a distance may exceed the minimum, in the same unit.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
@@ -51,7 +51,7 @@ def closest_points(
 
 
 class SurfaceSearch:
-    """A triangle mesh, prepared once to look for its points that are closest to places in space.
+    """A triangle mesh, prepared once for searches of closest points in space.
 
     Args:
         vertices: (n, 3) positions.
@@ -65,9 +65,9 @@ class SurfaceSearch:
         self._at_vertex = _triangles_at(triangles, len(vertices))
 
     def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
-        """The closest point for every query point, as `closest_points` finds it."""
+        """Find the closest point for every query point, see `closest_points`."""
         found = _Closest(points, self.vertices, self.triangles)
-        # The triangles at the nearest vertex are a good first guess, and rule out most others.
+        # The triangles at the nearest vertex are a good initial guess, which rules out most others.
         nearest = self._used[_query(self._tree, points, 1)[1]]
         for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
             query, candidate, _ = _lists(*self._at_vertex, nearest[block])
@@ -75,14 +75,14 @@ class SurfaceSearch:
         far = np.flatnonzero(found.distance > tolerance)
         if len(far):
             for group in self._groups:
-                # A small triangle cannot be closer by more than the tolerance than the vertex that is nearest.
+                # A small triangle cannot be closer than the nearest vertex by more than the tolerance.
                 if group.radius.max() > tolerance:
                     _search(found, far, group)
         return found.triangle, found.barycentric
 
     @cached_property
     def _groups(self) -> list[_Group]:
-        """The triangles by size, so that a few large ones do not widen the search among the small ones."""
+        """Group triangles by size, so that a few large ones do not widen the search among small ones."""
         corners = self.vertices[self.triangles]
         centre = corners.mean(axis=1)
         radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
@@ -96,7 +96,7 @@ class _Group:
 
     Attributes:
         centre: (g, 3) their centres of gravity.
-        radius: (g,) how far their corners are from there.
+        radius: (g,) maximum distance of their corners from the centres.
         members: (g,) their numbers.
     """
 
@@ -105,17 +105,17 @@ class _Group:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Of the centres; large meshes are hardly ever asked for that of their small triangles."""
+        """Search tree of the centres, built on demand: that of the small triangles of large meshes is rarely needed."""
         return _tree(self.centre)
 
 
 def _tree(points: Floats) -> cKDTree:
-    """A search tree that is not balanced: built in a third of the time, and searched as fast."""
+    """An unbalanced search tree: built in a third of the time, and searched as fast."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
-    """Distances and numbers of a tree's points nearest to each query, by several threads for many."""
+    """Distances and numbers of a tree's points nearest to each query, in several threads for many queries."""
     distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
     return np.asarray(distance), np.asarray(number)
 
@@ -138,10 +138,10 @@ class _Closest:
         self.distance = np.full(len(points), np.inf)
 
     def improve(self, queries: Integers, candidates: Integers) -> None:
-        """Look at pairs (p,) of a query, in ascending order, and a triangle."""
+        """Test pairs (p,) of a query and a triangle, sorted by query."""
         if len(queries) == 0:
             return
-        # Coordinates apart, (3, p): sums over a last axis of three take twice as long.
+        # Coordinates first, (3, p): sums over a last axis of three take twice as long.
         a, ab, ac = self.vertices[self.triangles[candidates]].transpose(1, 2, 0).copy()
         ap = self.points[queries].T - a
         ab -= a
@@ -157,7 +157,7 @@ class _Closest:
 
 
 def _search(found: _Closest, queries: Integers, group: _Group) -> None:
-    """Look among triangles of about one size, more and more of them, until none can be closer to some queries."""
+    """Search more and more triangles of about one size, until no other can be closer to some queries."""
     members, radius = group.members, group.radius
     reach = float(radius.max())
     count = min(4, len(members))
@@ -176,7 +176,7 @@ def _search(found: _Closest, queries: Integers, group: _Group) -> None:
 
 
 def _first_min(values: Floats, group: Integers) -> Integers:
-    """The position of the least value (p,) of each group, given by ascending numbers (p,)."""
+    """The position of the minimum value (p,) of each group, given by ascending numbers (p,)."""
     begin = np.flatnonzero(np.diff(group, prepend=-1))
     least = np.repeat(np.minimum.reduceat(values, begin), np.diff(begin, append=len(group)))
     hit = np.flatnonzero(values <= least)
@@ -189,7 +189,7 @@ class Neighbourhoods:
     Args:
         triangles: (m, 3) vertex numbers.
         n: number of vertices.
-        edges: how far the triangles' nearest corners are at most, counted in edges, from 0.
+        edges: maximum distance of a triangle's nearest corner, in edges, from 0.
 
     Attributes:
         triangles: (m, 3) vertex numbers.
@@ -197,7 +197,7 @@ class Neighbourhoods:
         triangle: numbers of the triangles near each vertex, one vertex after the other.
         first_vertex: (n + 1,) where each vertex's entries in `vertex` begin.
         vertex: numbers of those triangles' corners, each once, one vertex after the other.
-        corners: (len(triangle), 3) where among its vertex's entries in `vertex` a triangle's corners stand.
+        corners: (len(triangle), 3) positions of a triangle's corners among its vertex's entries in `vertex`.
     """
 
     def __init__(self, triangles: Integers, n: int, edges: int = 1) -> None:
@@ -220,11 +220,10 @@ class Neighbourhoods:
 def project_to_embedding(
     points: Floats, embedding: Floats, neighbourhoods: Neighbourhoods, nearest: Integers
 ) -> tuple[Integers, Floats]:
-    """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
+    """Precise map: find the closest point on an embedded surface around the nearest vertex.
 
-    Looks at the neighbourhood of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
-    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded. Where there are many
-    dimensions, it reckons in single precision.
+    Searches the neighbourhood of the nearest vertex, as in the local variant of Ezuz and Ben-Chen (Deblurring and
+    denoising of maps between shapes, 2017), with bounded memory. Uses single precision for many dimensions.
 
     Args:
         points: (q, k) queries in the embedding.
@@ -239,7 +238,7 @@ def project_to_embedding(
 
 
 class EmbeddedSurface:
-    """A surface prepared once to have many points projected onto it: see `project_to_embedding`.
+    """A surface, prepared once to project many points onto it, see `project_to_embedding`.
 
     Args:
         embedding: (n, k) the surface's vertices in the embedding.
@@ -258,19 +257,19 @@ class EmbeddedSurface:
     def closest(self, points: Floats, nearest: Integers) -> tuple[Integers, Floats]:
         """(q,) triangle numbers and (q, 3) barycentric coordinates of the points closest to points (q, k).
 
-        The search is limited to the surroundings of the vertex nearest to each (q,).
+        The search is limited to the neighbourhood of the vertex (q,) nearest to each.
         """
         embedding, neighbourhoods = self._embedding, self._neighbourhoods
         points = points.astype(embedding.dtype)
         ab_ab, ab_ac, ac_ac, a_ab, a_ac, a_a = self._products
         triangle = np.zeros(len(points), dtype=np.int64)
         barycentric = np.zeros((len(points), 3))
-        # Queries that share a nearest vertex share its candidates' rows in the cache.
+        # Queries with the same nearest vertex share its candidates' rows in the processor's cache.
         order = np.argsort(nearest, kind="stable")
         pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
         per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
         for block in np.array_split(order, max(1, len(order) // per_block)):
-            # Inner products of each query with each vertex near it, once a pair.
+            # Inner products of each query with each nearby vertex, computed once per pair.
             query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
             all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
             query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
@@ -281,7 +280,7 @@ class EmbeddedSurface:
             dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
             weights = barycentric_of_closest(dots)
             v, w = weights[:, 1], weights[:, 2]
-            # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
+            # |p - foot|^2 minus |p|^2, which is enough to compare candidates of a query
             offset = a_a[candidate] - 2 * product[:, 0]
             distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
             hit = _first_min(distance, query)
@@ -291,7 +290,7 @@ class EmbeddedSurface:
 
 
 def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers, Indices, Integers]:
-    """The lists of some owners, of those that are kept one after the other, again one after the other.
+    """Select the lists of some owners; lists are stored one after the other, before and after.
 
     Args:
         first: (n + 1,) where each owner's list begins.
@@ -315,12 +314,12 @@ def closest_on_triangles(points: Floats, a: Floats, b: Floats, c: Floats) -> tup
 
     Args:
         points: (..., 3) positions.
-        a: (..., 3) first corners, of a common shape with the points,
-        b: (..., 3) second
-        c: (..., 3) and third ones.
+        a: (..., 3) first corners, of a common shape with the points.
+        b: (..., 3) second corners.
+        c: (..., 3) third corners.
 
     Returns:
-        (..., 3) barycentric coordinates, and (..., 3) the ways from there to the points.
+        (..., 3) barycentric coordinates, and (..., 3) vectors from there to the points.
     """
     ap, ab, ac = points - a, b - a, c - a
     weights = barycentric_of_closest(inner_products(ap, ab, ac, axis=-1))
@@ -328,7 +327,7 @@ def closest_on_triangles(points: Floats, a: Floats, b: Floats, c: Floats) -> tup
 
 
 def inner_products(ap: Floats, ab: Floats, ac: Floats, axis: Literal[0, -1]) -> tuple[Floats, ...]:
-    """The inner products that `barycentric_of_closest` takes, over the first axis, which is faster, or the last."""
+    """Inner products for `barycentric_of_closest`, over the first axis, which is faster, or the last."""
     over = "x...,x...->..." if axis == 0 else "...x,...x->..."
     pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
     return tuple(np.einsum(over, u, v) for u, v in pairs)
@@ -350,7 +349,7 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     def clip_to(along: Floats, length: Floats) -> Floats:
         return np.minimum(np.maximum(along / np.maximum(length, SMALLEST), 0), 1)
 
-    # The closest point of each side, and the square of its distance less |p - a|^2.
+    # The closest point of each side, and its squared distance minus |p - a|^2.
     on_ab, on_ac, on_bc = clip_to(ap_ab, ab_ab), clip_to(ap_ac, ac_ac), clip_to(bp_bc, bc_bc)
     to_ab = on_ab * (on_ab * ab_ab - 2 * ap_ab)
     to_ac = on_ac * (on_ac * ac_ac - 2 * ap_ac)
@@ -358,7 +357,7 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     is_bc, is_ab = to_bc < np.minimum(to_ab, to_ac), to_ab <= to_ac
     v = np.where(is_bc, 1 - on_bc, on_ab * is_ab)
     w = np.where(is_bc, on_bc, on_ac * ~is_ab)
-    # Over the inside, the projection is closer than all sides.
+    # Over the interior, the projection is closer than all sides.
     whole: Floats = ab_ab * ac_ac - ab_ac * ab_ac
     of_b: Floats = ac_ac * ap_ab - ab_ac * ap_ac
     of_c: Floats = ab_ab * ap_ac - ab_ac * ap_ab

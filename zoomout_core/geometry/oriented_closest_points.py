@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closest points on triangle soups next to normals that agree, as where two layers of a surface lie close together.
+"""Closest points on triangle soups with agreeing normals, for surfaces with two layers close together.
 
-Triangles may be of any size: points sampled on them represent them in searches of neighbours.
+Triangles may have any size: sampled points represent them in neighbour searches.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from zoomout_core.mesh.triangles import area_normals, triangle_areas, unit_vecto
 from zoomout_core.runtime.threads import threads
 from zoomout_core.tuning import Tuning, tuned
 
-# Groups are this far apart in a coordinate of their own, in units of the surface's extent.
+# Distance of groups in an extra coordinate, in units of the surface's extent.
 APART = 1e3
-# Fewest queries that several threads finish sooner than one, and queries at once, which bounds the memory.
+# Minimum number of queries for which several threads are faster than one, and queries at once, which bounds the memory.
 MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
 
 
 @dataclass(frozen=True)
 class OrientedSearchTuning(Tuning, set_by="characters"):
-    """How densely a surface is sampled for searches of closest points.
+    """How densely to sample a surface for closest-point searches.
 
     Attributes:
-        points: samples of a surface.
-        min_points: samples of each group of its triangles, besides.
-        candidates: samples nearest to a query whose triangles are looked at.
+        points: number of samples of a surface.
+        min_points: additional samples of each group of triangles.
+        candidates: number of samples nearest to a query whose triangles are tested.
     """
 
     points: int = tuned(120_000, "points", 0, 10_000_000)
@@ -42,7 +42,7 @@ ORIENTED_SEARCH = OrientedSearchTuning()
 
 
 def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers]:
-    """Points spread over triangles by area, the same each time.
+    """Distribute points over triangles by area, deterministically.
 
     They are stratified along the triangles' order; within a triangle they follow the additive recurrence of the
     plastic number (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
@@ -50,10 +50,10 @@ def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers.
-        count: how many.
+        count: number of points.
 
     Returns:
-        (count, 3) points, each of which stands for as much of the area, and (count,) the triangles that they lie on.
+        (count, 3) points that represent equal areas, and (count,) their triangles.
     """
     cumulative = np.cumsum(triangle_areas(vertices, triangles))
     at = (np.arange(count) + 0.5) / count * cumulative[-1]
@@ -66,14 +66,14 @@ def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[
 
 
 class OrientedSurface:
-    """Triangles, prepared to look for their points that are closest to places with normals.
+    """Triangles, prepared for searches of the points closest to places with normals.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers.
-        flipped: (m,) which of them wind inwards.
-        normal_weight: the distance that counts as much as normals that differ by a unit vector.
-        group: (m,) whole numbers from 0, if closest points are to be sought within a group of triangles only.
+        flipped: (m,) which triangles wind inwards.
+        normal_weight: the distance that counts as much as a unit difference of normals.
+        group: (m,) integers from 0, to search closest points only within a group of triangles.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class OrientedSurface:
         return triangle, barycentric, distance
 
     def _rows(self, points: Floats, normals: Floats, group: Integers) -> Floats:
-        """(q, 7) where points are in the tree."""
+        """(q, 7) coordinates of points in the tree."""
         return np.hstack([points, self._weight * normals, self._apart * group[:, None]])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:

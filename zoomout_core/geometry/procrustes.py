@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Procrustes analysis: the rotations and similarities that align point sets best, in the sense of least squares.
+"""Procrustes analysis: the rotations and similarities that best align point sets, by least squares.
 
 The rotation follows from the singular value decomposition of the covariance (Kabsch, A solution for the best rotation
 to relate two sets of vectors, 1976), scale and translation from it as well (Umeyama, Least-squares estimation of
-transformation parameters between two point patterns, 1991). Everything is batched: `...` stands for any leading
-dimensions, none for a single pair of point sets.
+transformation parameters between two point patterns, 1991). Everything is batched: `...` means any leading dimensions,
+none for a single pair of point sets.
 
-A handedness is 1 for rotations, -1 for reflections, and None for whichever of the two fits better.
+A handedness is 1 for rotations, -1 for reflections, and None for the better fit of the two.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from zoomout_core.arrays import Floats, Integers
 
 # Guard against division by zero.
 SMALLEST = 1e-300
-# Variances that are differences of means, of places at unit area, are exact up to this rounding.
+# Rounding error of variances that are computed as differences of means, for places at unit area.
 MIN_SPREAD = 1e-12
-# Newton's method takes this number of steps to single precision for a blend of rotations whose determinant is larger
-# than this part of its cubed norm.
+# Newton's method reaches single precision in this many steps for a blend of rotations whose determinant exceeds this
+# share of its cubed norm.
 NEWTON_STEPS, CLEAR_BLEND = 5, 0.05
 
 
 def nearest_rotations(matrices: Floats, handedness: ArrayLike | None = 1.0) -> Floats:
-    """(..., d, d) the rotations, or reflections, nearest to matrices (..., d, d).
+    """(..., d, d) rotations, or reflections, nearest to matrices (..., d, d).
 
-    The orthogonal part of the polar decomposition (Higham 1986), where the direction of the least singular value is
-    reversed if the handedness (...) asks for it.
+    The orthogonal part of the polar decomposition (Higham 1986), with the direction of the smallest singular value
+    reversed if the handedness (...) requires it.
     """
     U, _, Vt = np.linalg.svd(matrices)
     if handedness is not None:
@@ -42,10 +42,10 @@ def nearest_rotations(matrices: Floats, handedness: ArrayLike | None = 1.0) -> F
 
 
 def rotations_of_blends(matrices: Floats) -> Floats:
-    """(n, 3, 3) the rotations nearest to many blends of rotations: polar factors by Newton's method (Higham 1986).
+    """(n, 3, 3) rotations nearest to many blends of rotations: polar factors by Newton's method (Higham 1986).
 
-    Where the determinant is small, as of blends of opposite rotations, they are taken from the singular value
-    decomposition, which takes several times as long.
+    If the determinant is small, as for blends of opposite rotations, the singular value decomposition is used, which
+    takes several times as long.
     """
     size = np.linalg.norm(matrices, axis=(1, 2))
     clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3
@@ -72,14 +72,14 @@ def procrustes(
     handedness: ArrayLike | None = 1.0,
     scales: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
 ) -> Similarities:
-    """The similarities that take point sets nearest to their images.
+    """The similarities that bring point sets closest to their images.
 
     Args:
-        points: (..., n, d).
-        images: (..., n, d).
-        weights: (n,) or (..., n) of the points, not negative, not all zero; equal when not given.
-        handedness: (...) 1 for rotations, -1 for reflections, None for whichever fits better.
-        scales: (...) the least and the largest; (1, 1) for rigid motions.
+        points: (..., n, d) point sets.
+        images: (..., n, d) images of the points.
+        weights: (n,) or (..., n) weights of the points, not negative, not all zero; equal when not given.
+        handedness: (...) 1 for rotations, -1 for reflections, None for the better fit.
+        scales: (...) minimum and maximum scale; (1, 1) for rigid motions.
     """
     return Moments.between(points, images, weights).similarities(handedness, scales)
 
@@ -100,16 +100,16 @@ class Similarities:
 
     @property
     def linear(self) -> Floats:
-        """(..., d, d) scale and rotation in one."""
+        """(..., d, d) product of scale and rotation."""
         return np.asarray(self.scale[..., None, None] * self.rotation)
 
     def __call__(self, points: Floats) -> Floats:
-        """Points (..., n, d), moved."""
+        """Transform points (..., n, d)."""
         turned = points @ np.swapaxes(self.rotation, -1, -2)
         return np.asarray(self.scale[..., None, None] * turned + self.translation[..., None, :])
 
     def inverse(self, points: Floats) -> Floats:
-        """Points (..., n, d), moved back."""
+        """Transform points (..., n, d) back."""
         return np.asarray((points - self.translation[..., None, :]) @ self.rotation / self.scale[..., None, None])
 
     def __getitem__(self, chosen: slice | Integers) -> Similarities:
@@ -117,14 +117,14 @@ class Similarities:
 
     @classmethod
     def concatenate(cls, several: Sequence[Similarities]) -> Similarities:
-        """One after the other."""
+        """Join several along their first dimension."""
         names = "scale", "rotation", "translation"
         return cls(*(np.concatenate([getattr(each, name) for each in several]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """First and second moments of places x and their images y, which determine how x is best aligned with y.
+    """First and second moments of places x and their images y, which determine the best alignment.
 
     Attributes:
         place: (..., d) mean x.
@@ -140,7 +140,7 @@ class Moments:
 
     @classmethod
     def between(cls, points: Floats, images: Floats, weights: Floats | None = None) -> Moments:
-        """Those of point sets and their images; see `procrustes`."""
+        """The moments of point sets and their images, see `procrustes`."""
         share = np.ones(points.shape[-2]) if weights is None else weights
         share = (share / share.sum(axis=-1, keepdims=True))[..., None, :]
         place, image = share @ points, share @ images
@@ -151,7 +151,7 @@ class Moments:
 
     @classmethod
     def of_products(cls, means: Floats) -> Moments:
-        """Those of patches, from the patches' means (m, 16) of what `products` gives."""
+        """The moments of patches, from the patches' means (m, 16) of `products`."""
         place, image = means[:, :3], means[:, 3:6]
         cross = means[:, 6:15].reshape(-1, 3, 3) - image[:, :, None] * place[:, None]
         return cls(place, image, cross, np.maximum(means[:, 15] - (place**2).sum(axis=1), MIN_SPREAD))
@@ -163,7 +163,7 @@ class Moments:
 
     @cached_property
     def _parity(self) -> Floats:
-        """(...) 1 where its factors give rotations, -1 where they give reflections."""
+        """(...) 1 where the factors of the decomposition give rotations, -1 where they give reflections."""
         U, _, Vt = self._decomposition
         return np.asarray(np.sign(np.linalg.det(U @ Vt)))
 
@@ -176,19 +176,19 @@ class Moments:
 
     @cached_property
     def handedness(self) -> float:
-        """1 if rotations fit all patches better than reflections, together, else -1.
+        """1 if rotations fit all patches together better than reflections, else -1.
 
-        A flat patch is fitted by both equally well; all of them together are not flat, unless nothing is.
+        Both fit a flat patch equally well, so all patches are considered together.
         """
         return -1.0 if (self._parity * self._decomposition[1][..., -1]).sum() < 0 else 1.0
 
     def rotations(self, handedness: ArrayLike | None = 1.0) -> Floats:
-        """(..., d, d) the best rotations, or reflections."""
+        """(..., d, d) best rotations, or reflections."""
         U, _, Vt = self._decomposition
         return np.asarray((U * self._signs(handedness)[..., None, :]) @ Vt)
 
     def scale(self, handedness: ArrayLike | None = 1.0) -> Floats:
-        """(...) the best scales."""
+        """(...) best scales."""
         total = (self._decomposition[1] * self._signs(handedness)).sum(axis=-1)
         return np.asarray(total / np.maximum(self.spread, SMALLEST))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values smoothed over a mesh, held by weights: screened Poisson equations.
+"""Smooth values over a mesh, with weights that keep them close to the input: screened Poisson equations.
 
 Bhat, Curless, Cohen and Zitnick, Fourier analysis of the 2D screened Poisson equation for gradient domain problems
 (2008), on meshes.
@@ -21,14 +21,13 @@ from zoomout_core.geometry.sparse_solve import factorise
 class ScreenedSmoothing:
     """The system (W + h^2 L) x = W v + h^2 g of weights W, a length h and a stiffness L, factored once.
 
-    Its solution x is close to values v where weights are large compared to h^2 L, and elsewhere has the gradients whose
-    divergence is g, zero for plain smoothing. With the vertices' areas as weights, h is the length over which values
-    are averaged.
+    Its solution x is close to the values v where weights are large compared to h^2 L. Elsewhere its gradients have the
+    divergence g, zero for plain smoothing. With the vertices' areas as weights, h is the averaging length.
 
     Attributes:
         weights: (n,) the diagonal of W, positive.
         length: h, in the unit of the mesh.
-        factors: of the (n, n) matrix.
+        factors: factors of the (n, n) matrix.
     """
 
     weights: Floats
@@ -37,7 +36,7 @@ class ScreenedSmoothing:
 
     @classmethod
     def of(cls, weights: Floats, stiffness: csc_array, length: float) -> ScreenedSmoothing:
-        """Factor the system of weights (n,), a stiffness (n, n) and a length."""
+        """Factor the system for weights (n,), a stiffness (n, n) and a length."""
         return cls(weights, length, factorise(screened_stiffness(weights, stiffness, length)))
 
     def smooth(self, values: Floats) -> Floats:
@@ -54,7 +53,7 @@ class ScreenedSmoothing:
 
     def solve(self, loads: Floats) -> Floats:
         """(n, d) solutions for right-hand sides (n, d)."""
-        # SuperLU reads columns that are contiguous.
+        # SuperLU needs contiguous columns.
         return np.asarray(self.factors.solve(np.asfortranarray(loads)))
 
 

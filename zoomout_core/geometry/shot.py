@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""SHOT: how the normals around a vertex are spread, in a frame of its own.
+"""SHOT: the distribution of normals around a vertex, in a local frame.
 
-Tombari, Salti and Di Stefano, Unique Signatures of Histograms for Local Surface Description (2010). Here vertices
-count by their area, so that the density of a mesh does not matter, and frames point outwards.
+Tombari, Salti and Di Stefano, Unique Signatures of Histograms for Local Surface Description (2010). Here vertices are
+weighted by area, so that the density of a mesh does not matter, and frames point outwards.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from zoomout_core.runtime.threads import threads
 # Bins of the azimuth, the elevation, the radius, and the cosine between normal and frame.
 AZIMUTHS, ELEVATIONS, RADII, COSINES = 8, 2, 2, 11
 BINS = AZIMUTHS * ELEVATIONS * RADII * COSINES
-# Fewer neighbours leave the axes of a frame open.
+# Fewer neighbours do not determine the axes of a frame.
 FEWEST = 5
-# Pairs of a vertex and a neighbour that are looked at together: bounds the memory.
+# Pairs of a vertex and a neighbour processed together; bounds the memory.
 BLOCK = 1 << 17
 
 
 def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
     """(n, 352) SHOT descriptors of the vertices or points: 8 azimuths x 2 elevations x 2 radii x 11 cosines.
 
-    They stay the same when a shape is moved, turned or scaled, and differ from its mirror image's. Time grows with the
+    They are invariant to translation, rotation and scale of the shape, but not to reflection. Time grows with the
     number of neighbours within the radius.
 
     Args:
-        shape: a surface, of which normals point outwards.
-        radius: of the ball around each vertex, relative to the square root of the surface's area.
+        shape: a surface with outward normals, or a point cloud.
+        radius: radius of the ball around each vertex, relative to the square root of the surface's area.
 
     Returns:
-        Descriptors of unit norm; zero at a vertex that no face uses, or with fewer than five others within the radius.
+        Descriptors of unit norm; zero at a vertex without a face, or with fewer than five others within the radius.
 
     Raises:
-        ValueError: the radius is no positive number.
+        ValueError: the radius is not a positive number.
         MeshError: no surface passes through the points.
-        TypeError: the shape is none.
+        TypeError: the shape is of another type, see `ShapeLike`.
 
     Example:
         >>> zo.shot(source).shape == (len(source.vertices), 352)
@@ -65,27 +65,27 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
         local = np.einsum("paj,pj->pa", frames[centre], offset)
         cosine = np.einsum("pj,pj->p", frames[centre, 2], normals[neighbour])
         descriptors[block] = _histograms(local, cosine, distance / radius, area, centre, len(block))
-    descriptors[pairs <= FEWEST] = 0  # a vertex itself is among its pairs
+    descriptors[pairs <= FEWEST] = 0  # the pairs include the vertex itself
     norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
     return from_working(shape, descriptors / np.where(norms > 0, norms, 1))
 
 
 def _neighbours(points: Floats, tree: cKDTree, radius: float) -> tuple[Integers, Integers, Floats]:
-    """Pairs of a point and another one of the tree's within the radius, and their distances (p,)."""
+    """Pairs of a point and a point of the tree within the radius, and their distances (p,)."""
     pairs = cKDTree(points).sparse_distance_matrix(tree, radius, output_type="ndarray")
     pairs = pairs[pairs["v"] > 0]
     return pairs["i"], pairs["j"], pairs["v"]
 
 
 def _frames(offset: Floats, weight: Floats, area: Floats, centre: Integers, normals: Floats) -> Floats:
-    """(b, 3, 3) the axes x, y, z, as rows: principal axes of the neighbours, the largest first.
+    """(b, 3, 3) axes x, y, z as rows: principal axes of the neighbours, the largest first.
 
     Args:
-        offset: (p, 3) from each centre to a neighbour.
-        weight: (p,) of the neighbours in the covariance.
-        area: (p,) of the neighbours, of which x points to the side that has more.
+        offset: (p, 3) vectors from each centre to a neighbour.
+        weight: (p,) weights of the neighbours in the covariance.
+        area: (p,) areas of the neighbours; x points to the side with more area.
         centre: (p,) number of the centre.
-        normals: (b, 3) of the centres, to whose side z points.
+        normals: (b, 3) normals of the centres; z points to their side.
     """
     count = len(normals)
     moments = segment_sum(weight[:, None] * (offset[:, :, None] * offset[:, None]).reshape(-1, 9), centre, count)
@@ -98,15 +98,15 @@ def _frames(offset: Floats, weight: Floats, area: Floats, centre: Integers, norm
 
 
 def _histograms(local: Floats, cosine: Floats, distance: Floats, area: Floats, centre: Integers, count: int) -> Floats:
-    """(count, 352) areas of the neighbours, each shared among the bins beside it in all four coordinates.
+    """(count, 352) areas of the neighbours, each distributed to the adjacent bins in all four coordinates.
 
     Args:
         local: (p, 3) offsets in the frames of their centres.
-        cosine: (p,) of the angle between the neighbour's normal and z.
-        distance: (p,) relative to the radius.
-        area: (p,) of the neighbours.
+        cosine: (p,) cosine of the angle between the neighbour's normal and z.
+        distance: (p,) distances relative to the radius.
+        area: (p,) areas of the neighbours.
         centre: (p,) number of the centre.
-        count: of the centres.
+        count: number of centres.
     """
     azimuth = np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi)
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) / np.pi + 0.5
@@ -125,9 +125,9 @@ def _histograms(local: Floats, cosine: Floats, distance: Floats, area: Floats, c
 
 
 def _bins_beside(place: Floats, bins: int, is_round: bool = False) -> list[tuple[Integers, Floats]]:
-    """The two bins between whose middles each place (p,), in widths of a bin, lies, and the share (p,) of each.
+    """The two bins with the middles next to each place (p,), in bin widths, and the share (p,) of each.
 
-    Before the first middle and after the last all is of one bin, unless the coordinate goes round.
+    Before the first middle and after the last, one bin gets everything, unless the coordinate is cyclic.
     """
     low = np.floor(place - 0.5).astype(np.int64)
     upper = place - 0.5 - low

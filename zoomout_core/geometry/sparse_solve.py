@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sparse symmetric systems, such as those of Laplacians: factorised once, solved for many right-hand sides."""
+"""Sparse symmetric systems, such as of Laplacians: factorise once, solve for many right-hand sides."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from scipy.sparse.linalg import SuperLU, splu
 
 
 def factorise(matrix: csc_array | dia_array) -> SuperLU:
-    """The factors of a sparse symmetric matrix, in scipy's SuperLU (Li 2005), for which scipy has no Cholesky.
+    """Factorise a sparse symmetric matrix by scipy's SuperLU (Li 2005), since scipy has no sparse Cholesky.
 
     Pivots are taken from the diagonal, which is stable for positive definite matrices, in an order of minimum degree
-    (George and Liu 1989). Supernodes are not relaxed: on a mesh of 80,000 vertices factors take 0.30 s, with SuperLU's
-    own sizes or with relaxed ones 0.43 to 0.54, and solutions take the same time.
+    (George and Liu 1989). Supernodes are not relaxed: on a mesh of 80,000 vertices factorising takes 0.30 s, but 0.43
+    to 0.54 s with SuperLU's default sizes or relaxed ones; solving takes the same time.
 
     Args:
-        matrix: (n, n) symmetric; if it is indefinite, a pivot may be off the diagonal, and permutations differ then.
+        matrix: (n, n) symmetric; if it is indefinite, a pivot may be off the diagonal, so that the permutations differ.
 
     Returns:
         Factors whose `solve` takes right-hand sides (n,) or (n, d).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functions that hold a map in place where spectra alone would let it drift (anchored ZoomOut)."""
+"""Functions that keep a map in place where spectra alone would let it drift (anchored ZoomOut)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from zoomout_core.arrays import Floats, Integers
 class Anchors:
     """Functions that should agree under the map, such as distances to landmarks.
 
-    They stand beside the spectral coordinates in every search for nearest neighbours, and so keep the map in
-    place where the spectra of two shapes have little in common.
+    They are appended to the spectral coordinates in every nearest-neighbour search, and so keep the map in place where
+    the spectra of two shapes have little in common.
 
     Attributes:
         source: (n_s, m) values at the source's vertices.
-        target: (n_t, m) values at the target's vertices, in the same scale.
+        target: (n_t, m) values at the target's vertices, on the same scale.
     """
 
     source: Floats
@@ -30,13 +30,13 @@ class Anchors:
         return Anchors(self.source[source_vertices], self.target[target_vertices])
 
     def and_those(self, others: Anchors | None) -> Anchors:
-        """These anchors together with others, if there are any."""
+        """Combine these anchors with others, if any."""
         if others is None:
             return self
         return Anchors(np.hstack([self.source, others.source]), np.hstack([self.target, others.target]))
 
     def scale(self, factor: float) -> Anchors:
-        """The anchors with another weight beside others."""
+        """Scale the weight of the anchors."""
         return Anchors(factor * self.source, factor * self.target)
 
     def swap(self) -> Anchors:
@@ -45,23 +45,23 @@ class Anchors:
 
 
 def beside(rows: Floats, anchors: Floats) -> Floats:
-    """Spectral coordinates (n, k) with anchors (n, m) appended, both weighing the same in a distance."""
+    """Append anchors (n, m) to spectral coordinates (n, k), with equal weight of both in a distance."""
     return np.hstack([rows, anchors * np.sqrt(rows.shape[1] / anchors.shape[1])])
 
 
 def coordinates(
     target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None
 ) -> tuple[Floats, Floats]:
-    """Coordinates in which corresponding places are near each other.
+    """Coordinates in which corresponding places are close to each other.
 
     Args:
         target_rows: (q, k) eigenfunctions at places of the target.
         source_rows: (p, k) eigenfunctions at places of the source.
         functional_map: (k_target, k_source).
-        anchors: their values at the same places.
+        anchors: anchors at the same places.
 
     Returns:
-        (q, d) of the target's places and (p, d) of the source's.
+        (q, d) coordinates of the target's places and (p, d) of the source's.
     """
     k_target, k_source = functional_map.shape
     queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ functional_map.T

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map that is bent near some places of the target, so that these land where they are known to."""
+"""Bend a map near some places of the target, so that these land on their known images."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.triangles import edge_graph
 
-# In widths of the Gaussian: beyond, where it is 1e-4, the map stays as it is.
+# In widths of the Gaussian: beyond, where it is 1e-4, the map does not change.
 REACH = 3.0
-# Places nearer to each other than the width would have to be moved to and fro by far more than they miss. So of their
-# displacements only what is smooth at that width is taken, down to this share of the largest singular value; Gaussians
-# of half the width, and so on, bring the rest, until only this share of the largest displacement is missed.
+# Places closer together than the width would need alternating displacements much larger than their errors. So only the
+# part that is smooth at that width is applied, down to the share SMOOTH of the largest singular value. Gaussians of
+# half the width, and so on, at most WIDTHS, add the rest, until at most the share MET of the largest displacement is
+# missing.
 SMOOTH, WIDTHS, MET = 0.1, 7, 1e-3
-# Distances that are held at a time.
+# Number of distances in memory at a time.
 BLOCK = 1 << 23
 
 
@@ -32,16 +33,16 @@ def bend(
     missed: Floats,
     width: float,
 ) -> SurfaceMap:
-    """The map whose images at some vertices are moved; elsewhere this fades with a Gaussian of the geodesic distance.
+    """Move the images of some vertices; elsewhere the displacement fades by a Gaussian of the geodesic distance.
 
     Args:
-        surface_map: from the target's vertices to the source.
+        surface_map: map from the target's vertices to the source.
         source_vertices: (n_s, 3) positions.
         target_vertices: (n_t, 3) positions.
-        target_triangles: (m, 3) of these.
+        target_triangles: (m, 3) vertex numbers.
         places: (l,) vertices of the target.
-        missed: (l, 3) by how much the image of each is to be moved.
-        width: w of the Gaussian exp(-(d / w)^2), in the target's unit; narrower between places nearer to each other.
+        missed: (l, 3) displacement of the image of each.
+        width: w of the Gaussian exp(-(d / w)^2), in the target's unit; narrower between places close together.
     """
     graph = edge_graph(target_vertices, target_triangles)
     size = max(1, BLOCK // len(target_vertices))
@@ -67,7 +68,7 @@ def bend(
 
 
 def _weights(distance: Floats, missed: Floats, widths: Floats) -> list[Floats]:
-    """(l, 3) for each width what the Gaussians around places (l,) are to be multiplied by."""
+    """For each width the coefficients (l, 3) of the Gaussians around places (l,)."""
     weights, enough = [], MET * np.abs(missed).max(initial=0)
     for width in widths:
         kernel = np.exp(-((distance / width) ** 2))

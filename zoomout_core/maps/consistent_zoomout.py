@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Consistent ZoomOut: maps of a whole collection that agree along cycles (Huang, Ren, Wonka, Ovsjanikov 2020).
 
-All functional maps are read as passing through one latent space. Its basis is found from the maps of the pairs that are
-known; the maps that lead through it close every cycle, and are taken to more functions as ZoomOut takes a single one.
+All functional maps are composed through one latent space, whose basis is computed from the known maps. Maps through it
+close every cycle. They are upsampled to more functions as ZoomOut does for a single map.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
-# Numbers of two shapes: source, the one that the map lands on, and target, the one that it starts from.
+# Numbers of two shapes: the source, which the map lands on, and the target, which it starts from.
 PairOfShapes: TypeAlias = tuple[int, int]
-# How many farthest points of each shape the iterations run on, and at least.
+# Minimum number of farthest points of each shape that the iterations run on.
 SAMPLES = 500
-# Rows of the latent problem up to which it is solved as a dense one; from about there on the sparse one is faster.
+# Rows of the latent problem up to which a dense solver is used; for larger ones the sparse solver is faster.
 MAX_DENSE = 2000
-# Shift of the sparse problem, so that it can be factorised: its smallest eigenvalues are near zero.
+# Shift of the sparse problem, which makes it factorisable: its smallest eigenvalues are near zero.
 SHIFT = -1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentMaps:
-    """Maps between all shapes of a collection, which agree along every cycle.
+    """Maps between all shapes of a collection that agree along every cycle.
 
     Attributes:
-        latent: for each shape (k, d) what of its functions each function of the latent space is: a canonical consistent
+        latent: for each shape the latent functions as combinations (k, d) of its functions: a canonical consistent
             latent basis.
-        bases: as given.
+        bases: the given bases.
 
     Example:
         >>> C = zo.functional_map_of(truth, *bases, 20, 20)
@@ -52,11 +52,11 @@ class ConsistentMaps:
     bases: Sequence[SpectralBasis]
 
     def functional_map(self, source: int, target: int) -> Floats:
-        """(k, k) the functional map of the target to the source, through the latent space."""
+        """(k, k) functional map of the target to the source, through the latent space."""
         return np.asarray(self.latent[target] @ np.linalg.pinv(self.latent[source]))
 
     def vertex_map(self, source: int, target: int) -> Integers:
-        """(n_t,) for each vertex of the target a vertex of the source."""
+        """(n_t,) the source vertex of each target vertex."""
         embedded = [
             self.bases[shape].eigenvectors[:, : len(self.latent[shape])] @ self.latent[shape]
             for shape in (target, source)
@@ -75,19 +75,19 @@ def consistent_zoomout(
     """Refine maps between the shapes of a collection together, so that they agree along cycles.
 
     Args:
-        bases: of the shapes.
-        maps: for pairs (source, target) of shapes, by their numbers, which join all of them: functional maps
-            (k_t, k_s), or (n_t,) a source vertex of each target vertex.
-        k_initial: functions of each shape to begin with.
-        k_final: functions of each shape in the end.
-        step: growth in an iteration.
+        bases: bases of the shapes.
+        maps: for pairs (source, target) of shape numbers, which must connect all shapes: functional maps (k_t, k_s), or
+            (n_t,) the source vertex of each target vertex.
+        k_initial: functions of each shape at the start.
+        k_final: functions of each shape at the end.
+        step: growth per iteration.
         samples: farthest points of each shape that the iterations run on; at least k_final are taken.
 
     Returns:
         The maps between all shapes, through a latent space of k_final functions.
 
     Raises:
-        ValueError: the pairs leave shapes apart, a number is below one, or a basis has too few functions.
+        ValueError: the pairs do not connect all shapes, a number is below one, or a basis has too few functions.
 
     Example:
         >>> C = zo.functional_map_of(truth, *bases, 20, 20)
@@ -121,10 +121,10 @@ def latent_through(
 
     Args:
         sampled: the bases of the shapes at samples.
-        eigenvalues: of the shapes.
-        functional_maps: (k, k) of pairs (source, target), all of one size.
-        k_final: functions of each shape in the end.
-        step: growth in an iteration.
+        eigenvalues: eigenvalues of the shapes.
+        functional_maps: (k, k) maps of pairs (source, target), all of one size.
+        k_final: functions of each shape at the end.
+        step: growth per iteration.
     """
     k = len(next(iter(functional_maps.values())))
     while True:
@@ -144,16 +144,16 @@ def latent_through(
 def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Sequence[Floats]) -> list[Floats]:
     """A canonical consistent latent basis of functional maps (Huang, Achlioptas, Guibas, Ovsjanikov 2019).
 
-    It minimises the sum of ||C Y_source - Y_target||^2 over the maps, with the sum of Y^T Y over the shapes the
-    identity, and is turned so that the mean of the Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
+    It minimises the sum of ||C Y_source - Y_target||^2 over the maps, where the sum of Y^T Y over the shapes is the
+    identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
     those of each shape.
 
     Args:
-        functional_maps: (k, k) of pairs (source, target).
-        eigenvalues: (k,) of each shape.
+        functional_maps: (k, k) maps of pairs (source, target).
+        eigenvalues: (k,) eigenvalues of each shape.
 
     Returns:
-        For each shape (k, k), its latent functions one a column.
+        For each shape (k, k), its latent functions as columns.
     """
     k, count = len(eigenvalues[0]), len(eigenvalues)
     diagonal = np.zeros((count, k, k))
@@ -175,7 +175,7 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     latent = vectors.reshape(count, k, k)
     frequencies = sum(each.T @ (values[:, None] * each) for each, values in zip(latent, eigenvalues, strict=True))
     _, turned = eigh(frequencies)
-    # At unit scale, so that the maps through the latent space are as large as those that it was made from.
+    # Scale so that the maps through the latent space are as large as the given ones.
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]
 
 

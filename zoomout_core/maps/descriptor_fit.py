@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A functional map that takes one shape's descriptors to the other's, as least squares say.
+"""Fit a functional map that takes one shape's descriptors to the other's, by least squares.
 
-C F = G (Ovsjanikov et al. 2012), commuting with multiplication by the descriptors (Nogneng and Ovsjanikov 2017), near
-the diagonal as eigenvalues or their resolvents say (Ren et al. 2019), and of a known orientation (Ren et al. 2018).
-The energy is a convex quadratic: small maps are one dense solve, large ones take conjugate gradients.
+C F = G (Ovsjanikov et al. 2012). C should commute with multiplication by the descriptors (Nogneng and Ovsjanikov 2017),
+be nearly diagonal according to eigenvalues or their resolvents (Ren et al. 2019), and have a known orientation (Ren et
+al. 2018). The energy is a convex quadratic: small maps take one dense solve, large ones conjugate gradients.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 from zoomout_core.spectral.operators import check_descriptors, multiplication_operators
 
 MASKS = {"eigenvalues": eigenvalue_mask, "resolvent": resolvent_mask}
-# Unknowns up to which the matrix of all of them is formed: 20 MB.
+# Maximum number of unknowns for a dense matrix: 20 MB.
 DENSE = 1600
-# Sums of operators whose energy is less than this part of the largest one's are rounding.
+# Combinations of operators with less than this share of the largest energy are rounding.
 RANK_TOLERANCE = 1e-14
-# Part of the terms' mean curvature that is added in every direction, for what no term decides.
+# Share of the terms' mean curvature that is added in every direction, for directions that no term determines.
 RIDGE = 1e-10
-# Part of a constant function's squared norm that may lie beyond a basis's null space.
+# Share of a constant function's squared norm that may be outside of a basis's null space.
 NOT_CONSTANT = 1e-3
-# Conjugate gradients end when the gradient, scaled by the curvature, has fallen to this part, or after MAX_STEPS.
+# Conjugate gradients end when the gradient, scaled by the curvature, has dropped to this share, or after MAX_STEPS.
 GRADIENT_TOLERANCE, MAX_STEPS = 1e-7, 2000
 
 
@@ -49,7 +49,7 @@ def fit_functional_map(
     mask: Literal["eigenvalues", "resolvent"] = "eigenvalues",
     normalize: bool = True,
 ) -> Floats:
-    """The functional map C that fits the descriptors F of the source to G of the target best, to begin `zoomout` with.
+    """Compute the functional map C that best fits the source's descriptors F to the target's G, to start `zoomout`.
 
     It minimises, with means over the descriptors, so that their number does not matter,
 
@@ -59,31 +59,30 @@ def fit_functional_map(
     pair of operators is divided by the root mean square of its two norms. The constant function goes to itself.
 
     Args:
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
-        descriptors_source: (n_s, d) functions at the source's vertices,
-        descriptors_target: (n_t, d) the same functions at the target's.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
+        descriptors_source: (n_s, d) functions at the source's vertices.
+        descriptors_target: (n_t, d) the same functions at the target's vertices.
         k: size of the map, or (k_source, k_target).
         descriptor_weight: a.
         multiplication_weight: b.
         laplacian_weight: c; the mask D has the mean one in each row.
-        orientation_weight: of what w weighs, relative to all else, on the mean over diagonal maps of +-1, among which
-            an isometry's is; the signs of eigenfunctions do not matter to it. Ren et al. take 0.1, which is enough to
-            keep the orientation, but not always to reverse it.
-        orientation_operators: (e, k, k) those of source and target that `zo.orientation_operators` makes of
-            descriptors, which may be others; larger ones are cut. None to leave the orientation open.
-        orientation: whether the map keeps the orientation, as rigid motions and other poses do, or reverses it, as
-            reflections do.
-        mask: D of squared differences of eigenvalues, or of the eigenvalues' resolvents (exponent 1/2).
-        normalize: divide each descriptor by its root mean square over the area first: at unit area, by its norm.
+        orientation_weight: sets w relative to all other terms, by their means over diagonal maps of +-1, which include
+            the map of an isometry; signs of eigenfunctions do not matter. Ren et al. use 0.1, which is enough to keep
+            the orientation, but not always to reverse it.
+        orientation_operators: (e, k, k) operators of source and target by `zo.orientation_operators`, possibly of other
+            descriptors; larger ones are cropped. None to leave the orientation open.
+        orientation: "keep" the orientation, as rigid motions and other poses do, or "reverse" it, as reflections do.
+        mask: make D from squared differences of eigenvalues, or from the eigenvalues' resolvents (exponent 1/2).
+        normalize: divide each descriptor by its root mean square over the area, which at unit area is its norm.
 
     Returns:
         (k_target, k_source) functional map.
 
     Raises:
-        ValueError: descriptors that do not fit their basis or each other, are none or not finite; sizes beyond the
-            bases, or bases without the constant function; operators that do not fit; weights below zero, or of which
-            neither a nor b is above it.
+        ValueError: descriptors are missing, not finite, or do not fit their basis or each other; a size exceeds its
+            basis, or a basis has no constant function; operators do not fit; weights are negative, or both a and b are
+            zero.
 
     Example:
         >>> f, g = (zo.wave_kernel_signature(basis) for basis in bases)
@@ -134,7 +133,7 @@ class _Energy:
 
     Attributes:
         F: (k_s, d) coefficients of the source's descriptors.
-        G: (k_t, d) of the target's.
+        G: (k_t, d) coefficients of the target's descriptors.
         left: (e, k_t, k_t) operators on the target.
         right: (e, k_s, k_s) operators on the source.
         mask: (k_t, k_s).
@@ -147,30 +146,30 @@ class _Energy:
     mask: Floats
 
     def gradient(self, C: Floats) -> Floats:
-        """(k_t, k_s) its derivatives."""
+        """(k_t, k_s) derivatives of the energy."""
         return self.curvature(C) - self.G @ self.F.T
 
     def curvature(self, C: Floats) -> Floats:
-        """(k_t, k_s) the second derivatives in the direction of C."""
+        """(k_t, k_s) second derivatives in the direction of C."""
         apart = self.left @ C - C @ self.right
         commuting = np.tensordot(self.left, apart, ([0, 1], [0, 1])) - np.tensordot(apart, self.right, ([0, 2], [0, 2]))
         return np.asarray(C @ (self.F @ self.F.T) + self.mask * C + commuting)
 
     def diagonal_curvature(self) -> Floats:
-        """(k_t, k_s) the second derivatives by each entry."""
+        """(k_t, k_s) second derivatives by each entry."""
         left, right = (np.diagonal(each, axis1=1, axis2=2) for each in (self.left, self.right))
         rows = (self.left**2).sum(axis=(0, 1))[:, None]
         columns = (self.right**2).sum(axis=(0, 2)) + (self.F**2).sum(axis=1)
         return np.asarray(self.mask + rows + columns - 2 * left.T @ right)
 
     def mean_curvature(self) -> float:
-        """The mean of the second derivatives by each entry, were there nothing that commutes."""
+        """The mean of the second derivatives by each entry, without the commuting terms."""
         k_target, k_source = self.mask.shape
         on_source = (self.F**2).sum() + (self.right**2).sum()
         return float(on_source / k_source + (self.left**2).sum() / k_target + self.mask.mean())
 
     def curvature_matrix(self) -> Floats:
-        """(k_t, k_s, k_t, k_s) the second derivatives by each two entries."""
+        """(k_t, k_s, k_t, k_s) second derivatives by each pair of entries."""
         both = np.tensordot(self.left, self.right, (0, 0))
         matrix = -both.transpose(1, 3, 0, 2) - both.transpose(0, 2, 1, 3)
         row, column = np.arange(self.mask.shape[0]), np.arange(self.mask.shape[1])
@@ -180,9 +179,9 @@ class _Energy:
         return np.asarray(matrix)
 
     def mean_value(self) -> float:
-        """Its mean over the diagonal maps of +-1 that take the constant function to itself.
+        """The mean energy of the diagonal maps of +-1 that take the constant function to itself.
 
-        Entries off the diagonals of the operators have either sign as often, so that they add up as they are.
+        Off-diagonal entries of the operators have either sign equally often, so their squares just add up.
         """
         k = min(self.mask.shape)
         left, right = (np.diagonal(each, axis1=1, axis2=2)[:, :k] for each in (self.left, self.right))
@@ -191,7 +190,7 @@ class _Energy:
         return float(descriptors + commuting + np.trace(self.mask)) / 2
 
     def with_orientation(self, left: Floats, right: Floats, weight: float, sign: int) -> _Energy:
-        """The same with orientation operators (e, k_t, k_t), (e, k_s, k_s), of a weight relative to this energy."""
+        """Add orientation operators (e, k_t, k_t), (e, k_s, k_s) with a weight relative to this energy."""
         nothing = np.zeros((len(self.F), 1)), np.zeros((len(self.G), 1))
         size = _Energy(*nothing, left, right, np.zeros_like(self.mask)).mean_value()
         root = np.sqrt(weight * self.mean_value() / size) if size > 0 else 0.0
@@ -202,9 +201,9 @@ class _Energy:
         )
 
     def compress(self) -> _Energy:
-        """The same energy with as few operators as span them: signatures at many energies hardly differ.
+        """The same energy with the fewest operators that span all: signatures at many energies hardly differ.
 
-        An orthogonal mixture of the pairs of operators leaves the sum of squares as it is.
+        An orthogonal mixture of the pairs of operators preserves the sum of squares.
         """
         pairs = np.hstack([each.reshape(len(each), -1) for each in (self.left, self.right)])
         energies, mixtures = eigh(pairs @ pairs.T)
@@ -218,7 +217,7 @@ class _Energy:
 
 
 def _minimiser(energy: _Energy, constant: float) -> Floats:
-    """(k_t, k_s) the map of least energy of which the first column is zero beyond the first entry, the given one."""
+    """(k_t, k_s) map of minimum energy whose first column is zero except for its first entry, which is given."""
     C = np.zeros(energy.mask.shape)
     C[0, 0] = constant
     downhill = -energy.gradient(C)[:, 1:]
@@ -233,7 +232,7 @@ def _minimiser(energy: _Energy, constant: float) -> Floats:
 
 
 def _conjugate_gradients(energy: _Energy, downhill: Floats, ridge: float) -> Floats:
-    """(k_t, k_s - 1) the columns beyond the first, whose energy falls as `downhill` says where they are zero."""
+    """(k_t, k_s - 1) optimal columns after the first; `downhill` is the negative gradient where they are zero."""
     diagonal = energy.diagonal_curvature()[:, 1:] + ridge
     found, residual = np.zeros_like(downhill), downhill
     scaled = residual / diagonal
@@ -253,9 +252,9 @@ def _conjugate_gradients(energy: _Energy, downhill: Floats, ridge: float) -> Flo
 
 
 def _constant_first(basis: SpectralBasis, k: int) -> tuple[Floats, float]:
-    """(k, k) orthogonal matrix whose first column is the constant function, of the norm that is returned beside it.
+    """(k, k) orthogonal matrix whose first column is the constant function, and this function's norm.
 
-    It mixes the null space alone.
+    It mixes only the null space.
     """
     check_size(basis, k)
     if k <= basis.components:
@@ -274,12 +273,12 @@ def _constant_first(basis: SpectralBasis, k: int) -> tuple[Floats, float]:
 
 
 def _change_basis(operators: Floats, turn: Floats) -> Floats:
-    """Operators (e, k, k) in another basis (k, k)."""
+    """Transform operators (e, k, k) to another basis (k, k)."""
     return np.asarray(turn.T @ operators @ turn)
 
 
 def _normalise(left: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """Pairs of operators divided by the root mean square of their two norms; those that are zero stay."""
+    """Divide pairs of operators by the root mean square of their two norms; zero ones stay."""
     size = np.sqrt(((left**2).sum(axis=(1, 2)) + (right**2).sum(axis=(1, 2))) / 2)[:, None, None]
     size[size == 0] = 1
     return left / size, right / size
@@ -307,7 +306,7 @@ def _check_weights(descriptor: float, multiplication: float, laplacian: float, o
 
 
 def _check_operators(operators: tuple[ArrayLike, ArrayLike], k_source: int, k_target: int) -> tuple[Floats, Floats]:
-    """The leading blocks of orientation operators of source and target, as a user gave them."""
+    """Check a user's orientation operators of source and target, and return their leading blocks."""
     if len(operators) != 2:
         raise ValueError("Orientation operators must be those of the source and those of the target.")
     source, target = (np.asarray(each, dtype=np.float64) for each in operators)

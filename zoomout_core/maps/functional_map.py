@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Functional maps: linear maps from functions on the source to functions on the target.
 
-Ovsjanikov et al., Functional maps (2012). Here C has shape (k_target, k_source), and with the pointwise map T
-from target to source C = Phi_target' A_target Phi_source[T].
+Ovsjanikov et al., Functional maps (2012). Here C has shape (k_target, k_source). For the pointwise map T from target to
+source, C = Phi_target' A_target Phi_source[T].
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ def functional_map_of(
 
     Args:
         pointwise: (n_t,) source vertex of each target vertex, or a map to points of the source.
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
-        k_source: how many of the source's functions; None for all.
-        k_target: how many of the target's.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
+        k_source: number of the source's functions; None for all.
+        k_target: number of the target's functions; None for all.
 
     Returns:
         (k_target, k_source) functional map.
 
     Raises:
-        ValueError: the map is not between these shapes, or the bases hold fewer functions.
+        ValueError: the map is not between these shapes, or the bases have fewer functions.
 
     Example:
         >>> zo.functional_map_of(truth, *bases, 20, 20).shape
@@ -62,12 +62,12 @@ def functional_map_of(
 
 
 def vertex_map_of(functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
-    """(n_t,) vertex map of a functional map (k_t, k_s), the conversion of ZoomOut.
+    """(n_t,) vertex map of a functional map (k_t, k_s), by the conversion of ZoomOut.
 
-    Each target vertex goes to the source vertex whose row of Phi_source C' is nearest to its own of Phi_target.
+    Each target vertex is mapped to the source vertex whose row of Phi_source C' is nearest to its row of Phi_target.
 
     Raises:
-        ValueError: the functional map is none, or larger than the bases.
+        ValueError: the functional map is invalid or larger than the bases.
 
     Example:
         >>> zo.vertex_map_of(np.eye(20), bases[0], bases[0]).shape == (len(source.vertices),)
@@ -79,20 +79,19 @@ def vertex_map_of(functional_map: ArrayLike, basis_source: SpectralBasis, basis_
 def precise_map_of(
     functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis, source: ShapeLike
 ) -> SurfaceMap:
-    """The map of a functional map (k_t, k_s) to points of the source's triangles, the precise map.
+    """Convert a functional map (k_t, k_s) to the precise map, to points of the source's triangles.
 
     Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017): each row of Phi_target is projected onto
-    the triangles that the source's become with the rows of Phi_source C' as vertices. Triangles around the nearest
-    vertex are looked at.
+    the source's triangles, with the rows of Phi_source C' as vertices. Triangles around the nearest vertex are tested.
 
     Args:
-        functional_map: from functions of the source to functions of the target.
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
+        functional_map: map from functions of the source to functions of the target.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
         source: the surface of the source's basis.
 
     Raises:
-        ValueError: the functional map is none, or larger than the bases, or the source's basis is of another shape.
+        ValueError: the functional map is invalid or larger than the bases, or the source's basis is of another shape.
 
     Example:
         >>> zo.precise_map_of(np.eye(20), bases[0], bases[0], source).barycentric.shape == source.vertices.shape
@@ -105,7 +104,7 @@ def precise_map_of(
             f"{len(basis_source.areas)}: give the basis of this source."
         )
     queries, embedded = _embeddings(functional_map, basis_source, basis_target)
-    # Across borders that coincide the triangles of the welded mesh are neighbours.
+    # Triangles of the welded mesh are neighbours across coincident borders.
     working = surface.working
     used = np.flatnonzero(working.vertex_of >= 0)
     stands_for = np.empty(len(working.vertices), dtype=np.int64)
@@ -119,7 +118,7 @@ def precise_map_of(
 def _embeddings(
     functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis
 ) -> tuple[Floats, Floats]:
-    """(n_t, k_t) of the target's vertices and (n_s, k_t) of the source's, near where they correspond."""
+    """Embeddings (n_t, k_t) of the target's vertices and (n_s, k_t) of the source's; corresponding ones are close."""
     C = check_functional_map(functional_map)
     check_fits_bases(C.shape, basis_source, basis_target)
     k_target, k_source = C.shape
@@ -127,10 +126,10 @@ def _embeddings(
 
 
 def check_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
-    """A vertex map (n_t,) as the user gave it, checked.
+    """Check a user's vertex map (n_t,).
 
     Raises:
-        ValueError: it does not name one of n_source source vertices for each of n_target target vertices.
+        ValueError: it does not have one of n_source source vertices for each of n_target target vertices.
     """
     if np.ndim(vertex) == 1 and np.size(vertex) != n_target:
         raise ValueError(
@@ -141,10 +140,10 @@ def check_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
 
 
 def check_functional_map(functional_map: ArrayLike) -> Floats:
-    """A functional map (k_t, k_s) as the user gave it, checked.
+    """Check a user's functional map (k_t, k_s).
 
     Raises:
-        ValueError: it is no matrix of finite numbers.
+        ValueError: it is not a matrix of finite numbers.
     """
     C = np.asarray(functional_map)
     if C.ndim != 2 or C.size == 0:
@@ -155,7 +154,7 @@ def check_functional_map(functional_map: ArrayLike) -> Floats:
 
 
 def check_fits_bases(size: tuple[int, ...], basis_source: SpectralBasis, basis_target: SpectralBasis) -> None:
-    """Raise ValueError unless the bases hold as many functions as a map of this size (k_target, k_source) needs."""
+    """Raise ValueError unless the bases have enough functions for a map of this size (k_target, k_source)."""
     check_counts(k_target=size[0], k_source=size[1])
     available = len(basis_target.eigenvalues), len(basis_source.eigenvalues)
     if size[0] > available[0] or size[1] > available[1]:
@@ -180,7 +179,7 @@ def commutativity_error(functional_map: Floats, eigenvalues_source: Floats, eige
 
 
 def frequency_error(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> float:
-    """Mean difference of frequency (square root of the eigenvalue) that C couples, relative to the highest."""
+    """Mean difference of the frequencies (square roots of eigenvalues) that C couples, relative to the highest."""
     k_target, k_source = functional_map.shape
     source, target = np.sqrt(eigenvalues_source[:k_source]), np.sqrt(eigenvalues_target[:k_target])
     coupled = np.abs(target[:, None] - source) * np.abs(functional_map)
@@ -202,12 +201,12 @@ def orthonormality_error(functional_map: Floats) -> float:
 
 
 def eigenvalue_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
-    """(k_t, k_s) squared difference of two eigenvalues, of mean one in each row."""
+    """(k_t, k_s) squared differences of eigenvalues, scaled to mean one in each row."""
     return _of_mean_one((eigenvalues_target[:, None] - eigenvalues_source) ** 2)
 
 
 def resolvent_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
-    """(k_t, k_s) how far the resolvents of two eigenvalues are apart (exponent 1/2), of mean one in each row."""
+    """(k_t, k_s) distances of the resolvents of eigenvalues (exponent 1/2), scaled to mean one in each row."""
     largest = max(eigenvalues_source[-1], eigenvalues_target[-1])
     parts = []
     for eigenvalues in (eigenvalues_source, eigenvalues_target):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match that is read from a file, for a transfer without matching again."""
+"""Read a match from a file, for a transfer without matching again."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class KnownMatch:
     """The parts of an earlier match that a transfer needs.
 
     Attributes:
-        surface_map: for each vertex of the target a point on the source.
-        confidence: (n_t,) of each vertex, in [0, 1].
-        has_partner: (n_t,) whether there is something on the source for a vertex.
-        source_has_partner: (n_s,) the same of the source's vertices.
+        surface_map: a point on the source for each vertex of the target.
+        confidence: (n_t,) confidence of each vertex, in [0, 1].
+        has_partner: (n_t,) whether each vertex has a counterpart on the source.
+        source_has_partner: (n_s,) the same for the source's vertices.
         notes: sentences for the user.
     """
 
@@ -34,15 +34,15 @@ class KnownMatch:
 
     @classmethod
     def load(cls, path: str | PathLike[str], source: Surface, target: Surface) -> KnownMatch:
-        """The match in a file, as `zoomout match` and `zoomout collection` write it; of a bare map all is trusted.
+        """Read a match that `zoomout match` or `zoomout collection` wrote; a bare map is trusted everywhere.
 
         Args:
-            path: of the file.
-            source: the surface that the map lands on, as whatever matched them read it.
+            path: path of the file.
+            source: the surface that the map lands on, as read for the match.
             target: the surface that it starts from.
 
         Raises:
-            MeshError: it holds no map, or one of other surfaces.
+            MeshError: it contains no map, or a map of other surfaces.
         """
         surface_map, vertex = SurfaceMap.load(path, source), read_vertex_map(path)
         sizes = dict.fromkeys(("confidence", "has_partner"), len(target.vertices))

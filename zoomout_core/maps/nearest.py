@@ -9,21 +9,21 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
 
-# Entries of the block of inner products that is computed at once: bounds the memory.
+# Entries of a block of inner products that is computed at once; bounds the memory.
 BLOCK = 1 << 24
-# Squared distances by products in single precision are wrong by less than this part of the squared norms.
+# Bound on the error of squared distances by single-precision products, relative to the squared norms.
 ROUNDING = 1e-6
 
-# A k-d tree is faster than inner products up to this dimension, for more points than this. All searches are exact.
+# A k-d tree is faster than inner products up to this dimension, for more points than that. All searches are exact.
 MAX_TREE_DIMENSION = 8
 MIN_TREE_POINTS = 1000
-# Fewest query-point pairs at which clusters exclude most points first, and clusters per root of the number of points.
+# Minimum query-point pairs for excluding points by clusters, and clusters per square root of the number of points.
 MIN_CLUSTERED_PAIRS = 1 << 27
 CLUSTERS_PER_ROOT = 5
 
 
 def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
-    """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); of few points for a stack."""
+    """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); stacks need few points."""
     k = queries.shape[1]
     if points.ndim == 2 and k <= MAX_TREE_DIMENSION and len(points) > MIN_TREE_POINTS:
         return np.asarray(cKDTree(points).query(queries)[1])
@@ -41,7 +41,7 @@ def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
 
 
 def nearest_among(queries: AnyFloats, points: AnyFloats, candidates: Integers) -> Integers:
-    """(q,) for each row of `queries` (q, k) the nearest of a few rows of `points`, given by number (q, c)."""
+    """(q,) the nearest of some candidate rows (q, c) of `points` for each row of `queries` (q, k)."""
     points = points.astype(np.float32)
     half_norm = np.einsum("nk,nk->n", points, points) / 2
     found = np.empty(len(queries), dtype=np.int64)
@@ -55,21 +55,21 @@ def nearest_among(queries: AnyFloats, points: AnyFloats, candidates: Integers) -
 
 
 def _table(points: AnyFloats) -> AnyFloats:
-    """(..., k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most; the table holds both terms."""
+    """(..., k + 1, n) table of points: |x - y|^2 is smallest where x.y - |y|^2 / 2 is largest; has both terms."""
     half_norm = np.einsum("...nk,...nk->...n", points, points) / 2
     return np.concatenate([np.swapaxes(points, -1, -2), -half_norm[..., None, :]], axis=-2)
 
 
 def _extend(queries: AnyFloats) -> AnyFloats:
-    """(q, k + 1) of queries, to be multiplied with a table."""
+    """(q, k + 1) queries, extended for the product with a table."""
     return np.column_stack([queries, np.ones(len(queries), dtype=queries.dtype)])
 
 
 def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integers:
-    """The same, without products with points of clusters that are too far off to hold the nearest.
+    """The same, without products with points of clusters that are too far away to contain the nearest one.
 
-    Queries that share their nearest centre are answered together. The nearest point in its cluster bounds the
-    distance, and the triangle inequality rules out other clusters.
+    Queries with the same nearest centre are processed together. The nearest point in its cluster bounds the distance,
+    and the triangle inequality rules out other clusters.
     """
     count = int(CLUSTERS_PER_ROOT * np.sqrt(len(points)))
     centres = points[np.random.default_rng(0).choice(len(points), count, replace=False)]
@@ -78,7 +78,7 @@ def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integer
     np.maximum.at(radius, owner, distance)
     by_cluster = np.argsort(owner, kind="stable")
     begin = np.searchsorted(owner[by_cluster], np.arange(count + 1))
-    rows = np.ascontiguousarray(_table(points[by_cluster]).T)  # whole rows are copied together faster
+    rows = np.ascontiguousarray(_table(points[by_cluster]).T)  # copying whole rows is faster
     largest = np.einsum("nk,nk->n", points, points).max() + np.einsum("qk,qk->q", queries, queries).max()
     slack = float(np.sqrt(ROUNDING * largest))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map that is replaced by another one in a part of the target, and kept elsewhere."""
+"""Replace a map by another one in a part of the target, and keep it elsewhere."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ MAX_TRANSITION_FRACTION = 0.5
 
 
 def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
-    """(n_t,) how much of the new map each vertex takes, in [0, 1]: nothing outside of a mask, and from there ever more.
+    """(n_t,) share of the new map at each vertex, in [0, 1]: zero outside of a mask, growing inside.
 
     Args:
         mask: (n_t,) in [0, 1]; 0 where the map is kept.
-        target: the surface that it is of.
+        target: the surface of the mask.
     """
     weights = np.asarray(mask, dtype=np.float64)
     kept = np.flatnonzero(weights == 0)
@@ -40,13 +40,13 @@ def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
 
 
 def redone(before: SurfaceMap, after: SurfaceMap, shares: Floats, source: Surface) -> SurfaceMap:
-    """The map that takes some of another one at each vertex; their images are mixed in space.
+    """Blend two maps at each vertex; their images are mixed in space.
 
     Args:
-        before: kept exactly where the share is 0.
-        after: what it is replaced by where the share is 1, exactly.
+        before: the map that is kept exactly where the share is 0.
+        after: the map that is taken exactly where the share is 1.
         shares: (n_t,) in [0, 1].
-        source: the surface that both lie on.
+        source: the surface that both land on.
     """
     triangle = np.where(shares == 1, after.triangle, before.triangle)
     barycentric = np.where((shares == 1)[:, None], after.barycentric, before.barycentric)

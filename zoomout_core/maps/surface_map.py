@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map between surfaces: for every vertex of the target a point on the source."""
+"""A map between surfaces: a point on the source for every vertex of the target."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.outputs import atomic_write
 
-# Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
+# Barycentric coordinates may miss their bounds and their sum by this rounding error.
 BARYCENTRIC_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """Where on the source surface each vertex of the target lies.
+    """The point on the source surface that each vertex of the target corresponds to.
 
     Attributes:
-        triangle: (n_t,) the source triangle that holds the image.
+        triangle: (n_t,) the source triangle that contains the image.
         barycentric: (n_t, 3) the image in that triangle, non-negative, summing to one.
         source_triangles: (m_s, 3) vertex numbers of the source's triangles.
 
@@ -48,8 +48,8 @@ class SurfaceMap:
         """The map that sends each target vertex to a source vertex (n_t,).
 
         Raises:
-            ValueError: these are no numbers of the source's vertices.
-            MeshError: one is of a vertex that no face of the source uses.
+            ValueError: these are not numbers of the source's vertices.
+            MeshError: a vertex has no face.
         """
         triangles = source.triangles
         vertex = vertex_numbers(vertex, len(source.vertices), "Images on the source")
@@ -72,7 +72,7 @@ class SurfaceMap:
         return self.source_triangles[self.triangle, corner]
 
     def interpolate(self, values: Floats) -> Floats:
-        """Values (n_s,) or (n_s, d) at the source's vertices, read at the images: (n_t,) or (n_t, d).
+        """Interpolate values (n_s,) or (n_s, d) at the source's vertices to the images: (n_t,) or (n_t, d).
 
         Raises:
             ValueError: there are fewer values than vertices.
@@ -86,11 +86,11 @@ class SurfaceMap:
     def at(self, source: Surface, target: Surface, triangle: Integers, barycentric: Floats) -> SurfaceMap:
         """The map at any points of the target, such as corners or samples inside its faces.
 
-        The images of the corners are mixed in space, and the mixture brought back to the source.
+        The images of the corners are mixed in space, and the mixture is projected to the source.
 
         Args:
-            source: the surface that the images lie on.
-            target: the surface that the points lie on.
+            source: the surface of the images.
+            target: the surface of the points.
             triangle: (q,) target triangles.
             barycentric: (q, 3) the points in them.
         """
@@ -99,24 +99,24 @@ class SurfaceMap:
         return SurfaceMap(*closest_points(points, source.vertices, self.source_triangles), self.source_triangles)
 
     def invert(self, source: Surface, target: Surface) -> SurfaceMap:
-        """The map the other way: for every vertex of the source a point on the target.
+        """The inverse map: a point on the target for every vertex of the source.
 
-        Each source vertex takes the closest point of the target, whose vertices this map moves onto the source.
+        Each source vertex takes the closest point of the target, with the target's vertices moved to their images.
         """
         return self.preimages(source, target, source.vertices)
 
     def preimages(self, source: Surface, target: Surface, points: Floats) -> SurfaceMap:
-        """The map the other way at points (q, 3) near the source: for each the point of the target nearest by image."""
+        """The inverse map at points (q, 3) near the source: the point of the target with the nearest image."""
         images = self.interpolate(source.vertices)
         return SurfaceMap(*closest_points(points, images, target.triangles), target.triangles)
 
     def save(self, path: str | PathLike[str], **extra: Any) -> None:
         """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.
 
-        A path without that ending gets it; `load` looks there, too.
+        The extension .npz is added to a path without it; `load` does the same.
 
         Raises:
-            OutputError: it could not be written; the earlier file is unchanged.
+            OutputError: it cannot be written; the earlier file is unchanged.
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         with atomic_write(_npz(path)) as part:
@@ -127,7 +127,7 @@ class SurfaceMap:
         """Read a map that `save` wrote.
 
         Raises:
-            MeshError: the file is missing, or holds no map, or one onto another source.
+            MeshError: the file is missing, or contains no map, or a map onto another source.
         """
         path = path if isfile(path) else _npz(path)
         arrays = _arrays_of_map(path, ("triangle", "barycentric"))
@@ -152,10 +152,10 @@ class SurfaceMap:
 def read_vertex_map(path: str | PathLike[str]) -> Integers:
     """The source vertex (n_t,) of each target vertex, from a file that `SurfaceMap.save` or `zoomout match` wrote.
 
-    Vertices, unlike triangles, are numbered alike by whatever read the meshes.
+    Unlike triangles, vertices have the same numbers in every program that reads the meshes.
 
     Raises:
-        MeshError: the file is missing, or not one of these.
+        MeshError: the file is missing or invalid.
     """
     vertex = _arrays_of_map(path, ("vertex",)).get("vertex")
     if vertex is None or vertex.ndim != 1 or vertex.dtype.kind not in "iu" or (vertex < 0).any():
@@ -166,7 +166,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
 
 
 def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Those of some arrays that the file of a map holds; a MeshError where it cannot be read."""
+    """Read some arrays of the file of a map, as far as it has them; a MeshError if it cannot be read."""
     try:
         return read_arrays(path, names)
     except FileNotFoundError:
@@ -180,13 +180,13 @@ def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str,
 
 
 def _npz(path: str | PathLike[str]) -> str:
-    """The path as numpy completes it when it writes."""
+    """The path with the extension that numpy adds when writing."""
     name = fspath(path)
     return name if name.endswith(".npz") else f"{name}.npz"
 
 
 def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
-    """The fault of the arrays of a map onto `count` triangles; empty if there is none."""
+    """The error in the arrays of a map onto `count` triangles; empty if there is none."""
     if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
         return message(
             "its triangles are of type {triangles} and its barycentric coordinates of {barycentric}",
@@ -213,12 +213,12 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
 
 
 def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
-    """(m,) which triangles a map turns over: their images face against the surface that these lie on.
+    """(m,) which triangles a map flips: their images face against the surface.
 
     Args:
-        images: (n_t, 3) of the target's vertices.
-        normals: (n_t, 3) of the source at the images; not necessarily of unit length.
-        triangles: (m, 3) of the target.
+        images: (n_t, 3) images of the target's vertices.
+        normals: (n_t, 3) normals of the source at the images; not necessarily of unit length.
+        triangles: (m, 3) triangles of the target.
     """
     facing = np.einsum("mx,mcx->m", triangle_normals(images, triangles), normals[triangles])
     return np.asarray(facing < 0)

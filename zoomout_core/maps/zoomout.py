@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """ZoomOut: spectral upsampling of a functional map (Melzi et al. 2019).
 
-A small functional map gives a pointwise map, the pointwise map a slightly larger functional map, and so on.
+A small functional map gives a pointwise map, which gives a slightly larger functional map, and so on.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ZoomOutTuning(Tuning, set_by="peers"):
-    """Where upsampling begins, and the rounds on all vertices, which recover the exactness that sampling costs.
+    """Where upsampling begins, and the rounds on all vertices, which recover the accuracy lost by sampling.
 
     Attributes:
-        initial_size: of the functional map of a given pointwise map.
-        finishing_size: of the functional map that the rounds on all vertices begin with.
-        finishing_rounds: on all vertices, at sizes that are evenly spread.
+        initial_size: size of the functional map of a given pointwise map.
+        finishing_size: size of the functional map at the start of the rounds on all vertices.
+        finishing_rounds: number of rounds on all vertices, at evenly spaced sizes.
     """
 
     initial_size: int = tuned(20, "eigenfunctions", 1, 1000)
@@ -47,17 +47,17 @@ class ZoomOutTuning(Tuning, set_by="peers"):
 
 ZOOMOUT = ZoomOutTuning()
 
-# A column of a triangular factor with less on its diagonal, relative to the largest, depends on those before it.
+# A column of a triangular factor with a smaller diagonal entry, relative to the largest, depends on earlier columns.
 DEPENDENT = 1e-12
 # Sizes of functional maps, each (k_target, k_source), or one number for both.
 Sizes: TypeAlias = Sequence[int | tuple[int, int]]
-# How many farthest points of each shape, or vertex numbers on the source and on the target; None: all vertices.
+# Number of farthest points of each shape, or vertex numbers on the source and on the target; None for all vertices.
 Samples: TypeAlias = int | tuple[ArrayLike, ArrayLike] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What ZoomOut returns.
+    """The result of ZoomOut.
 
     Attributes:
         functional_map: (k_target, k_source).
@@ -70,12 +70,12 @@ class Refined:
 
 @dataclass(frozen=True, eq=False)
 class SampledBasis:
-    """A basis at samples, factorised once so that the least squares of every k are a triangular solve.
+    """A basis at samples, factorised once so that least squares with any k are a triangular solve.
 
     Attributes:
         samples: (s,) vertex numbers.
         rows: (s, k) eigenvectors at the samples.
-        Q: (s, k) orthonormal; with an upper triangular R its leading columns factorise the leading ones of `rows`.
+        Q: (s, k) orthonormal; its leading columns, with an upper triangular R, factorise the leading columns of `rows`.
         R_inverse: (k, k) upper triangular; the inverse of a leading block of R is the same block of this.
     """
 
@@ -86,7 +86,7 @@ class SampledBasis:
 
     @classmethod
     def of(cls, basis: SpectralBasis, samples: Integers) -> SampledBasis:
-        """The basis at the samples (s,): its leading eigenfunctions, as many as are linearly independent there."""
+        """The basis at the samples (s,): the leading eigenfunctions that are linearly independent there."""
         rows = basis.eigenvectors[samples]
         Q, R = qr(rows, mode="economic")
         diagonal = np.abs(R.diagonal())
@@ -110,13 +110,13 @@ def zoomout(
     """Refine a functional map or a pointwise map by spectral upsampling.
 
     Args:
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
         initial: (k_t, k_s) functional map, or (n_t,) source vertex of each target vertex.
         k_final: size of the final functional map, on its larger side.
-        step: by how much it grows in an iteration.
-        samples: iterate on this many farthest points of each shape (at least k_final are taken), or on these vertices
-            of the source and of the target, and finish on all vertices; None to iterate on all vertices throughout.
+        step: growth per iteration.
+        samples: iterate on this many farthest points of each shape (at least k_final), or on these vertices of the
+            source and of the target, and finish on all vertices; None to iterate on all vertices.
         sizes: (k_target, k_source), or one number for both, of the functional map that each iteration fits to the
             pointwise map before it, in place of k_final and step. For a part and a whole: `slanted_sizes`.
 
@@ -124,8 +124,8 @@ def zoomout(
         The functional map at the last size and the dense vertex map.
 
     Raises:
-        ValueError: the bases hold too few eigenfunctions, the initial map does not fit them, a number is below one, or
-            the samples do not tell the functions apart.
+        ValueError: the bases have too few eigenfunctions, the initial map does not fit them, a number is below one, or
+            the functions are linearly dependent at the samples.
 
     Example:
         >>> C = zo.functional_map_of(truth, *bases, 10, 10)
@@ -160,16 +160,16 @@ def zoomout_both_ways(
     is fitted to the pointwise maps T and S of both: Phi_target C to Phi_source[T], and Phi_target[S] C to Phi_source.
 
     Args:
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
         initial: as for `zoomout`; the inverse starts from the transpose.
-        k_final: as for `zoomout`, like all below.
-        step: growth.
-        samples: what to iterate on.
-        sizes: of the map; those of its inverse are the other way round.
+        k_final: as for `zoomout`.
+        step: as for `zoomout`.
+        samples: as for `zoomout`.
+        sizes: as for `zoomout`; the inverse has transposed sizes.
 
     Returns:
-        What `zoomout` returns, and the same of the map from the source to the target.
+        The result of `zoomout`, and the same for the map from the source to the target.
 
     Raises:
         ValueError: as for `zoomout`.
@@ -200,22 +200,22 @@ def slanted_sizes(
     """Sizes of functional maps between a part and a whole, either way, for `zoomout`.
 
     A part has fewer functions below a frequency, in proportion to its area (Rodola et al., Partial functional
-    correspondence, 2017), so that its side of the functional map grows more slowly. Both bases must be at the same
-    scale: see `SpectralBasis.at_area`.
+    correspondence, 2017), so its side of the functional map grows more slowly. Both bases must have the same scale, see
+    `SpectralBasis.at_area`.
 
     Args:
-        basis_source: of the surface that the map lands on.
-        basis_target: of the surface that the map starts from.
-        k_initial: of the whole's functions.
-        k_final: of the whole's functions.
-        step: growth of their number.
+        basis_source: basis of the surface that the map lands on.
+        basis_target: basis of the surface that the map starts from.
+        k_initial: number of the whole's functions at the start.
+        k_final: number of the whole's functions at the end.
+        step: growth of this number per iteration.
 
     Returns:
-        (k_target, k_source) of each iteration, with k_source = k_final k_target / r, rounded, where the target is the
-        part and r of its eigenvalues are as low as the first k_final of the source; the other way round likewise.
+        (k_target, k_source) of each iteration. If the target is the part, k_source = k_final k_target / r, rounded,
+        where r of its eigenvalues are as low as the first k_final of the source; and vice versa.
 
     Raises:
-        ValueError: a number is below one, or the bases hold too few eigenfunctions.
+        ValueError: a number is below one, or the bases have too few eigenfunctions.
 
     Example:
         >>> sizes = zo.slanted_sizes(*bases, k_initial=20, k_final=40)  # (k_target, k_source) of each round
@@ -249,15 +249,15 @@ def upsample(
     step: int,
     anchors: Anchors | None = None,
 ) -> tuple[Floats, Integers]:
-    """The loop on samples: from a small functional map to one with k_final functions on the larger side.
+    """Upsample a small functional map on samples to k_final functions on the larger side.
 
     Args:
         source: samples of the shape that the map lands on.
         target: samples of the shape that the map starts from.
-        functional_map: (k_target, k_source), or a stack of them, which takes less time than one after the other.
+        functional_map: (k_target, k_source), or a stack of them, which is faster than one after the other.
         k_final: size to reach.
-        step: growth in an iteration.
-        anchors: given at the samples; what else should agree under the map. Not for a stack.
+        step: growth per iteration.
+        anchors: values at the samples that should agree under the map. Not for a stack.
 
     Returns:
         The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
@@ -272,7 +272,7 @@ def _upsample_through(
     sizes: Sequence[tuple[int, int]],
     anchors: Anchors | None = None,
 ) -> tuple[Floats, Integers]:
-    """The loop on samples through given sizes; see `upsample`."""
+    """Upsample on samples through given sizes, see `upsample`."""
     for k_target, k_source in sizes:
         match = nearest_samples(source, target, functional_map, anchors)
         functional_map = target.fit(source.rows[match, :k_source], k_target)
@@ -291,11 +291,11 @@ def nearest_samples(
 
 
 class _Places(NamedTuple):
-    """Vertices of a shape that a map is refined on.
+    """Vertices of a shape on which a map is refined.
 
     Attributes:
-        rows: (p, k) eigenvectors there.
-        weights: (p,) in the fits of functional maps.
+        rows: (p, k) eigenvectors at the vertices.
+        weights: (p,) weights in the fits of functional maps.
     """
 
     rows: Floats
@@ -305,14 +305,14 @@ class _Places(NamedTuple):
 def _upsample_both_ways(
     source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
 ) -> tuple[Floats, Floats]:
-    """The loop of both directions.
+    """Upsample in both directions.
 
     Args:
-        source: of the shape that the map lands on.
-        target: of the shape that the map starts from.
-        there: (k_target, k_source).
-        back: (k_source, k_target).
-        sizes: to go through.
+        source: places of the shape that the map lands on.
+        target: places of the shape that the map starts from.
+        there: (k_target, k_source) functional map.
+        back: (k_source, k_target) functional map of the inverse.
+        sizes: sizes to go through.
     """
     for k_target, k_source in sizes:
         to_source, to_target = _nearest_places(source, target, there), _nearest_places(target, source, back)
@@ -322,7 +322,7 @@ def _upsample_both_ways(
 
 
 def _nearest_places(source: _Places, target: _Places, functional_map: Floats) -> Integers:
-    """(p_t,) the place of the source that a functional map (k_t, k_s) assigns to each place of the target."""
+    """(p_t,) the source place that a functional map (k_t, k_s) assigns to each target place."""
     k_target, k_source = functional_map.shape
     return nearest(target.rows[:, :k_target], source.rows[:, :k_source] @ functional_map.T)
 
@@ -330,7 +330,7 @@ def _nearest_places(source: _Places, target: _Places, functional_map: Floats) ->
 def _fit_to_both(
     source: _Places, target: _Places, to_source: Integers, to_target: Integers, k_source: int, k_target: int
 ) -> Floats:
-    """(k_target, k_source) functional map that fits pointwise maps of both directions best (least squares)."""
+    """(k_target, k_source) functional map that best fits pointwise maps of both directions (least squares)."""
     along, against = target.rows[:, :k_target], target.rows[to_target, :k_target]
     weighted, weighted_against = target.weights[:, None] * along, source.weights[:, None] * against
     return np.asarray(
@@ -350,7 +350,7 @@ def _start(
     step: int,
     sizes: Sizes | None,
 ) -> tuple[Floats, list[tuple[int, int]]]:
-    """The functional map to begin with, and the sizes to go through; see `zoomout`."""
+    """The initial functional map and the sizes to go through, see `zoomout`."""
     start = check_start(initial, len(basis_source.areas), len(basis_target.areas))
     if sizes is not None:
         ahead = _check_sizes(sizes, basis_source, basis_target)
@@ -369,7 +369,7 @@ def _start(
 
 
 def _finishing(functional_map: Floats) -> tuple[Floats, list[tuple[int, int]]]:
-    """The start and sizes of the rounds on all vertices, in big steps, for the map that samples have led to."""
+    """The initial map and sizes of the rounds on all vertices, in big steps, for the result on samples."""
     shape = np.array(functional_map.shape)
     start = min(1.0, ZOOMOUT.finishing_size / shape.min())
     grown = np.rint(shape * np.linspace(start, 1, ZOOMOUT.finishing_rounds)[:, None]).astype(int)
@@ -378,7 +378,7 @@ def _finishing(functional_map: Floats) -> tuple[Floats, list[tuple[int, int]]]:
 
 
 def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:
-    """The sizes (k_target, k_source) to go through; a start at k_final has one iteration there."""
+    """The sizes (k_target, k_source) to go through; a map that starts at k_final gets one iteration there."""
     growth = list(range(step, k_final - max(shape) + 1, step))
     if not growth or growth[-1] != k_final - max(shape):
         growth.append(k_final - max(shape))
@@ -388,7 +388,7 @@ def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, 
 def _sample(
     basis_source: SpectralBasis, basis_target: SpectralBasis, samples: Samples, sizes: Sequence[tuple[int, ...]]
 ) -> tuple[SampledBasis, SampledBasis]:
-    """Both bases at the user's samples, or at farthest points, which tell the functions of all sizes apart."""
+    """Both bases at the user's samples, or at farthest points; raises if the functions are linearly dependent there."""
     k_target, k_source = np.max(sizes, axis=0)
     if isinstance(samples, int | np.integer):
         check_counts(samples=samples)
@@ -435,7 +435,7 @@ def _check_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: Spectr
 
 
 def check_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:
-    """A map to begin with, as the user gave it: (k_t, k_s) functional map, or (n_t,) source vertices.
+    """Check a user's initial map: a functional map (k_t, k_s), or source vertices (n_t,).
 
     Raises:
         ValueError: it is neither, or not between shapes with these numbers of vertices.

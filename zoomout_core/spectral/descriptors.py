@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functions of the intrinsic geometry alone, comparable from shape to shape.
+"""Functions that depend only on the intrinsic geometry, and so can be compared between shapes.
 
-Wave kernel signature: Aubry, Schlickewei and Cremers 2011. Heat kernel signature: Sun, Ovsjanikov and
-Guibas 2009. Pseudo-scalars <n, grad f x grad g> turn their sign under a reflection, which no signature does.
+Wave kernel signature: Aubry, Schlickewei and Cremers 2011. Heat kernel signature: Sun, Ovsjanikov and Guibas 2009.
+Pseudo-scalars <n, grad f x grad g> change sign under a reflection, unlike signatures.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 from zoomout_core.tuning import Tuning, tuned
 
-# Norm of functions that vanish but for rounding, and width of bands about a single energy; both are of order one.
+# Norm of functions that are zero up to rounding, and minimum width of energy bands; both are otherwise of order one.
 NOTHING = 1e-9
 
 
@@ -38,11 +38,11 @@ BANDS = BandTuning()
 
 
 def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None, width: float = 7.0) -> Floats:
-    """(n, count) wave kernel signatures: at each vertex, how likely a particle of each energy is there.
+    """(n, count) wave kernel signatures: at each vertex, the probability of a particle of each energy.
 
     Args:
         basis: eigenfunctions; the null space, of functions that are constant on each component, is left out.
-        count: number of energies, evenly spread over the logarithms of the eigenvalues.
+        count: number of energies, evenly spaced over the logarithms of the eigenvalues.
         k: use the first k eigenfunctions (all when None).
         width: standard deviation of an energy band, in steps between energies.
 
@@ -58,11 +58,11 @@ def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
 
 
 def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None) -> Floats:
-    """(n, count) heat kernel signatures: at each vertex, the part of its heat that remains there.
+    """(n, count) heat kernel signatures: at each vertex, the share of its heat that remains there.
 
     Args:
         basis: eigenfunctions; the null space, of functions that are constant on each component, is left out.
-        count: number of times, spread geometrically over what the basis resolves.
+        count: number of times, spaced geometrically over the range that the basis resolves.
         k: use the first k eigenfunctions (all when None).
 
     Raises:
@@ -91,7 +91,7 @@ def wave_kernel_map(
         width: standard deviation of an energy band, in steps between energies.
 
     Raises:
-        ValueError: as for `wave_kernel_signature`, or landmarks are no vertices.
+        ValueError: as for `wave_kernel_signature`, or landmarks are not vertices.
 
     Example:
         >>> zo.wave_kernel_map(bases[0], [0, 5], count=20).shape == (len(source.vertices), 40)
@@ -101,7 +101,7 @@ def wave_kernel_map(
 
 
 def heat_kernel_map(basis: SpectralBasis, landmarks: ArrayLike, count: int = 100, k: int | None = None) -> Floats:
-    """(n, l * count) heat that has come from each landmark to all vertices, one landmark after the other.
+    """(n, l * count) heat from each landmark at all vertices, one landmark after the other.
 
     At the landmark itself it is its heat kernel signature.
 
@@ -112,7 +112,7 @@ def heat_kernel_map(basis: SpectralBasis, landmarks: ArrayLike, count: int = 100
         k: use the first k eigenfunctions (all when None).
 
     Raises:
-        ValueError: as for `heat_kernel_signature`, or landmarks are no vertices.
+        ValueError: as for `heat_kernel_signature`, or landmarks are not vertices.
 
     Example:
         >>> zo.heat_kernel_map(bases[0], [0, 5], count=20).shape == (len(source.vertices), 40)
@@ -146,7 +146,7 @@ def _wave_weights(basis: SpectralBasis, count: int, k: int | None, width: float)
 
 
 def _heat_weights(basis: SpectralBasis, count: int, k: int | None) -> tuple[slice, Floats]:
-    """The eigenfunctions beyond the null space, and (count, k) what is left of each at each time."""
+    """The eigenfunctions beyond the null space, and (count, k) the remaining share of each at each time."""
     used = _beyond_null_space(basis, count, k)
     eigenvalues = basis.eigenvalues[used]
     times = np.geomspace(4 * np.log(10) / eigenvalues[-1], 4 * np.log(10) / eigenvalues[0], count)
@@ -154,7 +154,7 @@ def _heat_weights(basis: SpectralBasis, count: int, k: int | None) -> tuple[slic
 
 
 def _beyond_null_space(basis: SpectralBasis, count: int, k: int | None) -> slice:
-    """The eigenfunctions that descriptors are made of; the null space is told by its rank, whatever its rounding."""
+    """The eigenfunctions used by descriptors; the null space is identified by rank, independent of rounding."""
     k = len(basis.eigenvalues) if k is None else k
     check_counts(count=count)
     check_size(basis, k)
@@ -167,25 +167,25 @@ def _beyond_null_space(basis: SpectralBasis, count: int, k: int | None) -> slice
 
 
 def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
-    """(n, count) wave kernel signatures, of the first k functions, in narrow bands, of mean zero and unit norm."""
+    """(n, count) wave kernel signatures of the first k functions in narrow bands, with mean zero and unit norm."""
     bands = wave_kernel_signature(basis, count, min(k, len(basis.eigenvalues)), BANDS.width)
     bands = bands - basis.areas @ bands
     return unit_columns(bands, np.sqrt(basis.areas @ bands**2))
 
 
 def unit_columns(functions: Floats, norms: Floats) -> Floats:
-    """Functions (n, d) divided by their norms (d,); those of rounding alone, as on a sphere, stay zero."""
+    """Divide functions (n, d) by their norms (d,); functions of rounding errors, as on a sphere, become zero."""
     return np.divide(functions, norms, out=np.zeros_like(functions), where=norms > NOTHING)
 
 
 def pseudo_scalar_signatures(mesh: WorkingMesh, areas: Floats, bands: Floats) -> Floats:
-    """(n, d) pseudo-scalars of every two of the signature bands (n, b) that are not neighbours."""
+    """(n, d) pseudo-scalars of all pairs of signature bands (n, b) that are not neighbours."""
     i, j = np.triu_indices(bands.shape[1], k=2)
     return pseudo_scalars(mesh, areas, bands[:, i], bands[:, j])
 
 
 def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:
-    """(n, d) the pseudo-scalar <n, grad f x grad g> of function pairs, averaged onto the vertices.
+    """(n, d) pseudo-scalars <n, grad f x grad g> of function pairs, averaged to the vertices.
 
     Args:
         mesh: supplies the outward orientation.

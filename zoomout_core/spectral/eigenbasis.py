@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The first eigenfunctions of the Laplacian: W phi = lambda A phi with Phi' A Phi = I, at unit area.
 
-Block Lanczos on the shift-inverted, symmetric operator A^1/2 (W + sigma A)^-1 A^1/2 with full
-reorthogonalisation (Grimes, Lewis and Simon 1994): a block of right-hand sides costs the sparse solver about
-half as much a column as single ones do, and finds repeated eigenvalues that a single vector misses.
+Block Lanczos on the shift-inverted, symmetric operator A^1/2 (W + sigma A)^-1 A^1/2 with full reorthogonalisation
+(Grimes, Lewis and Simon 1994): a block of right-hand sides costs the sparse solver about half as much per column as
+single ones, and finds repeated eigenvalues that a single vector misses.
 """
 
 from __future__ import annotations
@@ -29,29 +29,30 @@ from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import one_blas_thread, threads
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
-# Vertices whose eigenvectors are assembled at once: bounds the memory, and the time between two steps.
+# Vertices whose eigenvectors are assembled at once; bounds the memory, and the time between two steps.
 COLUMN_CHUNK = 1 << 14
-# Parts of long vectors that products are made of, and of a block of right-hand sides: as many threads find work. Each
-# solve reads the whole factor, so that small parts of a block cost more than they gain.
+# Number of parts into which long vectors are split for products, and blocks of right-hand sides for solves: at most as
+# many threads work. Each solve reads the whole factor, so small parts of a block cost more than they gain.
 PRODUCTS, SOLVES = 8, 2
 UNCONVERGED = "The eigenfunctions did not converge: repair the mesh's slivers, or remesh it."
 
-# Shift of the inverted operator, at unit area. Lambda_k is about 4 pi k; any shift from 0.1 to 200 converges alike.
+# Shift of the inverted operator, at unit area. Lambda_k is about 4 pi k; any shift from 0.1 to 200 converges equally
+# fast.
 SHIFT = 20.0
-# Right-hand sides solved at once. A vector takes half as long in blocks of 4 to 16 as alone.
+# Right-hand sides solved at once. Per vector, blocks of 4 to 16 take half the time of single vectors.
 BLOCK_SIZE = 16
 # Largest residual of a shift-inverted pair, relative to its eigenvalue. On one pair of meshes, maps were as accurate as
-# with ARPACK; at 0.03 their mean error rose by an eighth.
+# with ARPACK; at 0.03 their mean error was an eighth larger.
 RESIDUAL_TOLERANCE = 1e-3
-# Computed pairs for each requested one, since the last pairs carry all of the remaining error.
+# Computed pairs per requested pair, since the last pairs have all of the remaining error.
 SURPLUS = 1.05
-# Size of the Krylov space at the first convergence test, for each computed pair. A further block divides the largest
+# Size of the Krylov space at the first convergence test, per computed pair. A further block divides the largest
 # residual by at most the second number, which determines the next test.
 FIRST_TEST_SIZE = 2.4
 BLOCK_GAIN = 4.0
 # Matrices with fewer rows are diagonalised densely.
 MIN_SPARSE_VERTICES = 1200
-# Vectors of this length are worth several threads.
+# Minimum length of vectors for several threads.
 MIN_THREADED_VERTICES = 20_000
 # Vertices of the decimated mesh that provides the basis if the factorised matrix of the mesh does not fit into memory.
 COARSE_VERTICES = 50_000
@@ -70,10 +71,10 @@ class SpectralBasis(Summary):
     Attributes:
         eigenvalues: (k,) ascending.
         eigenvectors: (n, k) values at the vertices; orthonormal under `areas`.
-        areas: (n,) lumped vertex areas, summing to one; zero for a vertex that no face uses.
+        areas: (n,) lumped vertex areas, summing to one; zero for a vertex without a face.
         points: (n, 3) the vertices' positions.
-        components: number of connected components on which constant functions are eigenfunctions: as many of the first
-            eigenvalues are zero. A Hamiltonian has none where its potential is above zero.
+        components: number of connected components on which constant functions are eigenfunctions, which is the number
+            of zero eigenvalues. A Hamiltonian has none where its potential is above zero.
 
     Example:
         >>> basis = zo.eigenbasis(source, 10)
@@ -97,7 +98,7 @@ class SpectralBasis(Summary):
         """The basis of the surface scaled to another area, such as a part's relative to that of its whole.
 
         Raises:
-            ValueError: the area is no positive number.
+            ValueError: the area is not a positive number.
         """
         if not 0 < area < np.inf:
             raise ValueError(f"The area is {area!r}: give a positive number.")
@@ -110,7 +111,7 @@ class SpectralBasis(Summary):
         )
 
     def coefficients(self, functions: Floats) -> Floats:
-        """(k, d) coefficients of functions (n, d) given at the vertices."""
+        """(k, d) coefficients of functions (n, d) at the vertices."""
         return self.eigenvectors.T @ (self.areas[:, None] * functions)
 
     def smoothed(self, functions: Floats, time: float) -> Floats:
@@ -119,10 +120,10 @@ class SpectralBasis(Summary):
 
 
 def check_size(basis: SpectralBasis, k: int) -> None:
-    """Check how many eigenfunctions of a basis are to be used.
+    """Check that a basis has the requested number of eigenfunctions.
 
     Raises:
-        ValueError: k is no whole number from one to what the basis holds.
+        ValueError: k is not an integer from one to the size of the basis.
     """
     check_counts(k=k)
     if k > len(basis.eigenvalues):
@@ -132,22 +133,22 @@ def check_size(basis: SpectralBasis, k: int) -> None:
 
 
 def eigenbasis(shape: ShapeLike, k: int = 200, seed: int = 0) -> SpectralBasis:
-    """The first `k` eigenfunctions of a surface or point cloud.
+    """Compute the first `k` eigenfunctions of a surface or point cloud.
 
-    Borders that coincide are welded first; a vertex of several welded ones gets its share of their area. That of a
-    point cloud is the basis of the surface that is reconstructed from it.
+    Coincident borders are welded first; each of several welded vertices gets its share of their area. A point cloud
+    gets the basis of the surface that is reconstructed from it.
 
     Args:
         shape: what to analyse.
-        k: how many eigenfunctions, the constant one included; at most one less than the vertices.
+        k: number of eigenfunctions, including the constant one; at most one less than the vertices.
         seed: start of the iteration.
 
     Returns:
-        A basis with a row for every vertex of the surface, or every point.
+        A basis with a row for every vertex of the surface or every point.
 
     Raises:
         MeshError: k is out of range, or no surface passes through the points.
-        TypeError: the shape is none, or k no whole number.
+        TypeError: the shape is of another type, see `ShapeLike`, or k is not an integer.
 
     Example:
         >>> zo.eigenbasis(source, k=10).eigenvalues.shape
@@ -163,21 +164,21 @@ def eigenbasis(shape: ShapeLike, k: int = 200, seed: int = 0) -> SpectralBasis:
 
 
 def check_is_whole(k: object) -> None:
-    """Check that a number of eigenfunctions is a whole number.
+    """Check that a number of eigenfunctions is an integer.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not.
     """
     if not isinstance(k, int | np.integer):
         raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
 
 
 def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis:
-    """The basis of a shape's working mesh, with a row for every vertex of the surface, or every point."""
+    """Extend a basis of a shape's working mesh to every vertex of the surface or every point."""
     surface = as_surface(shape)
     working = surface.working
     vertex_of = working.vertex_of
-    if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
+    if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # no vertex is welded or left out
         return replace(basis, points=surface.vertices)
     unused = vertex_of < 0
     copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
@@ -192,16 +193,16 @@ def basis_of(
     seed: int,
     potential: Floats | None = None,
 ) -> SpectralBasis:
-    """The eigenfunctions of W + diag(areas * potential) on a mesh.
+    """Compute the eigenfunctions of W + diag(areas * potential) on a mesh.
 
-    Where this matrix does not fit into memory factorised, they are taken nearly, from a smaller mesh: its functions are
-    read at the closest points, and the best combinations of them taken (Rayleigh and Ritz), so that they are
-    orthonormal, and the eigenvalues bounds from above.
+    If the factorised matrix does not fit into memory, they are approximated on a smaller mesh. Its functions are
+    interpolated at the closest points and combined optimally (Rayleigh and Ritz), so that they are orthonormal and the
+    eigenvalues are upper bounds.
 
     Args:
         mesh: the mesh.
-        laplacian: what `mesh_laplacian` says of it.
-        k: how many eigenfunctions.
+        laplacian: stiffness and areas from `mesh_laplacian`.
+        k: number of eigenfunctions.
         seed: start of the iteration.
         potential: (n,) at least zero, in units of eigenvalues; None for the Laplacian alone.
     """
@@ -222,7 +223,7 @@ def basis_of(
     points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, COARSE_VERTICES)
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
-    if potential is not None:  # means by area
+    if potential is not None:  # area-weighted means
         of_coarse = segment_sum(areas, merged)
         potential = segment_sum(areas * potential, merged) / of_coarse
     coarse_stiffness, coarse_areas = mesh_laplacian(points, triangles)
@@ -255,10 +256,10 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
         stiffness: (n, n) symmetric, positive semi-definite.
         areas: (n,) positive, summing to one.
         k: number of pairs, less than n.
-        seed: of the starting block.
+        seed: seed of the starting block.
 
     Returns:
-        (k,) eigenvalues and (n, k) eigenvectors, each positive where it is largest.
+        (k,) eigenvalues and (n, k) eigenvectors, each positive at its largest absolute value.
     """
     n = len(areas)
     if not 1 <= k < n:
@@ -285,7 +286,7 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
     wanted = min(n - 1, int(SURPLUS * k) + 2)
     factor = factorise(stiffness + SHIFT * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
-    Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
+    Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector per row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
     start = np.random.default_rng(seed).standard_normal((n, b))
     start[:, 0] = root
@@ -298,13 +299,13 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
             e = (j + 1) * b
             Y = (root * parts.solve(factor, Q[e - b : e] * root)).astype(np.float32)
             advance(min(0.9, e / (2.8 * wanted)))
-            for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
+            for first in (max(0, e - 2 * b), 0):  # first the neighbouring blocks, then all: both passes are needed
                 H[first:e, e - b : e] += parts.orthogonalise(Y, Q[first:e]).T
             R = np.eye(b)
             for _ in range(2):
                 try:
                     L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
-                except LinAlgError:  # slivers have used up what the numbers resolve
+                except LinAlgError:  # slivers have exhausted the precision
                     raise MeshError(UNCONVERGED) from None
                 Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
                 R = L.T @ R
@@ -313,7 +314,7 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
             if e < next_test and j < limit - 1:
                 continue
             projected = (H[:e, :e] + H[:e, :e].T) / 2
-            # The last pair converges last, as a rule: alone it costs a part of what all cost.
+            # The last pair usually converges last, and is much cheaper to compute than all.
             last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
             residual = _residuals(R, *last).max()
             if residual >= RESIDUAL_TOLERANCE:
@@ -341,9 +342,9 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
 
 
 class _InParts:
-    """Work on blocks of long vectors, a part by each thread that is free.
+    """Operations on blocks of long vectors, split into parts for several threads.
 
-    The parts, and the order in which they are summed, are the same for any number of threads, and so are the results.
+    The parts and the order of summation do not depend on the number of threads, and so neither do the results.
     """
 
     def __init__(self, pool: ThreadPoolExecutor, n: int) -> None:
@@ -358,7 +359,7 @@ class _InParts:
         return np.concatenate(list(self._map(lambda some: factor.solve(some.T).T, np.array_split(rows, self._solves))))
 
     def orthogonalise(self, rows: SingleFloats, basis: SingleFloats) -> SingleFloats:
-        """Take from vectors (b, n), in place, what lies in the span of a basis (e, n); (b, e) its coefficients."""
+        """Remove the span of a basis (e, n) from vectors (b, n) in place; returns the removed coefficients (b, e)."""
         products = sum(self._map(lambda part: rows[:, part] @ basis[:, part].T, self._parts))
 
         def take_away(part: slice) -> None:
@@ -371,16 +372,17 @@ class _InParts:
 def _is_complete(eigenvalues: Floats, k: int, stiffness: csc_array, areas: Floats) -> bool:
     """Whether no eigenvalue is missing among the first k or more of those found, ascending.
 
-    By Sylvester's law of inertia as many eigenvalues lie below a shift as the shifted matrix has negative pivots.
+    By Sylvester's law of inertia, the number of eigenvalues below a shift is that of negative pivots of the shifted
+    matrix.
     """
-    count = k + int(np.argmax(np.diff(eigenvalues[k - 1 :])))  # the shift lies in the widest gap beyond the k-th
+    count = k + int(np.argmax(np.diff(eigenvalues[k - 1 :])))  # the shift is in the widest gap after the k-th
     shift = (eigenvalues[count - 1] + eigenvalues[count]) / 2
     factor = factorise(stiffness - shift * diags_array(areas))
     if not np.array_equal(factor.perm_r, factor.perm_c):
-        return True  # pivots off the diagonal say nothing of the signs
+        return True  # pivots off the diagonal do not determine the signs
     return int((factor.U.diagonal() < 0).sum()) == count
 
 
 def _residuals(R: Floats, mu: Floats, S: Floats) -> Floats:
-    """(p,) relative residuals of Ritz pairs, of which S (e, p) are the vectors in the Lanczos basis."""
+    """(p,) relative residuals of Ritz pairs with vectors S (e, p) in the Lanczos basis."""
     return np.asarray(np.linalg.norm(R @ S[-len(R) :], axis=0) / mu)

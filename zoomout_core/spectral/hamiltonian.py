@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functions that live where a potential is low: the eigenfunctions of Hamiltonians.
+"""Eigenfunctions of Hamiltonians, which are concentrated where a potential is low.
 
 Melzi et al., Localized manifold harmonics for spectral shape analysis (2018); Choukroun et al., Hamiltonian operator
 for spectral shape analysis (2020): (W + tau A diag(v)) phi = lambda A phi, with a potential v.
@@ -22,20 +22,20 @@ from zoomout_core.spectral.laplacian import mesh_laplacian
 def hamiltonian_basis(
     shape: ShapeLike, potential: ArrayLike, k: int = 200, strength: float = 10.0, seed: int = 0
 ) -> SpectralBasis:
-    """The first `k` eigenfunctions of a Hamiltonian, which live where the potential is low.
+    """Compute the first `k` eigenfunctions of a Hamiltonian, which are concentrated where the potential is low.
 
-    The potential is scaled by tau, a multiple of the k-th eigenvalue of a surface as large as the part where it is low,
-    4 pi k over that part's area (Weyl's law). Functions reach into the rest about as far as one over the square root of
-    tau. With a potential of zero this is the `eigenbasis`.
+    The potential is scaled by tau, a multiple of the k-th eigenvalue of a surface as large as the part where it is low:
+    4 pi k divided by that part's area (Weyl's law). Functions decay in the rest over a length of about one over the
+    square root of tau. With a potential of zero this is the `eigenbasis`.
 
-    For a part and its whole, give the whole a potential outside of the part's region, and let `zoomout` go through
-    equal sizes. The region must be known: where it lacks some of the part, or has much that the part lacks, maps are
-    worse than by plain bases with `slanted_sizes`, which need no region.
+    For a part and its whole, give the whole a potential outside of the part's region, and use `zoomout` with equal
+    sizes. The region must be known: if it lacks some of the part, or much of it is not in the part, maps are worse than
+    by plain bases with `slanted_sizes`, which need no region.
 
     Args:
         shape: what to analyse.
-        potential: (n,) at the vertices or points, from 0 where functions live to 1 where they vanish.
-        k: how many eigenfunctions; at most one less than the vertices, and than those where the potential is below 1.
+        potential: (n,) at the vertices or points, from 0 where functions are concentrated to 1 where they vanish.
+        k: number of eigenfunctions; at most one less than the vertices, and than those with a potential below 1.
         strength: tau, relative to that eigenvalue.
         seed: start of the iteration.
 
@@ -45,9 +45,9 @@ def hamiltonian_basis(
 
     Raises:
         ValueError: the potential is not (n,) numbers from 0 to 1, leaves room for fewer than k functions, or strength
-            is no number of at least zero.
+            is not a number of at least zero.
         MeshError: k is out of range, or no surface passes through the points.
-        TypeError: the shape is none, or k no whole number.
+        TypeError: the shape is of another type, see `ShapeLike`, or k is not an integer.
 
     Example:
         >>> potential = (source.vertices[:, 2] < 0).astype(float)  # functions avoid the lower half
@@ -78,13 +78,13 @@ def _check_potential(potential: ArrayLike, n: int) -> Floats:
     values = np.asarray(potential)
     if values.shape != (n,) or values.dtype.kind not in "biuf":
         raise ValueError(f"The potential must be {n} numbers, one for each vertex, not {values.dtype} {values.shape}.")
-    wrong = values[~((values >= 0) & (values <= 1))]  # a NaN among them
+    wrong = values[~((values >= 0) & (values <= 1))]  # also finds NaN
     if len(wrong):
         raise ValueError(f"The potential must be from 0 to 1, and {wrong[0]} is not: scale it.")
     return values.astype(np.float64)
 
 
 def _of_working_vertices(values: Floats, vertex_of: Integers) -> Floats:
-    """(m,) means of values (n,) at the vertices that are welded into one."""
+    """(m,) means of values (n,) over the vertices that are welded into one."""
     used = vertex_of >= 0
     return segment_sum(values[used], vertex_of[used]) / np.bincount(vertex_of[used])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Laplace-Beltrami operator of meshes.
 
-Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes (2020): an intrinsic Delaunay triangulation of
-the tufted cover, so that slivers, borders and non-manifold edges do no harm.
+Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes (2020): an intrinsic Delaunay triangulation of the tufted
+cover, which is robust to slivers, borders and non-manifold edges.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 
 from zoomout_core.arrays import Floats, Integers
 
-# Vertex areas are at least this part of their mean: smaller ones only amplify rounding in the eigenvectors.
+# Vertex areas are clamped to this share of their mean: smaller ones only amplify rounding in the eigenvectors.
 SMALLEST_AREA = 1e-6
 
 

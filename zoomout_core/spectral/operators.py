@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators in a basis that descriptors give: functions become matrices, which a functional map commutes with.
+"""Operators of descriptors in a basis: matrices that a functional map commutes with.
 
 Multiplication by a descriptor: Nogneng and Ovsjanikov, Informative Descriptor Preservation via Commutativity (2017).
-Derivatives along a descriptor's level lines, which turn their sign under a reflection: Ren, Poulenard, Wonka and
+Derivatives along a descriptor's level lines, which change sign under a reflection: Ren, Poulenard, Wonka and
 Ovsjanikov, Continuous and Orientation-preserving Correspondences via Functional Maps (2018).
 """
 
@@ -17,15 +17,15 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 
 
 def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
-    """(d, k, k) the multiplication by each descriptor f, Phi' A diag(f) Phi; symmetric.
+    """(d, k, k) multiplication by each descriptor f, Phi' A diag(f) Phi; symmetric.
 
     Args:
         basis: eigenfunctions.
-        descriptors: (n, d) values at the basis's vertices, or (n,) of one.
+        descriptors: (n, d) values at the basis's vertices, or (n,) for one descriptor.
         k: use the first k eigenfunctions.
 
     Raises:
-        ValueError: descriptors that do not fit the basis or are not finite, or k beyond what it holds.
+        ValueError: descriptors do not fit the basis or are not finite, or k exceeds the size of the basis.
 
     Example:
         >>> zo.multiplication_operators(bases[0], source.vertices, 10).shape
@@ -39,15 +39,15 @@ def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: in
 
 
 def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
-    """(d, k, k) the operators g -> <n x grad f, grad g> of each descriptor f, with the outward normals n.
+    """(d, k, k) operators g -> <n x grad f, grad g> of each descriptor f, with the outward normals n.
 
-    On linear functions they are integrated exactly, and depend on no metric. They are antisymmetric where the surface
-    is closed; a map that keeps the orientation commutes with them, one that reverses it turns their sign.
+    They are integrated exactly for linear functions, and do not depend on the metric. They are antisymmetric on a
+    closed surface. A map that keeps the orientation commutes with them; one that reverses it changes their sign.
 
     Args:
         shape: the surface of the basis.
         basis: eigenfunctions.
-        descriptors: (n, d) values at the vertices, or (n,) of one.
+        descriptors: (n, d) values at the vertices, or (n,) for one descriptor.
         k: use the first k eigenfunctions.
 
     Raises:
@@ -78,10 +78,10 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
 
 
 def check_descriptors(basis: SpectralBasis, descriptors: ArrayLike, what: str) -> Floats:
-    """Descriptors (n, d) as a user gave them, or a single one (n,), checked against their basis.
+    """Check a user's descriptors (n, d), or a single one (n,), against their basis.
 
     Raises:
-        ValueError: there are none, they are not finite, or not of the basis's vertices; `what` begins the message.
+        ValueError: they are missing, not finite, or do not fit the basis's vertices; `what` begins the message.
     """
     try:
         functions = np.asarray(descriptors, dtype=np.float64)

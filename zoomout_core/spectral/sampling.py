@@ -12,12 +12,12 @@ from zoomout_core.arrays import Floats, Integers
 def farthest_points(points: Floats, count: int) -> Integers:
     """Farthest-point samples by Euclidean distance, beginning with the point farthest from the centroid.
 
-    Each sample is the point farthest from all before it, so that any leading part covers the shape too. The
-    choice depends on the shape alone, not on its placement, its unit or the order of its points.
+    Each sample is the point farthest from all earlier ones, so any leading part covers the shape too. The choice
+    depends only on the shape, not on its placement, its unit or the order of its points.
 
     Args:
         points: (n, 3) positions.
-        count: how many; all points when there are fewer.
+        count: number of samples; all points if there are fewer.
 
     Returns:
         (min(count, n),) point numbers, in the order of choice.
@@ -34,14 +34,14 @@ def farthest_points(points: Floats, count: int) -> Integers:
 
 
 def _squared_distance(columns: Floats, point: Floats) -> Floats:
-    """(n,) of points, given by their coordinates (3, n), from one point (3,)."""
+    """(n,) squared distances of points, as coordinates (3, n), from one point (3,)."""
     offset = columns - point[:, None]
     offset *= offset
     return np.asarray(offset[0] + offset[1] + offset[2])
 
 
 def voronoi_areas(points: Floats, areas: Floats, samples: Integers) -> Floats:
-    """(s,) the area (n,) of the points that are nearest to each sample (s,), normalised to a sum of one."""
+    """(s,) sums of the areas (n,) of the points nearest to each sample (s,), normalised to a total of one."""
     _, owner = cKDTree(points[samples]).query(points)
     weights = np.bincount(owner, areas, minlength=len(samples))
     return np.asarray(weights / weights.sum())
