@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The symmetries of a surface, in whatever pose: maps of it onto itself that keep distances along it.
+"""Detect the symmetries of a surface in any pose: maps onto itself that preserve distances along it.
 
-Ovsjanikov, Sun and Guibas (2008) saw that such symmetries are signs and turns of eigenfunctions; Melzi et al. (2019,
-section 5.3) refine them by ZoomOut. Here they are found as maps between two surfaces are, from a shape to itself, with
-the identity left out.
+Ovsjanikov, Sun and Guibas (2008) found that such symmetries are signs and rotations of eigenfunctions; Melzi et al.
+(2019, section 5.3) refine them by ZoomOut. Here they are found like maps between two surfaces, from a shape to itself,
+except the identity.
 """
 
 from __future__ import annotations
@@ -42,36 +42,36 @@ from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance
 
-# A character of Blender's faces -y, so that its left is +x.
+# A character in Blender faces -y, so its left is +x.
 LEFT = (1.0, 0.0, 0.0)
-# When the analysis of the first body begins, as a part of the progress, that of a second one, and what follows.
+# Fractions of the progress at which the analysis of the first body begins, that of a second one, and the rest.
 START_OF_BODY = 0.02, 0.55, 0.7
-# Leading block of the functional map whose energies are reported beside those of all of it.
+# Size of the leading block of the functional map whose energies are reported beside those of the whole map.
 LOW = 20
 # Fraction of a body's progress that its analysis takes.
 ANALYSING = 0.8
 
-# Least and greatest number of compared maps that preserve the orientation, and of those that reverse it.
+# Minimum and maximum number of compared maps that preserve the orientation, and of those that reverse it.
 CANDIDATE_QUOTAS = ((1, 16), (3, 20))
-# Certainty that a symmetry needs to be returned, except for the most likely one.
+# Minimum certainty of a returned symmetry, except for the most likely one.
 MIN_SYMMETRY_CERTAINTY = 0.05
-# Left and right are reported as unclear if images lie to the left by less than this share of their distances.
+# Left and right are reported as unclear if images are to the left by less than this share of their distances.
 MIN_LEFTWARD_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Symmetry(SelfMap):
-    """A symmetry of a surface as it was found: what `SelfMap` has, and what else is known about it.
+    """A detected symmetry of a surface: a `SelfMap` with further properties.
 
     Attributes:
         functional_map: (k, k), in the basis of the main part.
-        order: how often it has to be repeated to lead back: 2 for a reflection; 0 where no small number does.
+        order: how many repetitions give the identity: 2 for a reflection; 0 if no small number does.
         certainty: probability, in [0, 1], that the surface has this symmetry.
-        scores: what it was ranked by, and `commutativity` and `orthonormality` of the functional map, also of its
-            leading 20 functions (`low ...`).
-        return_error: mean distance between a vertex and where going round `order` times leads, over the square root
-            of the area; for a reflection that of T(T(x)).
-        origin: what it was found by, in words.
+        scores: the ranking scores, and `commutativity` and `orthonormality` of the functional map, also of its leading
+            20 functions (`low ...`).
+        return_error: mean distance between a vertex and its image after `order` repetitions, for a reflection T(T(x)),
+            relative to the square root of the area.
+        origin: description of how it was found.
         notes: sentences for the user.
 
     Example:
@@ -111,28 +111,28 @@ def detect_symmetry(
     *,
     progress: Callable[[Progress], object] | None = None,
 ) -> tuple[Symmetry, ...]:
-    """Find the symmetries of a surface, whatever its pose and however it is meshed.
+    """Find the symmetries of a surface, in any pose and with any mesh.
 
     Args:
-        surface: what may be symmetric, or points of it. Its largest part decides; loose parts follow, a left eye onto
-            the right one.
-        most: how many symmetries to return.
-        left: (3,) direction to the character's left, in the surface's frame. It tells the sides apart.
-        k_final: size of the final functional maps; less on meshes with fewer vertices.
-        step: growth of the functional maps in an iteration.
+        surface: the surface or a point cloud of it. Its largest part determines the symmetry; loose parts follow, such
+            as a left eye onto the right one.
+        most: maximum number of symmetries to return.
+        left: (3,) direction to the character's left in the surface's frame, which distinguishes the sides.
+        k_final: size of the final functional maps; smaller on meshes with fewer vertices.
+        step: growth of the functional maps per iteration.
         samples: farthest points that the iterations run on.
-        seed: of the eigensolver.
-        proxy_vertices: larger meshes are analysed by stand-ins of about this many vertices; "auto": as for `match`;
-            None to take them whole.
+        seed: seed of the eigensolver.
+        proxy_vertices: larger meshes are analysed by proxies of about this many vertices; "auto": as for `match`; None
+            for no proxies.
         progress: called with the `Progress` now and then, see `zoomout_core.progress`.
 
     Returns:
-        Symmetries other than the identity, the most likely first. There is always a best guess, unless nothing was
-        found at all: see its `certainty`.
+        Symmetries other than the identity, the most likely first. There is a best guess unless none was found at all;
+        check its `certainty`.
 
     Raises:
         MeshError: a mesh that cannot be analysed; the message says what to do.
-        ValueError: a number or a direction that makes no sense.
+        ValueError: a number or a direction is invalid.
 
     Example:
         >>> symmetry, *others = zo.detect_symmetry(source, k_final=30)
@@ -158,7 +158,7 @@ def detect_symmetry(
 def _best_attempt(
     surface: Surface, k_final: int, step: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
 ) -> Attempt | None:
-    """The body of a surface whose maps onto itself are the most likely ones; None where none has any."""
+    """The body of a surface with the most likely symmetries; None if no body has any."""
     with portion(0.0, START_OF_BODY[0]):
         bodies = bodies_of(surface, seed)
     attempts: list[Attempt] = []
@@ -173,7 +173,7 @@ def _best_attempt(
             attempts.append(Attempt(pair, candidates, body.coverage))
         if candidates and candidates[0].certainty >= ATTEMPTS.sure:
             break
-    # Maps that agree in most places may still differ by an arm, so no candidate confirms another one.
+    # Maps that agree in most places may still differ on an arm, so candidates do not confirm each other.
     return max(attempts, key=lambda attempt: attempt.worth, default=None)
 
 
@@ -194,7 +194,7 @@ def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
 
 
 def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
-    """From a candidate on samples to a symmetry of the whole surface."""
+    """Extend a candidate on samples to a symmetry of the whole surface."""
     shape = pair.source_shape
     order = order_of(candidate.sample_map, shape)
     how = candidate.mirrored, pair.k_final, pair.step, REFINEMENT.onto_itself
@@ -206,7 +206,7 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
             return bend_onto_source(refined, functional_map, shape, shape, candidate.mirrored)
 
     with portion(0.0, 0.7):
-        if order == 2:  # it is its own inverse
+        if order == 2:  # the map is its own inverse
             fit, functional_map = forwards()
             back = fit.surface_map
         else:
@@ -226,7 +226,7 @@ def _finish(
     order: int,
     left: Floats,
 ) -> Symmetry:
-    """The symmetry of the whole surface, from the shape bent onto its own other side, and the way back."""
+    """Make the symmetry of the whole surface from the shape fitted to its other side, and the inverse map."""
     shape, surface, reverses = pair.source_shape, pair.source, candidate.reverses_orientation
     confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
     if order == 2:
@@ -259,7 +259,7 @@ def _finish(
 
 
 def _place(symmetry: Symmetry) -> tuple[float, float]:
-    """Sort key of symmetries: sure ones first, and of these the ones that pair the most loose parts."""
+    """Sort key of symmetries: certain ones first, and among these the ones that pair the most loose parts."""
     surface = symmetry.surface
     alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
     areas = triangle_areas(surface.vertices, surface.triangles)
@@ -267,7 +267,7 @@ def _place(symmetry: Symmetry) -> tuple[float, float]:
 
 
 def _unit_vector(left: ArrayLike) -> Floats:
-    """(3,) a direction as the user gave it, of unit length."""
+    """(3,) a user's direction, scaled to unit length."""
     direction = np.asarray(left, dtype=float)
     if direction.shape != (3,) or not 0 < np.linalg.norm(direction) < np.inf:
         raise ValueError(f"left is {left!r}: give a direction such as (1, 0, 0).")
@@ -275,7 +275,7 @@ def _unit_vector(left: ArrayLike) -> Floats:
 
 
 def energies(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
-    """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and of all."""
+    """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and the whole map."""
     low = functional_map[:LOW, :LOW]
     return {
         "commutativity": commutativity_error(functional_map, eigenvalues, eigenvalues),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The other side's name: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as Blender does.
+"""Names of the other side: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as in Blender.
 
-Rigs of other programs have the side in the midst of a name, which Blender does not read: mixamorig:LeftArm, Bip01 L
-Thigh, J_Bip_L_UpperArm. Those are paired where both names are there.
+Rigs of other programs have the side in the middle of a name, which Blender ignores: mixamorig:LeftArm, Bip01 L Thigh,
+J_Bip_L_UpperArm. These are paired if both names exist.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from collections.abc import Container
 
 SEPARATORS = ". -_"
 LETTERS = {"l": "r", "r": "l", "L": "R", "R": "L"}
-# Whole words, with the words that stand for them: as written small, with a capital, or all in capitals.
+# Side words with their counterparts: in lower case, capitalised, and in upper case.
 WORDS = {"right": ("left", "Left", "LEFT"), "left": ("right", "Right", "RIGHT")}
-# Names that are shorter have no side, by a letter or by a word.
+# Shorter names have no side: minimum length with a letter, and with a word.
 SHORTEST_WITH_LETTER, SHORTEST_WITH_WORD = 3, 6
-# A side in the midst of a name: a letter that is set off on both sides, or a word.
+# A side in the middle of a name: a letter between separators, or a word.
 MIDST = re.compile(r"(?<=[. _:-])[lrLR](?=[. _:-])|left|right|Left|Right|LEFT|RIGHT")
 
 
 def flip_name(name: str, strip_digits: bool = False) -> str:
-    """The name of the same thing on the other side; the name itself where it has no side.
+    """The name of the counterpart on the other side; the same name if it has no side.
 
-    The side stands at the beginning or at the end: a letter set off by one of ". -_", or the word in any spelling.
+    The side is at the beginning or end: a letter separated by one of ". -_", or the word in any spelling.
     A number at the end, such as .001, does not count as a part of the name.
 
     Args:
-        name: of a vertex group, a bone or a shape key.
-        strip_digits: leave that number away.
+        name: name of a vertex group, a bone or a shape key.
+        strip_digits: whether to drop that number.
 
     Returns:
-        What `bpy.utils.flip_name` returns.
+        The same as `bpy.utils.flip_name`.
     """
     if len(name) < SHORTEST_WITH_LETTER:
         return name
@@ -53,11 +53,11 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
 
 
 def counterpart_of(name: str, names: Container[str | None]) -> str:
-    """The name of the same thing on the other side; the name itself where it has no side.
+    """The name of the counterpart on the other side; the same name if it has no side.
 
     Args:
-        name: of a vertex group, a bone, a shape key or a material.
-        names: of all of these. A side in the midst of a name counts only if the other side's name is among them.
+        name: name of a vertex group, a bone, a shape key or a material.
+        names: all such names. A side in the middle of a name counts only if these contain the other side's name.
     """
     flipped = flip_name(name)
     if flipped != name:
@@ -70,7 +70,7 @@ def counterpart_of(name: str, names: Container[str | None]) -> str:
 
 
 def _other_side(side: str) -> str:
-    """The other one of two letters or words."""
+    """The letter or word of the other side."""
     if side in LETTERS:
         return LETTERS[side]
     small, capital, capitals = WORDS[side.lower()]

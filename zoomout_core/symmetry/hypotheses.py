@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses for symmetries: pairings of extremities, descriptors, and blocks of eigenfunctions.
 
-A symmetry is a map of a shape onto itself, so all that guesses at maps between shapes serves here as well, asked for
-mirror images, and for maps that keep the orientation but are not the identity. Round things and tables, on which
-eigenvalues repeat, need a search of their own: a symmetry maps every eigenspace to itself, by a sign where it is of one
-dimension, and by any turn or mirrored turn where it is of two. The tree of such choices, pruned as it grows, is in the
-spirit of MapTree (Ren, Melzi, Ovsjanikov and Wonka 2020).
+A symmetry is a map of a shape onto itself, so the hypotheses for maps between shapes apply here too, to find
+reflections, and maps that keep the orientation but are not the identity. Round objects and tables have repeated
+eigenvalues and need a separate search. A symmetry maps every eigenspace to itself: by a sign in one dimension, by any
+rotation or reflection in two. The tree of such choices is pruned as it grows, in the spirit of MapTree (Ren, Melzi,
+Ovsjanikov and Wonka 2020).
 """
 
 from __future__ import annotations
@@ -29,44 +29,44 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 REPEATED_EIGENVALUE_GAP = 0.03
 # Evenly spaced angles by which a pair of repeated eigenfunctions is rotated.
 ROTATION_ANGLES = 8
-# Beam search over maps of eigenspaces to themselves: fewest eigenfunctions at its leaves, and samples that it uses.
+# Beam search over maps of eigenspaces to themselves: minimum eigenfunctions at its leaves, and samples used.
 BEAM_FUNCTIONS = 6
 BEAM_SAMPLES = 200
-# Eigenfunctions by which ZoomOut extends a map; the extended map is scored.
+# Number of eigenfunctions by which ZoomOut extends a map before it is scored.
 LOOK_AHEAD = 5
-# Maps kept at each level, where eigenvalues repeat, and otherwise.
+# Maps kept at each level, with repeated eigenvalues, and otherwise.
 ROUND_BEAM_WIDTH = 12
 BEAM_WIDTH = 8
 # Relative Frobenius norm of the difference below which two maps are the same.
 SAME_MAP_DIFFERENCE = 0.5
-# A shape may be round if this many groups of its leading eigenvalues are repeated.
+# A shape may be round if the second number of groups among its leading eigenvalues are repeated.
 LEADING_EIGENVALUES = 12
 MIN_REPEATED_GROUPS = 2
 
 
 def mirroring_pairings(shape: ShapeAnalysis) -> list[Hypothesis]:
-    """Pairings of the shape's extremities among each other that turn it inside out, as a mirror does.
+    """Pairings of the shape's extremities with each other that turn it inside out, like a mirror.
 
-    A mirror that takes one tip to another takes that one back.
+    A mirror that takes one tip to another takes the other one back.
     """
     return extremity_hypotheses(shape, shape, sides=(-1,), wanted=_there_and_back)
 
 
 def turning_pairings(shape: ShapeAnalysis) -> list[Hypothesis]:
-    """Pairings that keep the orientation, as turns do, where eigenvalues repeat: they do if there are turns of order 3.
+    """Pairings that keep the orientation, for repeated eigenvalues, which rotations of order 3 or more cause.
 
-    Half turns alone are signs of eigenfunctions, and found as these.
+    Half turns alone are signs of eigenfunctions, and are found as such.
     """
     return extremity_hypotheses(shape, shape, sides=(1,)) if _may_be_round(shape) else []
 
 
 def mirroring_descriptors(shape: ShapeAnalysis) -> list[Hypothesis]:
-    """Fits of the shape's descriptors to themselves, with the pseudo-scalars turned to the other hand."""
+    """Fits of the shape's descriptors to themselves, with the signs of pseudo-scalars changed."""
     return descriptor_hypotheses(shape, shape, sides=(-1,))
 
 
 def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
-    """Choices of signs, and of turns within repeated eigenvalues, for the first eigenfunctions."""
+    """Choices of signs, and of rotations for repeated eigenvalues, of the first eigenfunctions."""
     groups = _groups(shape.basis.eigenvalues[: BEAM_FUNCTIONS + 2])
     if not _may_be_round(shape):
         groups = [1] * BEAM_FUNCTIONS
@@ -90,19 +90,19 @@ GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
 
 
 def _there_and_back(first: Integers, second: Integers) -> bool:
-    """Whether a pairing of tips with tips of the same shape, by their numbers in parallel, undoes itself."""
+    """Whether a pairing of a shape's tips, as two parallel lists of numbers, is its own inverse."""
     counterpart = dict(zip(first.tolist(), second.tolist(), strict=True))
     return all(counterpart.get(there) == here for here, there in counterpart.items())
 
 
 def _may_be_round(shape: ShapeAnalysis) -> bool:
-    """Whether there may be turns of order 3 or more, for which many eigenvalues repeat: two are near by chance, too."""
+    """Whether there may be rotations of order 3 or more: then many eigenvalues repeat; two may be close by chance."""
     sizes = _groups(shape.basis.eigenvalues[: LEADING_EIGENVALUES + 1])
     return sum(sizes) < LEADING_EIGENVALUES or sum(size > 1 for size in sizes) >= MIN_REPEATED_GROUPS
 
 
 def _groups(eigenvalues: Floats) -> list[int]:
-    """Sizes of the groups of equal eigenvalues, the constant function left out; up to one that is too large."""
+    """Sizes of the groups of equal eigenvalues, without the constant function, up to a group that is too large."""
     apart = np.flatnonzero(np.diff(eigenvalues[1:]) > REPEATED_EIGENVALUE_GAP * eigenvalues[1:-1]) + 1
     sizes = np.diff([0, *apart, len(eigenvalues) - 1])
     too_large = np.flatnonzero(sizes > 3)
@@ -110,7 +110,7 @@ def _groups(eigenvalues: Floats) -> list[int]:
 
 
 def _choices(size: int) -> list[Floats]:
-    """How an eigenspace may be mapped to itself: signs, turns in steps, or signed permutations."""
+    """How an eigenspace may be mapped to itself: signs, rotations in steps, or signed permutations."""
     if size == 1:
         return [np.array([[sign]]) for sign in (1.0, -1.0)]
     if size == 2:
@@ -120,14 +120,14 @@ def _choices(size: int) -> list[Floats]:
 
 
 def _turn(angle: float, mirror: int) -> Floats:
-    """(2, 2) rotation of the plane by an angle, or a reflection where `mirror` is -1."""
+    """(2, 2) rotation of the plane by an angle, or a reflection if `mirror` is -1."""
     return np.array([[np.cos(angle), -mirror * np.sin(angle)], [np.sin(angle), mirror * np.cos(angle)]])
 
 
 def _grow(
     maps: list[Floats], choices: list[Floats], width: int, sampled: SampledBasis, eigenvalues: Floats
 ) -> list[Floats]:
-    """The maps, each with each choice appended and refined: the distinct ones that commute best with the Laplacian."""
+    """Append each choice to each map and refine; returns the distinct maps that commute best with the Laplacian."""
     longer = np.stack([block_diag(C, choice) for C, choice in product(maps, choices)])
     k = longer.shape[-1]
     refined, _ = upsample(sampled, sampled, longer, k + LOOK_AHEAD, 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map of a mesh onto itself that undoes itself: T(T(x)) = x, as nearly as the mesh allows."""
+"""A map of a mesh onto itself that is its own inverse: T(T(x)) = x, as closely as the mesh allows."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 
-# Weight of normals against positions, at unit area, which separates the two sides of thin parts.
+# Weight of normals relative to positions, at unit area, which separates the two sides of thin parts.
 NORMAL_WEIGHT = 0.1
 # Iterations that average a map with its inverse.
 AVERAGING_ITERATIONS = 2
-# Highest order of a symmetry that is recognised.
+# Highest recognised order of a symmetry.
 MAX_ORDER = 12
-# A map has returned if the mean distance to the start is below this, at unit area, or below this fraction of the
-# distance of its first step, since coarse meshes return less exactly.
+# Repetitions of a map have returned if the mean distance to the start is below this, at unit area, or below this
+# fraction of the first step, since coarse meshes return less exactly.
 RETURN_DISTANCE = 0.08
 RETURN_FRACTION = 0.25
 
 
 def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
-    """A map that is nearly its own inverse: in each round the mean of itself and its inverse.
+    """Make a map nearly its own inverse by averaging it with its inverse in each round.
 
-    The inverse is searched around the map's own images: all is local, and limbs that touch do not matter.
+    The inverse is searched around the map's own images, so limbs that touch are not confused.
 
     Args:
-        there: from the shape's mesh to itself.
+        there: map of the shape's mesh to itself.
         shape: the shape.
     """
     mesh = shape.mesh
@@ -46,10 +46,10 @@ def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
 
 
 def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
-    """How many times a symmetry has to be repeated until it leads back; 0 where none is few enough.
+    """How many repetitions of a symmetry give the identity; 0 if no number up to `MAX_ORDER` does.
 
     Args:
-        sample_map: (s,) for each search sample of the shape the number of the sample that it goes to.
+        sample_map: (s,) number of the image of each search sample of the shape.
         shape: the shape.
     """
     at = sample_map
@@ -62,21 +62,21 @@ def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
 
 
 def mean_distance(sample_map: Integers, shape: ShapeAnalysis) -> float:
-    """How far a map (s,) of a shape's search samples takes them along the surface, on average, at unit area."""
+    """Mean distance along the surface by which a map (s,) moves a shape's search samples, at unit area."""
     return float(shape.weights @ displacement(sample_map, shape))
 
 
 def displacement(sample_map: Integers, shape: ShapeAnalysis) -> Floats:
-    """(s,) how far a map (s,) of a shape's search samples takes each along the surface, at unit area.
+    """(s,) distance along the surface by which a map (s,) moves each of a shape's search samples, at unit area.
 
-    An image counts as the nearest of the samples that distances are known from.
+    An image is replaced by the nearest of the samples from which distances are known.
     """
     images = shape.nearest_distance_sample[sample_map]
     return np.asarray(shape.distances_between[images, np.arange(len(sample_map))])
 
 
 def return_error(surface_map: SurfaceMap, order: int, surface: Surface) -> float:
-    """Mean distance in space between a vertex and where going round `order` times leads, over the root of the area."""
+    """Mean distance in space between a vertex and its image after `order` repetitions, over the root of the area."""
     places = returned = surface.vertices
     for _ in range(order):
         returned = surface_map.interpolate(returned)

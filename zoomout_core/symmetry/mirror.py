@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Attributes across a symmetry: taken to the other side, made alike on both, and how far they are from that.
+"""Mirror attributes across a symmetry, make them symmetric, and measure their asymmetry.
 
-The other side of a vertex is its image under the symmetry, so values go there as they go from a source to a target, by
-the same rules (`zoomout_core.transfer`). What has a side in its name, such as the weights of Arm.L, changes places
-with its counterpart.
+The other side of a vertex is its image under the symmetry, so values are transferred like from a source to a target, by
+the same rules (`zoomout_core.transfer`). Data with a side in its name, such as the weights of Arm.L, is swapped with
+its counterpart.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 
-# Which side gives its values to the other one, or whether both change places or get what lies half way between the two.
+# Which side gives its values to the other, or whether both are exchanged or averaged.
 Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "average"]
-# For each of them what an element's own value counts, against that from the other side: on the left, and on the right.
+# Weight of an element's own value relative to that from the other side, for each direction: on the left and the right.
 OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchange": (0.0, 0.0), "average": (0.5, 0.5)}
-# Those that need two sides, of which one gives and the other one receives.
+# Directions that need two sides, of which one gives and the other receives.
 ONE_WAY = ("left_to_right", "right_to_left")
 
 
 def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
-    """An attribute as it would be with both sides exchanged.
+    """Exchange the sides of an attribute.
 
     Args:
-        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group without a
-            counterpart gets one.
-        symmetry: of the surface.
-        options: of the attribute's kind, as for `transfer`.
+        attribute: an attribute of the symmetry's surface. Weights have the names of their groups as labels; a group
+            without a counterpart gets one.
+        symmetry: a symmetry of the surface.
+        options: options of the attribute's kind, as for `transfer`.
 
     Raises:
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
@@ -50,18 +50,18 @@ def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute
 def symmetrise(
     attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", **options: Any
 ) -> Attribute:
-    """An attribute that is the same on both sides, or whose sides have changed places.
+    """Make an attribute the same on both sides, or exchange its sides.
 
     Args:
-        attribute: of the symmetry's surface; as for `mirror`.
-        symmetry: of the surface.
-        direction: "left_to_right" or "right_to_left": the one side stays as it is, and the other becomes like it.
-            "exchange": each becomes what the other was. "average": both become their mean; of what is there or not,
-            such as a selection, what either side has, and of marks the stronger ones.
-        options: of the attribute's kind, as for `transfer`.
+        attribute: an attribute of the symmetry's surface, as for `mirror`.
+        symmetry: a symmetry of the surface.
+        direction: "left_to_right" or "right_to_left": one side is copied to the other. "exchange": the sides are
+            swapped. "average": both become their mean; for binary data, such as a selection, the union, and for marks
+            the stronger ones.
+        options: options of the attribute's kind, as for `transfer`.
 
     Raises:
-        MeshError: as for `mirror`, or there are no two sides, or no mean of such values.
+        MeshError: as for `mirror`, or the symmetry has no two sides, or such values have no mean.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
@@ -85,16 +85,16 @@ def symmetrise(
 
 
 def has_mean(attribute: Attribute) -> bool:
-    """Whether both sides can get the mean of an attribute's values, or what stands in for it."""
+    """Whether an attribute's values have a mean, or a substitute for it."""
     return RULES[attribute.kind].mirrorable
 
 
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
-    """(count,) how far each value is from that on the other side; of weights the part that lies in other groups.
+    """(count,) difference of each value from that on the other side; for weights the share in other groups.
 
     Args:
-        attribute: of the symmetry's surface, of numbers or weights, or labels that are alike or not.
-        symmetry: of the surface.
+        attribute: an attribute of the symmetry's surface: numbers, weights, or labels, which are equal or not.
+        symmetry: a symmetry of the surface.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
@@ -107,7 +107,7 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
 
 
 def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
-    """(count,) signed distance of elements from the symmetry line; a face, with its corners, lies on one side."""
+    """(count,) signed distance of elements from the symmetry line; a face and its corners are on one side."""
     surface, distance = symmetry.surface, symmetry.distance
     if domain is Domain.POINT:
         return distance
@@ -118,14 +118,14 @@ def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
 
 
 def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Floats:
-    """(count,) from 0 to 1: weight of an element's own value against that from the other side.
+    """(count,) weight, from 0 to 1, of an element's own value relative to that from the other side.
 
-    Edges along the symmetry line are those of both sides, and keep theirs: a line that lies there stays whole. So do
-    vertices that belong to no face, which have no other side.
+    Edges along the symmetry line belong to both sides and keep their values, so that a line there stays whole. Vertices
+    without a face have no other side and keep theirs too.
 
     Raises:
-        MeshError: there are no two sides of which one could give.
-        ValueError: there is no such direction.
+        MeshError: the direction needs two sides, but the symmetry has none.
+        ValueError: the direction is unknown.
     """
     if direction not in OWN_SHARES:
         raise ValueError(f"direction is {direction!r}: give one of {', '.join(OWN_SHARES)}.")
@@ -144,11 +144,11 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
 
 
 def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
-    """Weights with an empty group for every name whose other side is missing.
+    """Add an empty group to weights for every name whose other side is missing.
 
     Args:
-        weights: labelled by their groups' names.
-        others: names that there are besides, such as those of bones: see `counterpart_of`.
+        weights: weights, labelled by their groups' names.
+        others: other existing names, such as those of bones, see `counterpart_of`.
     """
     missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
     if not missing:
@@ -161,7 +161,7 @@ def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attri
 
 
 def flip_names(weights: Attribute) -> Attribute:
-    """Weights whose groups have changed places with those of the other side, in the same order of names."""
+    """Exchange the groups of weights with those of the other side; the order of names stays."""
     weights = with_counterparts(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
     counterpart = _counterpart_names(weights.labels)
@@ -170,10 +170,10 @@ def flip_names(weights: Attribute) -> Attribute:
 
 
 def _counterpart_names(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
-    """The counterparts of names, and of these counterparts; they may be among other names.
+    """The counterparts of names, and the counterparts of these, which may be among other names.
 
-    The counterpart of a counterpart may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself.
-    So the first of them is paired both ways.
+    The counterpart of a counterpart may be a third name: "arm lEFT" gives "arm right", which gives "arm left". So the
+    first name is paired in both directions.
     """
     names, counterpart = {*labels, *others}, dict[str, str]()
     for name in labels:
@@ -190,7 +190,7 @@ def _on_faces(surface: Surface) -> Booleans:
 
 
 def _along_line(symmetry: SelfMap) -> Booleans:
-    """(e,) which edges lie along the symmetry line: both ends are nearer to it than half the edge's length."""
+    """(e,) which edges are along the symmetry line: both ends are closer to it than half the edge's length."""
     surface = symmetry.surface
     start, end = surface.vertices[surface.edges].transpose(1, 0, 2)
     half = np.linalg.norm(end - start, axis=1) / 2
@@ -200,7 +200,7 @@ def _along_line(symmetry: SelfMap) -> Booleans:
 def _mix_weights(
     own: Attribute, other: Attribute, own_share: Floats, surface: Surface, options: Mapping[str, Any]
 ) -> Attribute:
-    """Two sets of weights mixed vertex by vertex, within the limit of groups a vertex that the first keeps."""
+    """Mix two sets of weights at each vertex, with at most as many groups per vertex as the first one has."""
     weights = csr_array(own.values)
     mixed = diags_array(own_share) @ weights + diags_array(1 - own_share) @ other.values
     limit = max(1, int(np.diff(weights.indptr).max()))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Displacements across a symmetry, such as shape keys and sculpted details, and how symmetric the shape itself is.
+"""Mirror displacements, such as shape keys and sculpted details, across a symmetry, and measure the shape's asymmetry.
 
-On a posed body a displacement cannot be mirrored in space: raised and lowered, the two arms are no mirror images. Here
-each is turned and reflected as its own surroundings are on their way to the other side (Umeyama 1991, as loose parts
-are carried along with a body).
+On a posed body a displacement cannot be mirrored in space: a raised and a lowered arm are not mirror images. Here each
+displacement is rotated and reflected with its neighbourhood on the way to the other side (Umeyama 1991, like loose
+parts that follow a body).
 """
 
 from __future__ import annotations
@@ -21,48 +21,48 @@ from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain
 
-# How far off the line, over the square root of the area, a split goes over from one side to the other.
+# Distance from the line, relative to the square root of the area, over which a split fades from one side to the other.
 BLEND = 0.05
 
-# Diffusion lengths of the neighbourhood to which a rigid motion is fitted, at unit area: the one that turns a
-# displacement, and the one that measures how asymmetric the shape is.
+# Diffusion lengths of the neighbourhoods for fitting rigid motions, at unit area: to rotate displacements, and to
+# measure the asymmetry of the shape.
 TURNING_WIDTH = 0.03
 COMPARISON_WIDTH = 0.1
 
 
 def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
-    """(n, 3) displacements as they would be with both sides exchanged, in the frame of each place.
+    """(n, 3) displacements with both sides exchanged, in the frame of each place.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
-        symmetry: of the surface.
+        symmetry: a symmetry of the surface.
     """
     carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
     return symmetry.surface_map.interpolate(carried)
 
 
 def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
-    """(n, 3) displacements that are the same on both sides, or whose sides have changed places.
+    """(n, 3) displacements made the same on both sides, or with both sides exchanged.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
-        symmetry: of the surface.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        symmetry: a symmetry of the surface.
+        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
 
     Raises:
-        MeshError: there are no two sides of which one could give.
+        MeshError: the direction needs two sides, but the symmetry has none.
     """
     share = own_share_of(Domain.POINT, symmetry, direction)[:, None]
     return share * offsets + (1 - share) * mirror_offsets(offsets, symmetry)
 
 
 def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
-    """The left and the right part (n, 3) of displacements; both together are the whole.
+    """Split displacements into a left and a right part (n, 3), whose sum is the whole.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
-        symmetry: of the surface.
-        blend: how far from the line the one goes over into the other, over the square root of the area.
+        symmetry: a symmetry of the surface.
+        blend: distance from the line over which the parts blend, relative to the square root of the area.
 
     Raises:
         MeshError: there are no two sides.
@@ -75,10 +75,10 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
 
 
 def left_share(symmetry: SelfMap, blend: float = BLEND) -> Floats:
-    """(n,) from 0 on the right to 1 on the left, smoothly across the line; of a vertex and its image they sum to one.
+    """(n,) from 0 on the right to 1 on the left, smooth across the line; a vertex and its image sum to one.
 
     Args:
-        symmetry: of the surface.
+        symmetry: a symmetry of the surface.
         blend: see `split_offsets`.
     """
     width = max(blend, 1e-9) * np.sqrt(symmetry.surface.area)
@@ -89,7 +89,7 @@ def left_share(symmetry: SelfMap, blend: float = BLEND) -> Floats:
 def frames(symmetry: SelfMap) -> Floats:
     """(n, 3, 3) orthogonal matrices that take directions at a vertex to those at its image.
 
-    Reflections, where the symmetry reverses the orientation, else rotations: the best one of a vertex's surroundings.
+    Reflections if the symmetry reverses the orientation, else rotations: the best fit of a vertex's neighbourhood.
     """
     handedness = -1.0 if symmetry.reverses_orientation else 1.0
     proxy = symmetry.shape.proxy
@@ -100,10 +100,10 @@ def frames(symmetry: SelfMap) -> Floats:
 
 
 def shape_asymmetry(symmetry: SelfMap) -> Floats:
-    """(n,) how far the shape stands off its other side's, in the surface's unit, whatever the pose.
+    """(n,) distance of the shape from its other side in the surface's unit, independent of the pose.
 
-    A vertex's surroundings are aligned with those of its image by the best rigid motion; what then is left between the
-    two surfaces, along their normal, is asymmetry.
+    A vertex's neighbourhood is aligned with that of its image by the best rigid motion. The remaining distance of the
+    two surfaces along their normal is the asymmetry.
     """
     shape = symmetry.shape
     places, images = _places_and_images(symmetry)
@@ -116,7 +116,7 @@ def shape_asymmetry(symmetry: SelfMap) -> Floats:
 
 
 def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
-    """(n, 3) the places of the shape's mesh on the surface, and their images, at unit area of the part."""
+    """(n, 3) places of the shape's mesh on the surface, and their images, at unit area of the part."""
     surface, proxy = symmetry.surface, symmetry.shape.proxy
     images = symmetry.surface_map.interpolate(surface.vertices)
     if proxy.full.is_hull:
@@ -128,7 +128,7 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
 
 
 def _surface_vertices(proxy: Proxy) -> Integers:
-    """(n,) a vertex of the surface for each of the main part's."""
+    """(n,) a vertex of the surface for each vertex of the main part."""
     inside = np.flatnonzero(proxy.full.vertex_of >= 0)
     vertices = np.empty(len(proxy.full.vertices), dtype=np.int64)
     vertices[proxy.full.vertex_of[inside]] = inside
@@ -136,7 +136,7 @@ def _surface_vertices(proxy: Proxy) -> Integers:
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
-    """Values (n_part, ...) of the main part's vertices, or the hull's, at all of the surface's: of the nearest ones."""
+    """Values (n_part, ...) of the main part's or hull's vertices, at the surface's vertices by the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
     rest = np.flatnonzero((vertex_of < 0) & measurable(surface.vertices))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which maps of a shape onto itself are symmetries, and how sure that is."""
+"""Decide which maps of a shape onto itself are symmetries, and with what certainty."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from zoomout_core.matching.scores import correlation, map_after_alignment
 from zoomout_core.symmetry.involution import displacement, mean_distance
 from zoomout_core.tuning import Tuning, tuned
 
-# Points that a map moves by less than this, at unit area, are fixed. The fixed share of the area is limited because a
-# rotation moves all but single points, and a reflection all but a line.
+# Points that a map moves by less than this, at unit area, are fixed. The fixed share of the area is limited, because
+# rotations fix only single points, and reflections only a line.
 FIXED_DISTANCE = 0.1
 MAX_FIXED_SHARE_OF_ROTATIONS = 0.15
 MAX_FIXED_SHARE_OF_REFLECTIONS = 0.45
-# Candidates of a higher certainty are all considered right; reflections come first, since sides can be mirrored along
-# them.
+# Candidates of a higher certainty are all considered right; reflections come first, since they can mirror sides.
 SURE_SYMMETRY_CERTAINTY = 0.98
 
 
 @dataclass(frozen=True)
 class CriterionTuning(Tuning, set_by="symmetry"):
-    """Weights of the criteria that a candidate is scored by.
+    """Weights of the criteria for scoring a candidate.
 
-    Those of errors are of their logarithms, which are no smaller than what meshes alone cause.
+    Errors count by their logarithms, and are clamped to the size that meshes alone cause.
 
     Attributes:
         commutativity: weight of the error of commutativity.
-        min_commutativity: the smallest that counts.
+        min_commutativity: minimum of this error.
         distance: weight of the error of distances.
-        min_distance: the smallest that counts.
+        min_distance: minimum of this error.
         place: weight of the error of places.
-        min_place: the smallest that counts.
-        curvature: weight of what the correlation of curvatures lacks.
-        min_curvature: the smallest lack that counts.
+        min_place: minimum of this error.
+        curvature: weight of one minus the correlation of curvatures.
+        min_curvature: minimum of this difference.
         handedness: weight of the correlation of pseudo-scalars.
-        moved: weight of the logarithm of the distance that a map moves things by. What a map moves little it cannot get
-            far wrong, so that errors count against that: a map that leaves arms where they are, and exchanges the
-            legs alone, has smaller ones than the right one.
-        turn: how much better turns have to score than reflections: living things have left and right, and rarely turns.
+        moved: weight of the logarithm of the mean distance that a map moves points. Errors of points that move little
+            are small, so this compensates for them: a map that leaves the arms in place and exchanges only the legs has
+            smaller errors than the right one.
+        turn: how much better rotations have to score than reflections, because living things rarely have rotational
+            symmetry.
     """
 
     commutativity: float = tuned(-3.4, "1", -100, 0)
@@ -62,19 +62,18 @@ class CriterionTuning(Tuning, set_by="symmetry"):
 
 @dataclass(frozen=True)
 class OddsTuning(Tuning, set_by="symmetry"):
-    """The log odds that a map is right: they grow with its score, and with its lead over the next best map.
+    """The log odds that a map is right, which grow with its score and with its lead over the next best map.
 
-    Fitted, as the weights of the criteria were, to 218 people, animals, gorillas, and game characters and dressed
-    bodies of many shells, at rest and in poses, which weigh a twentieth once more with their right maps taken away; and
-    to 26 heaps and twigs that have no symmetry, which weigh a tenth. Fitted without one of 16 kinds and tested on it,
-    of 218 first maps 215 were right, and 174 of them had a certainty of 90 % and more, but none of the wrong ones, and
-    none of a heap more than 72 %.
+    Fitted, like the weights of the criteria, to 218 people, animals, gorillas, game characters and dressed bodies of
+    many shells, at rest and in poses. These are used again without their right maps, with a weight of a twentieth. 26
+    heaps and twigs without symmetry have a weight of a tenth. In cross-validation over 16 kinds, 215 of 218 first maps
+    were right. Of these 174 had a certainty of 90 % and more, but none of the wrong ones, and no heap more than 72 %.
 
     Attributes:
         score_rate: log odds for each unit of the score.
-        lead_rate: for each unit of the lead.
-        largest_lead: that counts, either way.
-        at_zero: at a score and a lead of zero.
+        lead_rate: log odds for each unit of the lead.
+        largest_lead: limit of the lead in either direction.
+        at_zero: log odds at a score and a lead of zero.
     """
 
     score_rate: float = tuned(0.193, "1", 0, 100)
@@ -83,8 +82,8 @@ class OddsTuning(Tuning, set_by="symmetry"):
     at_zero: float = tuned(-3.59, "1", -100, 100)
 
 
-# Log odds of exact symmetries, several of which a shape may have without competition: the commutativity error of a map
-# of 60 functions at even odds, the slope per unit of its logarithm, and that per unit of the score behind the best map.
+# Log odds of exact symmetries, of which a shape may have several: the commutativity error of a map of 60 functions at
+# even odds, the slope per unit of its logarithm, and the slope per unit of the score behind the best map.
 EVEN_ODDS_COMMUTATIVITY = 0.43
 EXACTNESS_SLOPE = 16
 EXACTNESS_LAG_SLOPE = 1.0
@@ -95,21 +94,21 @@ ODDS = OddsTuning()
 
 
 def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: ShapeAnalysis) -> bool:
-    """Whether a map (s,) of a shape's search samples moves enough of it; one that moves a limb only is no symmetry."""
+    """Whether a map (s,) of a shape's search samples moves enough of it; moving only a limb is not a symmetry."""
     fixed = shape.weights @ (displacement(sample_map, shape) < FIXED_DISTANCE)
     most = MAX_FIXED_SHARE_OF_REFLECTIONS if reverses_orientation else MAX_FIXED_SHARE_OF_ROTATIONS
     return bool(fixed <= most)
 
 
 def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidate]:
-    """The distinct candidates, with the scores and the certainty of a symmetry, the most likely first.
+    """Distinct candidates with scores and certainties of a symmetry, the most likely first.
 
-    Among those that are sure, reflections come before turns.
+    Among certain ones, reflections come before rotations.
     """
     ranked = sorted((_score(candidate, shape) for candidate in candidates), key=lambda one: one.scores["total"])
     distinct: list[Candidate] = []
     for candidate in ranked:
-        # A turn and a reflection are two, however near each other they lead.
+        # A rotation and a reflection are distinct, however close their images are.
         alike = [other for other in distinct if other.reverses_orientation == candidate.reverses_orientation]
         if all(_apart(candidate, other, shape) > CERTAINTY.another_map for other in alike):
             distinct.append(candidate)
@@ -118,7 +117,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
 
 
 def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
-    """The sort key of candidates: the best is the smallest."""
+    """Sort key of candidates: the best is the smallest."""
     turns = not candidate.reverses_orientation
     return -min(candidate.certainty, SURE_SYMMETRY_CERTAINTY), turns, -candidate.certainty, candidate.scores["total"]
 
@@ -145,7 +144,7 @@ def _score(candidate: Candidate, shape: ShapeAnalysis) -> Candidate:
 
 
 def _certainty(candidate: Candidate, candidates: list[Candidate]) -> float:
-    """The probability that a map is right: by its score and its lead over all others, or because it is exact."""
+    """The probability that a map is right, from its score and its lead over all others, or its exactness."""
     others = [other.scores["total"] for other in candidates if other is not candidate]
     lead = min(others, default=np.inf) - candidate.scores["total"]
     clipped = np.clip(lead, -ODDS.largest_lead, ODDS.largest_lead)
@@ -156,12 +155,12 @@ def _certainty(candidate: Candidate, candidates: list[Candidate]) -> float:
 
 
 def _fine_handedness(candidate: Candidate, shape: ShapeAnalysis) -> float:
-    """Mean correlation of pseudo-scalars, after their sign was turned where the map reverses.
+    """Mean correlation of pseudo-scalars, with their sign changed if the map reverses the orientation.
 
-    Limbs that the map mirrors on their own, as the Laplacian lets it, are turned back first.
+    Limbs that the map mirrors individually, which the Laplacian allows, are corrected first.
     """
     image, _ = map_after_alignment(candidate.sample_map, None, candidate.mirrored, shape, shape)
     pseudo_scalars = shape.descriptors[1]
-    # Samples tell fewer functions apart than there may be, so these are taken from the basis itself.
+    # Fewer functions than needed may be independent at samples, so they are taken from the basis itself.
     here, there = (shape.basis.eigenvectors[vertices] @ pseudo_scalars for vertices in (shape.search.samples, image))
     return (-1 if candidate.reverses_orientation else 1) * correlation(here, there, shape.weights)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map of a surface onto itself: what mirroring needs, whether it was just found or kept from before."""
+"""A map of a surface onto itself, new or stored, as mirroring needs it."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.symmetry.sides import Line, zero_line
 
-# Size of the final functional maps, and how many samples they are refined on.
+# Size of the final functional maps, and number of samples for refining them.
 K_FINAL, SAMPLES = 120, 1000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SelfMap(Summary):
-    """A map of a surface onto itself, and the sides that it gives the surface.
+    """A map of a surface onto itself, and the sides that it defines.
 
     Attributes:
-        surface: that it is a map of.
-        surface_map: for every vertex the point that corresponds to it.
+        surface: the surface of the map.
+        surface_map: the corresponding point for every vertex.
         confidence: (n,) in [0, 1].
-        reverses_orientation: whether it is a reflection, as left and right are, and not a turn.
+        reverses_orientation: whether it is a reflection, like left and right, and not a rotation.
         distance: (n,) signed distance along the surface from the symmetry line, in the surface's unit, positive on the
-            left; it grows no more some way off the line, and is zero throughout where there are no two sides.
-        prepared: the surface's main part, where it was analysed before; see `shape`.
+            left. It is constant beyond some distance from the line, and zero everywhere if there are no two sides.
+        prepared: the surface's main part, if it was analysed before; see `shape`.
     """
 
     surface: Surface
@@ -59,16 +59,16 @@ class SelfMap(Summary):
 
     @property
     def has_partner(self) -> None:
-        """Every vertex has one, so that there is nothing to say which have."""
+        """None, since every vertex has a partner."""
 
     @cached_property
     def line(self) -> Line:
-        """The symmetry line, where `distance` is zero; without points where there are no two sides."""
+        """The symmetry line, where `distance` is zero; without points if there are no two sides."""
         return zero_line(self.distance, self.surface)
 
     @cached_property
     def shape(self) -> ShapeAnalysis:
-        """The surface's main part; analysed now, if it was not before."""
+        """The surface's main part; analysed on first use."""
         return self.prepared or main_shape(self.surface)
 
     def _summary(self) -> dict[str, str]:
@@ -84,7 +84,7 @@ class SelfMap(Summary):
         return bool(np.any(self.distance))
 
     def sides(self, width: float = 0.0) -> Integers:
-        """(n,) 1 on the left, -1 on the right, 0 in the middle: no farther from the line than `width`, in its unit."""
+        """(n,) 1 on the left, -1 on the right, 0 within `width` of the line, in the surface's unit."""
         return np.where(np.abs(self.distance) <= width, 0, np.sign(self.distance)).astype(np.int8)
 
 
@@ -97,12 +97,12 @@ def main_shape(
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
 ) -> ShapeAnalysis:
-    """The main part of a surface, ready to have its symmetries found, or at once if it was prepared before.
+    """Prepare the main part of a surface for finding symmetries; returns at once if it was prepared before.
 
     Arguments as for `detect_symmetry`.
 
     Raises:
-        MeshError: a mesh that cannot be analysed; the message says what to do.
+        MeshError: the mesh cannot be analysed; the message says what to do.
     """
     with portion(0.0, 0.04):
         body, *_ = bodies_of(surface, seed)
@@ -111,7 +111,7 @@ def main_shape(
 
 
 def bodies_of(surface: Surface, seed: int) -> list[Bodies]:
-    """What of a surface may stand for it, the most promising first."""
+    """Parts of a surface that may represent it, the most promising first."""
     with stage("Reading the mesh", 0.0, 0.5):
         _ = surface.working
     with stage("Finding the body", 0.5, 1.0):
@@ -121,6 +121,6 @@ def bodies_of(surface: Surface, seed: int) -> list[Bodies]:
 def body_shape(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
 ) -> ShapeAnalysis:
-    """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
+    """Prepare a surface's body for finding symmetries; arguments as for `detect_symmetry`."""
     with stage("Analysing the shape"):
         return prepare_shape(body, k_final, samples, seed, proxy_vertices)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The two sides of a mirror symmetry, and the line between them.
 
-Whatever is left of the line is nearer to every other place on the left than to that place's mirror image: a path
-that crosses the line can be mirrored behind it, and does not get longer. So differences of geodesic distances tell
-sides apart, and change sign on the line.
+Every place left of the line is closer to any other place on the left than to that place's mirror image: a path that
+crosses the line can be reflected behind it without getting longer. So differences of geodesic distances distinguish the
+sides, and change sign on the line.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from zoomout_core.mesh.triangles import vertex_areas
 
 # Gaussian width, at unit area, over which samples vote on the side of a vertex.
 VOTING_WIDTH = 0.1
-# Diffusion length, at unit area, that smooths the signed distance, so that the line does not follow the map's noise.
+# Diffusion length, at unit area, for smoothing the signed distance, so that the line does not follow the map's noise.
 SMOOTHING_WIDTH = 0.02
 # Share of the differences of distances that may contradict a division into two sides.
 MAX_CONTRADICTION = 0.2
-# A shell lies on one side if the excess of that side's area over the other's is a larger share of its area than this.
+# A shell is on one side if that side's area exceeds the other's by a larger share of the shell's area than this.
 MIN_ONE_SIDED_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Where a function on a surface is zero.
+    """The zero set of a function on a surface.
 
     Attributes:
-        edges: (p, 2) vertices of the surface between which each point lies.
+        edges: (p, 2) vertices of the edge that contains each point.
         points: (p, 3) on the surface's edges.
         segments: (s, 2) numbers of points that are connected across a triangle.
     """
@@ -45,7 +45,7 @@ class Line:
 
     @property
     def polylines(self) -> list[Integers]:
-        """The connected curves, each as numbers of points in their order; a closed one ends where it begins."""
+        """The connected curves as point numbers in order; a closed curve ends with its first point."""
         beside: dict[int, list[int]] = {}
         for a, b in self.segments.tolist():
             beside.setdefault(a, []).append(b)
@@ -66,19 +66,19 @@ class Line:
 def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
 
-    It is half the distance between a vertex and its image, near the line; farther off than some tenth of the root of
-    the area it stays about constant.
+    Near the line it is half the distance between a vertex and its image; farther away than about a tenth of the root of
+    the area it is about constant.
 
     Args:
         there: the symmetry, of the shape's mesh.
         shape: the shape.
 
     Returns:
-        Distances at unit area; None where the symmetry does not divide the surface in two.
+        Distances at unit area; None if the symmetry does not divide the surface in two.
     """
     here = shape.distances.T
     images = there.interpolate(here)
-    nearer = images - here  # (n, d) by how much each vertex is nearer to each sample than its image is
+    nearer = images - here  # (n, d) how much closer each vertex is to each sample than its image is
     samples = shape.sampled.samples[: len(shape.distances)]
     mutual = nearer[samples]
     mutual = (mutual + mutual.T) / 2
@@ -96,7 +96,7 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
 def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
     """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
 
-    Loose parts lie on the side of the body near them: pairs as a whole, what is its own counterpart vertex by vertex.
+    Loose parts are on the side of the nearby body: paired parts as a whole, self-paired ones vertex by vertex.
 
     Args:
         on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
@@ -127,9 +127,9 @@ def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnaly
 
 
 def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Floats:
-    """(n,) signed distances of the vertices of shells, as those of the hull around them (n,), but opposite at images.
+    """(n,) signed distances of the vertices of shells, from those of the hull around them (n,); opposite at images.
 
-    A shell that goes to others, and lies on one side for the most part, lies there as a whole.
+    A shell that is mapped to others and is mostly on one side is assigned to that side as a whole.
     """
     distance = (around - surface_map.interpolate(around)) / 2
     component, mass = surface.components, vertex_areas(surface.vertices, surface.triangles)
@@ -145,7 +145,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
 
 
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
-    """How far places on the positive side lie to the left of their images: 1 throughout, -1 to the right throughout.
+    """How consistently places on the positive side are left of their images: from 1, always, to -1, always right.
 
     Args:
         distance: (n,) signed distance from the line.
@@ -161,7 +161,7 @@ def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: 
 
 
 def zero_line(values: Floats, surface: Surface) -> Line:
-    """Where a function (n,) on a surface's vertices changes sign, linear on its triangles."""
+    """The line where a function (n,) on a surface's vertices, linear on triangles, changes sign."""
     triangles = surface.triangles
     positive: Booleans = values > 0
     crossed = triangles[(positive[triangles].sum(axis=1) % 3) > 0]

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps across a symmetry: one side takes the other's layout, beside it or over it.
+"""Mirror UV maps across a symmetry: one side takes the other's layout, beside it or over it.
 
-The layout of the losing side is that of the winning one, read through the symmetry, so both lie over each other. To
-have texels of its own, each piece of it is then moved to where that side's faces were in the atlas before, by the best
-similarity (Umeyama 1991), mirrored or not. Where an island goes on across the symmetry line it is not torn: corners
-that it shares with the winning side stay where they are.
+The layout of the losing side is read from the winning one through the symmetry, so both overlap. To get its own texels,
+each piece is then moved to the earlier place of its faces in the atlas, by the best similarity (Umeyama 1991), mirrored
+or not. An island that crosses the symmetry line is not torn: corners shared with the winning side stay in place.
 """
 
 from __future__ import annotations
@@ -24,31 +23,32 @@ from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_surface
 
-# Where the losing side's layout goes: where its own was before, or over that of the winning side.
+# Where the losing side's layout goes: to its earlier place, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]
 LAYOUTS = ("own", "over")
 
-# Weight, in the fit that moves an island, of corners that it shares with the winning side.
+# Weight of corners shared with the winning side, in the fit that moves an island.
 SHARED_CORNER_WEIGHT = 100.0
-# Smallest ratio of an island's mean square extent to that of its new layout; below it, the island had no place.
+# Minimum ratio of an island's mean square extent to that of its new layout; below it, the island had no place.
 MIN_EXTENT_RATIO = 1e-6
 
 
 def symmetrise_uv(
     attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", layout: Layout = "own"
 ) -> Attribute:
-    """A UV map whose layout is the same on both sides, or whose sides have changed their layouts.
+    """Make the layout of a UV map the same on both sides, or exchange the layouts.
 
     Args:
         attribute: a UV map of the symmetry's surface.
-        symmetry: of the surface.
-        direction: "left_to_right", "right_to_left" or "exchange"; there is no mean of two layouts.
-        layout: "own": each island that receives a layout is moved to where its faces were before, turned, scaled or
-            mirrored. "over": it lies where the giving side has it, so that both share their texels, or exchange them.
+        symmetry: a symmetry of the surface.
+        direction: "left_to_right", "right_to_left" or "exchange"; two layouts have no mean.
+        layout: "own": each island that receives a layout is moved to the earlier place of its faces, rotated, scaled or
+            mirrored. "over": it is placed over the giving side, so that both sides share their texels, or exchange
+            them.
 
     Raises:
-        MeshError: there are no two sides of which one could give, or the mean is asked for.
-        ValueError: there is no such layout.
+        MeshError: the direction needs two sides, but the symmetry has none, or the direction is "average".
+        ValueError: the layout is unknown.
     """
     if layout not in LAYOUTS:
         raise ValueError(f"layout is {layout!r}: give one of {', '.join(LAYOUTS)}.")
@@ -66,7 +66,7 @@ def symmetrise_uv(
 
 
 def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surface: Surface) -> Floats:
-    """UVs (c, 2) at those of the winning side, of each piece moved to where most of it was before."""
+    """Move each piece of UVs (c, 2) over the winning side to where most of it was before."""
     own = cut_surface(surface, before)
     island = own.island[surface.corner_face]
     piece = cut_surface(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
@@ -84,7 +84,7 @@ def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surfac
 
 
 def _fit_groups(start: Floats, end: Floats, group: Integers, weight: Floats) -> tuple[Floats, Booleans]:
-    """Points (c, 2) of each group (c,) moved by the similarity that fits best, and which groups have one."""
+    """Move points (c, 2) of each group (c,) by the best similarity; also returns which groups have one."""
     count = int(group.max()) + 1
     total = np.maximum(segment_sum(weight, group, count), 1e-300)
 
@@ -100,7 +100,7 @@ def _fit_groups(start: Floats, end: Floats, group: Integers, weight: Floats) -> 
 
 
 def _most(group: Integers, label: Integers, weight: Floats) -> Integers:
-    """The label of most weight in each group, of items (c,) with a group, a label and a weight each."""
+    """The label with the most weight in each group, for items (c,) with a group, a label and a weight each."""
     votes = coo_array((weight, (group, label)), shape=(group.max() + 1, label.max() + 1)).tocsr()
     return np.asarray(votes.argmax(axis=1)).ravel()
 
