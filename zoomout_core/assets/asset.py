@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh file with all that it carries: attributes, materials and skin, neutral to its format."""
+"""The content of a mesh file, independent of its format: attributes, materials and skin."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zoomout_core.transfer.unpose import inverse_skinning
 if TYPE_CHECKING:
     from zoomout_core.assets.gltf import Document
 
-# Names of what there is one of. Texture coordinates and colours are numbered, as there may be several.
+# Names of kinds with one attribute each. Texture coordinates and colours are numbered, as there may be several.
 WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"
 UV, COLOR = "uv", "color"
 
@@ -28,9 +28,9 @@ class Material:
     """The appearance of a face, restricted to what every format can store.
 
     Attributes:
-        name: as the user knows it.
+        name: name shown to the user.
         color: scene-linear base colour, with alpha.
-        image: the file of the base colour's image, PNG or JPEG.
+        image: file content of the base colour's image, PNG or JPEG.
     """
 
     name: str
@@ -40,17 +40,17 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The joints that deform a mesh, and what it is like at rest.
+    """The joints that deform a mesh, and its rest pose.
 
     Attributes:
         nodes: (b,) the nodes of the file that are joints.
-        names: of the joints.
+        names: names of the joints.
         parents: (b,) the number of each joint's parent, -1 for none.
-        inverse_bind: (b, 4, 4) from the rest pose to the frame of each joint.
-        transforms: (b, 4, 4) from the rest pose to where each joint stands in the file.
+        inverse_bind: (b, 4, 4) transforms from the rest pose to the frame of each joint.
+        transforms: (b, 4, 4) transforms from the rest pose to the pose of each joint in the file.
         rest: (n, 3) the vertices in the rest pose.
-        linear: (n, 3, 3) what takes small differences of positions, as they are seen, to those at rest.
-        weights: (n, b) sparse, rows that sum to one.
+        linear: (n, 3, 3) matrices that take small differences of posed positions to the rest pose.
+        weights: (n, b) sparse; rows sum to one.
     """
 
     nodes: Integers
@@ -65,15 +65,15 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Asset:
-    """All meshes of a file as one surface, as it is seen: placed, and posed as its skeleton stands.
+    """All visible meshes of a file as one surface, with their transforms and pose applied.
 
     Attributes:
         surface: the meshes.
         attributes: `UV` and `COLOR` with a number, `NORMALS`, `SHAPE_KEYS`, and `MATERIALS` with the number of each
             face's material, -1 for none. Texture coordinates begin at the lower left.
-        materials: what these numbers mean.
+        materials: the materials with these numbers.
         skin: the joints that move it; None if there are none.
-        document: of a glTF file, with the nodes, animations and materials that it holds; None of another format.
+        document: the document of a glTF file, with its nodes, animations and materials; None for other formats.
         notes: sentences about data that was left out.
 
     Example:
@@ -89,20 +89,20 @@ class Asset:
     notes: tuple[str, ...] = ()
 
     def find(self, name: str) -> Attribute | None:
-        """The attribute of some name."""
+        """The attribute with a name, if there is one."""
         return next((each for each in self.attributes if each.name == name), None)
 
 
 def to_rest(seen: Floats, weights: csr_array, transforms: Floats) -> tuple[Floats, Floats]:
-    """Where vertices are at rest that joints take to where they are seen.
+    """Take posed vertices back to the rest pose of their joints.
 
     Args:
-        seen: (n, 3) positions.
-        weights: (n, b) of the joints.
-        transforms: (b, 4, 4) from the rest pose to where each joint stands.
+        seen: (n, 3) posed positions.
+        weights: (n, b) weights of the joints.
+        transforms: (b, 4, 4) transforms from the rest pose to the pose of each joint.
 
     Returns:
-        (n, 3) positions, and (n, 3, 3) what takes small differences of positions there.
+        (n, 3) positions, and (n, 3, 3) matrices that take small differences of positions there.
     """
     scale = float(np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])).mean()))
     rest, linear, _ = inverse_skinning(seen, blend_matrices(transforms[:, :3], weights), scale)
@@ -115,12 +115,12 @@ def kind_of(attribute: Attribute) -> str:
 
 
 def material_numbers(values: Integers) -> Attribute:
-    """The attribute of the numbers (f,) of faces' materials."""
+    """Make the attribute of the faces' material numbers (f,)."""
     return Attribute(MATERIALS, Domain.FACE, Kind.LABEL, values)
 
 
 def on_points(attribute: Attribute, surface: Surface) -> Floats:
-    """(n, w) values at the vertices: those of their corners, averaged."""
+    """(n, w) values at the vertices, averaged over their corners."""
     values = np.asarray(attribute.values, dtype=np.float64)
     if attribute.domain is Domain.POINT:
         return values
@@ -130,13 +130,13 @@ def on_points(attribute: Attribute, surface: Surface) -> Floats:
 
 
 def on_corners(attribute: Attribute, surface: Surface) -> Floats:
-    """(c, w) values at the corners: those of their vertices."""
+    """(c, w) values at the corners, from their vertices."""
     values = np.asarray(attribute.values, dtype=np.float64)
     return values if attribute.domain is Domain.CORNER else values[surface.corner_vertex]
 
 
 def from_srgb(colors: Floats) -> Floats:
-    """Colours (n, 3) or (n, 4) that files give for a screen, scene-linear; alpha stays."""
+    """Convert sRGB colours (n, 3) or (n, 4) to scene-linear ones; alpha stays."""
     values = np.array(colors, dtype=np.float64)
     rgb = np.clip(values[:, :3], 0, 1)
     values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
@@ -144,11 +144,11 @@ def from_srgb(colors: Floats) -> Floats:
 
 
 def to_srgb(colors: Floats) -> Floats:
-    """The inverse of `from_srgb`, of colours (n, 3)."""
+    """The inverse of `from_srgb`, for colours (n, 3)."""
     rgb = np.clip(np.asarray(colors, dtype=np.float64), 0, 1)
     return np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
 
 
 def suffix_of(image: bytes) -> str:
-    """The ending of an image's file."""
+    """The extension of an image's file."""
     return ".png" if image.startswith(b"\x89PNG") else ".jpg"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh files with all that they carry: glTF, OBJ and PLY; of other formats the shape alone."""
+"""Mesh files with all of their data: glTF, OBJ and PLY; only the shape for other formats."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from zoomout_core.runtime.outputs import atomic_write_together
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
 
-# The endings of files that hold meshes; what else lies in a folder is passed over.
+# Extensions of mesh files; other files in a folder are skipped.
 MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS, *OF_BLENDER)
 
 
 @memory_in_words
 def read_asset(path: str | PathLike[str]) -> Asset:
-    """Read a mesh file with its attributes, materials and skin; of formats that are not known here the shape alone.
+    """Read a mesh file with its attributes, materials and skin; only the shape for formats without a reader here.
 
     Raises:
-        MeshError: the file is missing, cannot be read, or holds no faces.
+        MeshError: the file is missing, cannot be read, or has no faces.
         ImportError: a package that reads this format is not installed.
 
     Example:
@@ -44,7 +44,7 @@ def read_asset(path: str | PathLike[str]) -> Asset:
         return Asset(read_surface(place)) if reader is None else reader(place)
     except (MeshError, ImportError):
         raise
-    except Exception as error:  # the error depends on where the file is broken
+    except Exception as error:  # readers raise various errors on a broken file
         reason = " ".join(str(error).split())
         raise MeshError(
             f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
@@ -52,17 +52,17 @@ def read_asset(path: str | PathLike[str]) -> Asset:
 
 
 def check_format(path: str | PathLike[str]) -> None:
-    """Raise a MeshError if no file of this ending can be written."""
+    """Raise a MeshError if files with this extension cannot be written."""
     if Path(path).suffix.lower() not in WRITERS:
         raise MeshError(f"{path} has no supported file extension: use {', '.join(WRITERS)}.")
 
 
 def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
-    """Write an asset, with the files that it names beside it; returns what the format cannot hold, a sentence each.
+    """Write an asset and the files that it refers to; returns a sentence for each kind of data that was left out.
 
     Raises:
-        MeshError: no file of this ending can be written.
-        OutputError: it could not be written; the earlier file is unchanged.
+        MeshError: files with this extension cannot be written.
+        OutputError: it cannot be written; the earlier file is unchanged.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store

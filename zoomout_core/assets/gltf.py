@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF documents as pygltflib gives them: their bytes, accessors and nodes as arrays, and new ones of arrays."""
+"""glTF documents from pygltflib: read their buffers, accessors and nodes as arrays, and write new ones."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-# What buffers of vertices and of indices are for.
+# glTF's codes for buffers of vertices and of indices.
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 
 
 def library() -> Any:
-    """The package that knows the format.
+    """The package that reads and writes the format.
 
     Raises:
         ImportError: it is not installed.
@@ -41,7 +41,7 @@ class Document:
     """A glTF or GLB file with its buffers read.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
         MeshError: it cannot be read, or its meshes are compressed.
@@ -54,7 +54,7 @@ class Document:
             self.gltf: GLTF2 = reading().load(str(path))
             self.folder = path.parent
             self._buffers = [self._buffer(number) for number in range(len(self.gltf.buffers))]
-        except Exception as error:  # what pygltflib raises on a broken file depends on where it stumbles
+        except Exception as error:  # pygltflib raises various errors on a broken file
             reason = " ".join(str(error).split())
             raise MeshError(
                 f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
@@ -65,7 +65,7 @@ class Document:
 
     @classmethod
     def from_gltf(cls, gltf: GLTF2) -> Document:
-        """A document of a glTF object in memory, with one buffer."""
+        """Make a document from a glTF object in memory, with one buffer."""
         document = cls.__new__(cls)
         document.gltf, document.folder = gltf, Path()
         document._buffers = [bytes(gltf.binary_blob())]
@@ -76,7 +76,7 @@ class Document:
         return bytes(self.gltf.binary_blob()) if uri is None else self.read_uri(uri)
 
     def read_uri(self, uri: str) -> bytes:
-        """Read the bytes of a URI: its own data, or a file beside the document."""
+        """Read the bytes of a URI: embedded data, or a file beside the document."""
         if uri.startswith("data:"):
             return bytes(self.gltf.decode_data_uri(uri))
         from urllib.parse import unquote
@@ -84,7 +84,7 @@ class Document:
         return (self.folder / unquote(uri)).read_bytes()
 
     def image(self, number: int | None) -> bytes | None:
-        """The file of an image; None without a number, or where an extension holds it."""
+        """File content of an image; None without a number, or if an extension stores it."""
         image = None if number is None else self.gltf.images[number]
         if image is None or (image.bufferView is None and image.uri is None):
             return None
@@ -97,7 +97,7 @@ class Document:
         return self._buffers[view.buffer][start : start + view.byteLength]
 
     def array(self, number: int) -> NDArray[Any]:
-        """(count, width) the values of an accessor; integers that stand for fractions as these."""
+        """(count, width) values of an accessor; normalised integers become fractions."""
         accessor = self.gltf.accessors[number]
         dtype, width = np.dtype("<" + COMPONENT_TYPES[accessor.componentType]), WIDTHS[accessor.type]
         values = np.zeros((accessor.count, width), dtype)
@@ -118,11 +118,11 @@ class Document:
         return values
 
     def matrices(self, number: int) -> Floats:
-        """(count, 4, 4) an accessor's matrices, which are stored column by column."""
+        """(count, 4, 4) matrices of an accessor, which are stored column by column."""
         return np.asarray(self.array(number).reshape(-1, 4, 4).transpose(0, 2, 1), dtype=np.float64)
 
     def worlds(self) -> tuple[Floats, Integers]:
-        """(nodes, 4, 4) the frames of the nodes, and (nodes,) the parent of each, -1 for none."""
+        """(nodes, 4, 4) world transforms of the nodes, and (nodes,) the parent of each, -1 for none."""
         nodes = self.gltf.nodes
         parent = np.full(len(nodes), -1)
         for number, node in enumerate(nodes):
@@ -143,7 +143,7 @@ class Document:
 
 
 def local_matrix(node: Any) -> Floats:
-    """(4, 4) the frame of a node in that of its parent."""
+    """(4, 4) transform of a node relative to its parent."""
     if node.matrix is not None:
         return np.asarray(node.matrix, dtype=np.float64).reshape(4, 4).T
     from scipy.spatial.transform import Rotation
@@ -155,7 +155,7 @@ def local_matrix(node: Any) -> Floats:
 
 
 class Buffer:
-    """The one buffer of a document that is written.
+    """The single buffer of a written document.
 
     Args:
         gltf: the document; its buffer views are rebuilt.
@@ -167,7 +167,7 @@ class Buffer:
         gltf.bufferViews, gltf.buffers = [], []
 
     def add_view(self, content: bytes, target: int | None = None) -> int:
-        """Add bytes; the number of their view."""
+        """Add bytes; returns the number of their view."""
         self.content += bytes(-len(self.content) % 4)
         view = library().BufferView(buffer=0, byteOffset=len(self.content), byteLength=len(content), target=target)
         self.content += content
@@ -175,12 +175,12 @@ class Buffer:
         return len(self.gltf.bufferViews) - 1
 
     def add(self, values: NDArray[Any], target: int | None = None, bounded: bool = False) -> int:
-        """Add values (count, width), or (count,) numbers; the number of their accessor.
+        """Add values (count, width), or (count,) numbers; returns the number of their accessor.
 
         Args:
-            values: of a type that glTF has.
+            values: values of a type that glTF supports.
             target: the use of the buffer.
-            bounded: whether to tell the least and the largest of each column.
+            bounded: whether to store the minimum and maximum of each column.
         """
         rows = values.reshape(len(values), -1)
         code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
@@ -199,7 +199,7 @@ class Buffer:
         return len(self.gltf.accessors) - 1
 
     def finish(self) -> None:
-        """Give the document its buffer."""
+        """Add the buffer to the document."""
         self.content += bytes(-len(self.content) % 4)
         self.gltf.buffers = [library().Buffer(byteLength=len(self.content))]
         self.gltf.set_binary_blob(bytes(self.content))

@@ -33,7 +33,7 @@ def read_obj(path: Path) -> Asset:
     """Read an OBJ file with its .mtl files.
 
     Raises:
-        MeshError: it cannot be read, or holds no faces.
+        MeshError: it cannot be read, or has no faces.
     """
     content = parse_obj(file_bytes(path))
     surface = surface_of(content.polygons(), {}, path)
@@ -44,7 +44,7 @@ def read_obj(path: Path) -> Asset:
         materials |= _read_mtl(path.parent / library)
     attributes = []
     if uvs and max(coordinate, default=-1) >= 0:
-        table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without any have the last
+        table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without coordinates use the last row
         attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, table[coordinate]))
     if len(colors) == len(surface.vertices):
         attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(np.array(colors))))
@@ -54,7 +54,7 @@ def read_obj(path: Path) -> Asset:
 
 
 def _read_mtl(path: Path) -> dict[str, Material]:
-    """The materials of a file by their names; none of a file that is missing."""
+    """The materials of a file by name; none if the file is missing."""
     if not path.is_file():
         return {}
     found: dict[str, Material] = {}
@@ -70,7 +70,7 @@ def _read_mtl(path: Path) -> dict[str, Material]:
         elif keyword == "d" and words:
             color[3] = float(words[-1])
         elif keyword == "map_Kd" and words:
-            # Options stand before the name, which may have spaces.
+            # Options precede the name, which may have spaces.
             places = [path.parent / name for name in (" ".join(words), words[-1])]
             image = next((place.read_bytes() for place in places if place.is_file()), None)
     return found
@@ -105,7 +105,7 @@ def write_obj(asset: Asset, path: Path) -> tuple[str, ...]:
 def _write_faces(
     text: io.StringIO, face_start: Integers, indices: Integers, asset: Asset, materials: Attribute | None
 ) -> None:
-    """The faces with their corners (c, 3), each material's together."""
+    """Write the faces with their corners (c, 3), grouped by material."""
     corners = ["/".join(str(each + 1) if each >= 0 else "" for each in row).rstrip("/") for row in indices.tolist()]
     faces = [" ".join(corners[start:end]) for start, end in pairwise(face_start)]
     number = np.full(len(faces), -1) if materials is None else np.asarray(materials.values)

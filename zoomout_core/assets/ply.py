@@ -14,7 +14,7 @@ from zoomout_core.mesh.ply_files import ply_columns, ply_polygons
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-# What vertices' texture coordinates are called.
+# Names of texture coordinates of vertices.
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
@@ -22,7 +22,7 @@ def read_ply(path: Path) -> Asset:
     """Read a PLY file.
 
     Raises:
-        MeshError: it cannot be read, or holds no faces.
+        MeshError: it cannot be read, or has no faces.
     """
     columns = ply_columns(file_bytes(path))
     vertex, attributes = columns["vertex"], []
@@ -77,7 +77,7 @@ def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
 
 
 def _faces(surface: Surface, uv: Floats | None) -> Integers:
-    """Words of four bytes: of each face the number of corners and these, and that of texture coordinates and these."""
+    """4-byte words for each face: the number of corners and these, the number of texture coordinates and these."""
     size = np.diff(surface.face_start)
     words = 1 + size + (0 if uv is None else 1 + 2 * size)
     first = np.cumsum(words) - words

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF and GLB files as assets: all meshes of the scene, placed and posed, in one surface.
+"""Read glTF and GLB files as assets: all meshes of the scene as one surface, with transforms and pose applied.
 
-glTF splits vertices wherever texture coordinates or normals part; those that agree in position, skin weights and
-morph targets are one vertex here, and the rest belongs to the corners.
+glTF splits vertices where texture coordinates or normals differ. Here vertices with equal position, skin weights and
+morph targets are merged, and the other data belongs to the corners.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ if TYPE_CHECKING:
 
 # Modes of primitives.
 TRIANGLES, STRIP, FAN = 4, 5, 6
-# The corners of every other triangle of a strip.
+# Corners of the even and odd triangles of a strip.
 EVEN, ODD = np.array([0, 1, 2]), np.array([1, 0, 2])
-# Difference of two bind matrices, relative to the largest entry, that is due to rounding.
+# Rounding difference of two bind matrices, relative to the largest entry.
 SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class _Mesh:
-    """What one node shows: n vertices, and m triangles with three corners each.
+    """The mesh of one node: n vertices, and m triangles with three corners each.
 
     Attributes:
         node: its number.
         skin: the number of its skin, None without one.
-        vertices: (n, 3) at rest, in the frame that the skin is bound in, or else that of the node.
+        vertices: (n, 3) rest positions, in the bind frame of the skin, or without one in the node's frame.
         triangles: (m, 3) vertex numbers.
         material: (m,) numbers of materials, -1 for none.
-        corners: by name, values (3 m, w) of what the corners have.
-        offsets: (n, keys, 3) of morph targets.
-        keys: their names.
-        joint: (n, s) numbers in the skin,
-        weight: (n, s) and the weights of these joints.
+        corners: values (3 m, w) of the corners, by name.
+        offsets: (n, keys, 3) offsets of the morph targets.
+        keys: names of the morph targets.
+        joint: (n, s) numbers of joints in the skin.
+        weight: (n, s) weights of these joints.
     """
 
     node: int
@@ -96,7 +96,7 @@ def read_gltf(path: Path) -> Asset:
 
 
 def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
-    """What of a scene is no part of an asset."""
+    """Notes on the parts of a scene that an asset does not include."""
     meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
     found = []
     if any(each.mode not in (None, TRIANGLES, STRIP, FAN) for mesh in meshes for each in mesh.primitives):
@@ -113,7 +113,7 @@ def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
 
 
 def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
-    """A mesh whose faces keep their outer side where its node mirrors it; a skin has its node's frame left out."""
+    """Reverse the faces of a mesh if its node mirrors it; the node of a skinned mesh does not count."""
     if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
         return mesh
     order = np.array([0, 2, 1])
@@ -128,7 +128,7 @@ def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
 
 
 def _mesh(document: Document, number: int) -> _Mesh:
-    """The mesh of a node, with vertices merged that were split for their corners."""
+    """The mesh of a node, with vertices merged that were split by corner data."""
     node = document.gltf.nodes[number]
     mesh = document.gltf.meshes[node.mesh]
     primitives = [
@@ -156,7 +156,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
     joint, weight = _influences(rows)
     row = np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * targets)])
     _, chosen, merged = np.unique(row, axis=0, return_index=True, return_inverse=True)
-    # In the order of the file.
+    # Keep the order of the file.
     order = np.argsort(chosen, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -178,7 +178,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
 
 
 def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:
-    """By name (n, w) of all primitives, zero where one lacks it."""
+    """(n, w) values of all primitives by name, zero for primitives without them."""
     width = {"POSITION": 3} | {name: values.shape[1] for each in attributes for name, values in each.items()}
     rows = {name: np.zeros((sum(counts), w)) for name, w in width.items()}
     start = 0
@@ -220,7 +220,7 @@ def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats]:
 
 
 def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
-    """Texture coordinates, colours and normals of all corners; zero, or white, where a mesh has none."""
+    """Texture coordinates, colours and normals of all corners; zero, or white, if a mesh has none."""
     found = []
     for name in sorted({name for mesh in meshes for name in mesh.corners}):
         width = max(mesh.corners[name].shape[1] for mesh in meshes if name in mesh.corners)
@@ -244,13 +244,13 @@ def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> l
 
 
 def _turn(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
-    """Normals (3 m, 3) of a mesh as it is seen."""
+    """Normals (3 m, 3) of the posed mesh."""
     inverse = np.linalg.pinv(matrices[:, :, :3])[mesh.triangles.ravel()]
     return unit_vectors(np.einsum("cyx,cy->cx", inverse, normals))
 
 
 def _shape_keys(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
-    """Morph targets of all meshes, by their names."""
+    """Morph targets of all meshes, by name."""
     keys = list(dict.fromkeys(key for mesh in meshes for key in mesh.keys))
     if not keys:
         return []
@@ -276,13 +276,13 @@ def materials_of(document: Document) -> tuple[Material, ...]:
 
 
 class _Skeleton:
-    """The joints of all skins of a file, and the nodes that what is parented to a joint hangs from.
+    """The joints of all skins of a file, and the nodes of meshes that are parented to joints.
 
     Args:
         document: the file.
-        worlds: (nodes, 4, 4) the frames of the nodes.
+        worlds: (nodes, 4, 4) world transforms of the nodes.
         parent: (nodes,) the parent of each.
-        meshes: that are seen.
+        meshes: the visible meshes.
     """
 
     def __init__(self, document: Document, worlds: Floats, parent: Integers, meshes: Sequence[_Mesh]) -> None:
@@ -306,7 +306,7 @@ class _Skeleton:
         return self.document.matrices(skin.inverseBindMatrices)
 
     def matrices(self, mesh: _Mesh) -> Floats:
-        """(n, 3, 4) that take the vertices of a mesh to where they are seen."""
+        """(n, 3, 4) matrices that pose the vertices of a mesh."""
         count = len(mesh.vertices)
         if mesh.skin is None:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
@@ -318,7 +318,7 @@ class _Skeleton:
         return matrices
 
     def skin(self, meshes: Sequence[_Mesh], seen: Floats) -> Skin | None:
-        """One skin for all meshes, which are seen at (n, 3)."""
+        """Make one skin for all meshes, with posed positions (n, 3)."""
         if not len(self.nodes):
             return None
         weights = csr_array(vstack([self._weights(mesh) for mesh in meshes]))
@@ -334,7 +334,7 @@ class _Skeleton:
         return Skin(self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, rest, linear, weights)
 
     def _weights(self, mesh: _Mesh) -> csr_array:
-        """(n, b) of the joints of all skins; a vertex without weight follows the joint above it, or the first."""
+        """(n, b) weights of the joints of all skins; a vertex without weight follows its parent joint, or the first."""
         count, size = len(mesh.vertices), (len(mesh.vertices), len(self.nodes))
         above = self._ancestor(mesh.node)
         hanging = 0 if above < 0 else int(np.searchsorted(self.nodes, above))
@@ -347,13 +347,13 @@ class _Skeleton:
         return normalise(_sparse(rows, joint, weight, size))
 
     def _ancestor(self, node: int) -> int:
-        """The nearest joint at a node or above it, -1 without one."""
+        """The nearest joint among a node and its ancestors, -1 without one."""
         while node >= 0 and node not in self.nodes:
             node = int(self.parent[node])
         return node
 
     def _is_bound_alike(self, number: int) -> bool:
-        """Whether a skin binds its joints as the first one does that has them."""
+        """Whether a skin binds its joints like the first skin that has them."""
         nodes, inverse_bind = self.skins[number]
         common = self.bind[np.searchsorted(self.nodes, nodes)]
         return bool(np.abs(inverse_bind - common).max() <= SAME * np.abs(common).max())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From an asset to another mesh: attributes, materials and skin along a map, and the target at rest."""
+"""Transfer attributes, materials and skin of an asset to another mesh, and take it to the rest pose."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from zoomout_core.transfer.rules import Match, map_target, transfer_along
 from zoomout_core.transfer.skinning import normalise, skinning_matrices
 from zoomout_core.transfer.unpose import Rest, unpose
 
-# Data that can be transferred, in this order.
+# Kinds of data that can be transferred, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
-# How a target that gets a skin is taken to rest: unposed if it stands in another pose than the source at rest, always,
-# or never.
+# Whether to unpose a target that gets a skin: if its pose differs from the source's rest pose, always, or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-# Share of the target's area within `RestTuning.in_place` of the source, above which both have the same pose and place,
-# so that the source's own joints take the target to rest. Fingers and hems of a remeshed target are farther off.
+# If a larger share of the target's area is within `RestTuning.in_place` of the source, both have the same pose and
+# place, so the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther
+# away.
 MIN_IN_PLACE_SHARE = 0.9
 
 
 class TransferredAsset(NamedTuple):
-    """A target with what it received.
+    """A target with the received data.
 
     Attributes:
         asset: the target.
-        received: names of attributes.
+        received: names of received attributes.
         notes: sentences for the user.
     """
 
@@ -60,20 +60,19 @@ def transfer_asset(
 ) -> TransferredAsset:
     """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
-    With a skin come the joints and what animates them: the target is taken to the rest pose, where it moves as the
-    source does.
+    A skin brings its joints and their animations: the target is taken to the rest pose, and then moves like the source.
 
     Args:
-        source: that has the attributes.
-        target: that receives them.
-        match: of the two surfaces.
-        kinds: of `KINDS`, those to carry.
-        shape: of `SHAPES`, how the target is taken to rest.
+        source: the asset with the attributes.
+        target: the asset that receives them.
+        match: the match of the two surfaces.
+        kinds: the kinds to transfer, from `KINDS`.
+        shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
 
     Raises:
-        MeshError: the source has nothing of these kinds, or the map is of other surfaces.
-        ValueError: the shape is none of these.
+        MeshError: the source has no data of these kinds, or the map is of other surfaces.
+        ValueError: the shape is not in `SHAPES`.
 
     Example:
         >>> color = zo.Attribute("color", zo.Domain.POINT, zo.Kind.COLOR, np.ones((len(source.vertices), 4)))
@@ -90,7 +89,7 @@ def transfer_asset(
             f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
         )
     mapped = map_target(match, source.surface, target.surface, fill_below)
-    # All of the target's data of a kind is replaced together.
+    # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
     received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
     notes: list[str] = []
@@ -102,7 +101,7 @@ def transfer_asset(
         notes += carried.notes
     asset = replace(target, attributes=tuple(received.values()), notes=())
     if MATERIALS in replaced:
-        # Where no joints of the target need its own document, that of the source has all of its materials.
+        # Unless the target's joints need its own document, use the source's, which has all of the materials.
         document = source.document if target.skin is None else target.document
         asset = replace(asset, materials=source.materials, document=document)
     if skin is not None:
@@ -115,7 +114,7 @@ def transfer_asset(
 
 
 def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
-    """The target's skin, with the target at rest, and notes."""
+    """The skin of the target, with its rest pose, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):
         weights = _weights(skin, mapped)
@@ -136,7 +135,7 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[
 
 
 def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
-    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex that has some."""
+    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex with some."""
     attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
     weights = csr_array(transfer_along(attribute, mapped).values)
     without = np.diff(weights.indptr) == 0
@@ -148,7 +147,7 @@ def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
 
 
 def _stands_as(source: Surface, target: Surface) -> bool:
-    """Whether a target lies on its source, in its pose and place."""
+    """Whether a target has the pose and place of its source."""
     search = SurfaceSearch(source.vertices, source.triangles)
     triangle, barycentric = search.closest(target.vertices)
     near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])

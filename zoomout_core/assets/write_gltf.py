@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Assets as glTF and GLB files: one mesh, with the nodes, animations and materials of the document that it goes by."""
+"""Write assets as glTF and GLB files: one mesh, with the nodes, animations and materials of its document."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from zoomout_core.transfer.skinning import normalise, row_of
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Primitive
 
-# Joints of one vertex in a set.
+# Joints per vertex in a set.
 INFLUENCES = 4
 
 
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
-    """Write an asset, whose skin says where its vertices are at rest, to a .glb or .gltf file.
+    """Write an asset to a .glb or .gltf file; its skin provides the rest positions of its vertices.
 
-    All meshes of the asset's document give place to its surface.
+    The asset's surface replaces all meshes of its document.
 
     Raises:
         ImportError: pygltflib is not installed.
@@ -64,7 +64,7 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
 
 
 def _without_meshes(made: GLTF2, document: Document | None) -> Buffer:
-    """Take the meshes and skins out of a document, and give it a buffer of what remains."""
+    """Remove the meshes and skins from a document, and make a buffer of the remaining data."""
     accessors, made.accessors = made.accessors, []
     buffer = Buffer(made)
     made.meshes, made.skins = [], []
@@ -86,7 +86,7 @@ def _without_meshes(made: GLTF2, document: Document | None) -> Buffer:
 
 
 def _keep_images(made: GLTF2, document: Document, buffer: Buffer) -> None:
-    """Put the images of a document into its new buffer, those of other files, too."""
+    """Copy the images of a document, including those in other files, to its new buffer."""
     for number, image in enumerate(made.images):
         content = document.image(number)
         if content is not None:
@@ -98,7 +98,7 @@ def _mime_type(image: bytes) -> str:
 
 
 def _write_materials(made: GLTF2, asset: Asset, buffer: Buffer) -> None:
-    """Materials by base colour and its image, in the place of what the document has."""
+    """Replace the document's materials by ones with a base colour and its image."""
     gltf = library()
     made.materials, made.textures, made.images, made.samplers = [], [], [], []
     for material in asset.materials:
@@ -120,7 +120,7 @@ def _nodes_with_weights(document: Document | None) -> list[int]:
 
 
 def _animate_weights(made: GLTF2, weighed: list[int], node: int) -> None:
-    """Have what animated the morph targets of the only mesh that had some do so for a node; else leave it out."""
+    """Redirect morph target animations to a node if only one mesh had morph targets; else remove them."""
     for animation in made.animations:
         kept = []
         for channel in animation.channels:
@@ -137,7 +137,7 @@ def _animate_weights(made: GLTF2, weighed: list[int], node: int) -> None:
 
 
 def _primitives(asset: Asset, buffer: Buffer) -> list[Primitive]:
-    """A primitive for each material, with the vertices split where corners differ."""
+    """Make a primitive for each material, with vertices split where corners differ."""
     gltf = library()
     surface, materials = asset.surface, asset.find(MATERIALS)
     positions = surface.vertices if asset.skin is None else asset.skin.rest
@@ -147,7 +147,7 @@ def _primitives(asset: Asset, buffer: Buffer) -> list[Primitive]:
     for material in np.unique(number[surface.triangle_face]):
         chosen = surface.triangle_corners[number[surface.triangle_face] == material]
         split, triangles = np.unique(corners[chosen], return_inverse=True)
-        # One corner of each vertex stands for all.
+        # Use one corner of each vertex for all.
         example = np.empty(len(split), dtype=np.int64)
         example[triangles.ravel()] = chosen.ravel()
         vertex = surface.corner_vertex[example]
@@ -177,7 +177,7 @@ def _primitives(asset: Asset, buffer: Buffer) -> list[Primitive]:
 
 
 def _corner_rows(asset: Asset, positions: Floats) -> tuple[dict[str, Floats], Integers]:
-    """By glTF's name what each corner (c, w) has, and (c,) a number for each vertex that it is split into."""
+    """Corner data (c, w) by glTF's names, and (c,) the number of each corner's split vertex."""
     surface = asset.surface
     normals = asset.find(NORMALS)
     if normals is None:
@@ -195,7 +195,7 @@ def _corner_rows(asset: Asset, positions: Floats) -> tuple[dict[str, Floats], In
             values = on_corners(attribute, surface)
             rows[f"{name}_{number}"] = values * [1, -1] + [0, 1] if kind == UV else _rgba(values)
     key = np.column_stack([surface.corner_vertex, *rows.values()]).astype(np.float32)
-    # Vertex numbers above 2^24 are no single floats.
+    # Single floats cannot represent vertex numbers above 2^24.
     whole = np.column_stack([surface.corner_vertex, np.ascontiguousarray(key[:, 1:]).view(np.int32)])
     return rows, np.asarray(np.unique(whole, axis=0, return_inverse=True)[1]).ravel()
 
@@ -205,7 +205,7 @@ def _rgba(colors: Floats) -> Floats:
 
 
 def _add_influences(attributes: Any, skin: Skin, vertex: Integers, buffer: Buffer) -> None:
-    """Joints and weights of vertices, the strongest first, in sets of four."""
+    """Add joints and weights of vertices, the largest weights first, in sets of four."""
     weights = normalise(skin.weights)
     row, count = row_of(weights), np.diff(weights.indptr)
     order = np.lexsort((weights.indices, -weights.data, row))
@@ -214,7 +214,7 @@ def _add_influences(attributes: Any, skin: Skin, vertex: Integers, buffer: Buffe
     joint = np.zeros((weights.shape[0], sets * INFLUENCES), "<u1" if weights.shape[1] <= 256 else "<u2")
     share = np.zeros(joint.shape, "<f4")
     joint[row, rank], share[row, rank] = weights.indices[order], weights.data[order]
-    # Readers want single floats that sum to one.
+    # Readers expect single floats that sum to one.
     share[:, 0] += 1 - share.sum(axis=1, dtype=np.float64)
     for number in range(sets):
         columns = slice(number * INFLUENCES, (number + 1) * INFLUENCES)
