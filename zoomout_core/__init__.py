@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it.
 
-Each name is imported when it is asked for, so that what does not use them need not wait for scipy's parts; so are the
+Names are imported on first use, so that programs need not wait for unused parts of scipy. The same holds for the
 modules `plotting`, which needs matplotlib, and `samples`.
 """
 
@@ -127,7 +127,7 @@ __all__ = [
     "zoomout_both_ways",
 ]
 
-# Where each name is, as the imports above say.
+# The module of each name, as in the imports above.
 _HOMES = {
     "assets.asset": ("Asset",),
     "assets.files": (
@@ -219,7 +219,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
 class _Package(ModuleType):
-    """The package, in which `transfer` is the function, although a room is called so."""
+    """The package, in which `transfer` is the function, although a subpackage has the same name."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):
@@ -229,10 +229,10 @@ class _Package(ModuleType):
 sys.modules[__name__].__class__ = _Package
 
 
-if not TYPE_CHECKING:  # so that checkers know a wrong name
+if not TYPE_CHECKING:  # so that type checkers report unknown names
 
     def __getattr__(name: str) -> object:
-        """A public name, a public module or `__version__`, when it is asked for."""
+        """Import a public name, a public module or `__version__` on first use."""
         if name in _MODULES:
             return import_module(f"{__name__}.{name}")
         if name in _HOME:

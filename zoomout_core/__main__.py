@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command `zoomout`, also as `python -m zoomout_core`; without the packages that it needs it names the extra."""
+"""The command `zoomout`, also `python -m zoomout_core`; names the extra to install if packages are missing."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
 def run(commands: str, name: str, extra: str) -> None:
-    """Run the command line of a module, and end the process; where the user interrupts it, with a line that says so.
+    """Run the command line of a module, and end the process; reports an interrupt by the user in one line.
 
     Args:
-        commands: the module, whose `main` it is.
-        name: how the user calls it.
-        extra: of the package `zoomout-core`, that brings what the module needs.
+        commands: the module with the `main` of the command line.
+        name: the name by which the user calls it.
+        extra: the extra of the package `zoomout-core` that installs the module's requirements.
     """
     try:
         _run(commands, name)
@@ -33,13 +33,13 @@ def run(commands: str, name: str, extra: str) -> None:
 
 
 def _run(commands: str, name: str) -> NoReturn:
-    """`run`, which may end with what a command line does not catch."""
+    """`run`, without handling of errors that a command line does not catch."""
     import click
 
     try:
         with handle_interrupts():
             sys.exit(import_module(commands).main.main(prog_name=name, standalone_mode=False))
-    except click.Abort:  # which an interrupt becomes
+    except click.Abort:  # click's error for an interrupt
         raise KeyboardInterrupt from None
     except click.ClickException as error:
         error.show()

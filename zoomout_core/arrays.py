@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Array types with their precision, for mypy; checks of counts; and sums over segments."""
+"""Array types with their precision for mypy, checks of counts, and sums over segments."""
 
 from typing import Any, TypeAlias
 
@@ -10,9 +10,9 @@ Floats: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
 Booleans: TypeAlias = NDArray[np.bool_]
 Bytes: TypeAlias = NDArray[np.uint8]
-# A functional map of real numbers, or a pointwise one of whole numbers: its shape tells which.
+# A functional map of real numbers, or a pointwise one of integers; distinguished by shape.
 RealsOrIntegers: TypeAlias = NDArray[Any]
-# In single precision, or in either: products with many rows take half of the time and memory.
+# Single precision, or either: products with many rows take half of the time and memory.
 SingleFloats: TypeAlias = NDArray[np.float32]
 AnyFloats: TypeAlias = NDArray[np.floating[Any]]
 # 4 or 8 bytes, as in scipy's sparse matrices and in Blender.
@@ -20,10 +20,10 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 
 def check_counts(**numbers: Any) -> None:
-    """Check numbers, by their names, that a user gave.
+    """Check numbers that a user gave by name.
 
     Raises:
-        ValueError: one is no whole number, or below one.
+        ValueError: one is not an integer, or below one.
     """
     for name, number in numbers.items():
         if not isinstance(number, int | np.integer) or number < 1:
@@ -31,12 +31,12 @@ def check_counts(**numbers: Any) -> None:
 
 
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
-    """(s,) or (s, d) sums of the values (n,) or (n, d) that are of the same segment.
+    """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment.
 
     Args:
         values: numbers of any type.
         segment: (n,) number of each value's segment.
-        count: of segments, where the last ones may be empty.
+        count: number of segments, of which the last may be empty.
     """
     if values.ndim == 1:
         return np.asarray(np.bincount(segment, values, count), dtype=np.float64)

@@ -18,7 +18,7 @@ from zoomout_core.runtime.outputs import atomic_write, check_output
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
-# Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
+# Exit codes if nothing was written, and if only a part was. Click uses 2 for invalid commands.
 FAILED, PARTLY = 1, 3
 
 
@@ -32,13 +32,13 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a job.
+    """The outcome of a job.
 
     Attributes:
         job: the target and its file.
         report: figures for the JSON report; empty if it failed.
         lines: the same in sentences, the most important one first.
-        error: why it failed, a sentence; empty if it did not.
+        error: a sentence that says why it failed; empty if it did not.
     """
 
     job: Job
@@ -48,7 +48,7 @@ class Outcome:
 
 
 def is_folder(output: str) -> bool:
-    """Whether an output is a folder: one that is there, or a name that ends as no file does."""
+    """Whether an output is a folder: an existing one, or a name without a file extension."""
     return Path(output).is_dir() or not Path(output).suffix
 
 
@@ -61,21 +61,21 @@ def plan(
     check_format: Callable[[Path], None],
     in_place: bool = False,
 ) -> list[Job]:
-    """The jobs of a transfer, once it is clear that their files can be written.
+    """Plan the jobs of a transfer, after checking that their files can be written.
 
     Args:
         source: a mesh file.
-        targets: mesh files, or folders of them, in which the source is passed over.
+        targets: mesh files, or folders of them, in which the source is skipped.
         output: a file, for a single target; or a folder, in which each file is named after its target.
-        ending: of the files in a folder, such as `.ply`.
-        endings: of the files in a folder of targets that are meshes; others are passed over.
-        check_format: raises a MeshError for a file of a format that cannot be written.
-        in_place: whether a file may take the place of one that is read.
+        ending: extension of the files in an output folder, such as `.ply`.
+        endings: extensions of meshes in a folder of targets; other files are skipped.
+        check_format: raises a MeshError for a format that cannot be written.
+        in_place: whether a file may replace an input.
 
     Raises:
-        MeshError: a folder holds no meshes, several targets were given a file to share, or a file would take the place
-            of another.
-        OutputError: a folder does not exist or cannot be written to, or a file would take the place of an input.
+        MeshError: a folder contains no meshes, several targets have a single output file, or a file would replace
+            another output.
+        OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
     paths = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
     place = Path(output)
@@ -86,7 +86,7 @@ def plan(
         check_output(place, [source, *paths], in_place)
         return [Job(paths[0], place)]
     if not place.is_dir():
-        check_output(place)  # it is made when there is something to put there
+        check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
         if path.resolve().parent == place.resolve() and not in_place:
             raise MeshError(
@@ -105,10 +105,10 @@ def plan(
 
 
 def meshes_of(given: Path, endings: Collection[str], source: Path | None = None) -> list[Path]:
-    """The files that a user names: a file itself, or the meshes in a folder, except the source.
+    """The files that a user names: a single file, or the meshes in a folder, except the source.
 
     Raises:
-        MeshError: a folder holds none.
+        MeshError: a folder contains none.
     """
     if not given.is_dir():
         return [given]
@@ -120,11 +120,11 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
 
 
 def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> list[Outcome]:
-    """Do jobs one after the other; one that fails leaves the others alone.
+    """Run jobs one after the other; a failure does not affect the others.
 
     Args:
-        jobs: as of `plan`.
-        run_of: does a job, and returns the report and the lines of its outcome.
+        jobs: jobs from `plan`.
+        run_of: runs a job, and returns the report and the lines of its outcome.
     """
     outcomes = []
     for number, job in enumerate(jobs):
@@ -144,7 +144,7 @@ def _outcome(job: Job, run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What became of each target, as JSON can hold it."""
+    """The outcome of each target, in values that JSON can store."""
     rows = [
         {"target": str(one.job.target), "output": str(one.job.output)}
         | ({"error": one.error} if one.error else one.report)
@@ -154,7 +154,7 @@ def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None:
-    """Write what became of each target to `report.json` in a folder.
+    """Write the outcome of each target to `report.json` in a folder.
 
     Raises:
         OutputError: it cannot be written.
@@ -165,7 +165,7 @@ def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None
 
 
 def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
-    """Say what became of each target, and end with the matching exit code.
+    """Print the outcome of each target, and end with the matching exit code.
 
     Raises:
         ClickException: the only target failed.
@@ -193,7 +193,7 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
 
 
 def end_with_code(outcomes: Sequence[Outcome]) -> None:
-    """End the process where a target failed: 1 if all did, 3 if some."""
+    """End the process if targets failed: with code 1 if all did, 3 if some."""
     failed = sum(bool(outcome.error) for outcome in outcomes)
     if failed:
         sys.exit(FAILED if failed == len(outcomes) else PARTLY)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options that several commands have, and what they mean to the core."""
+"""Options shared by several commands, and their conversion to arguments of the core."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
     Args:
-        endings: of the files that can be written, such as `.ply`.
-        default: that of the files in a folder.
+        endings: extensions of the files that can be written, such as `.ply`.
+        default: extension of the files in a folder.
     """
     names = [ending[1:] for ending in endings]
 
@@ -121,7 +121,7 @@ def match_options(command: Any) -> Any:
 
 
 def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
-    """The options of a table that the command line offers."""
+    """The options of a table that are available on the command line."""
 
     def with_options(command: Any) -> Any:
         for option in reversed(select_options(options, Door.COMMAND_LINE)):
@@ -132,7 +132,7 @@ def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
 
 
 def table_option(option: Option) -> Callable[[Any], Any]:
-    """The option of the command line that a row of the table stands for."""
+    """The command-line option of a row of the table."""
     flag = option.name_at(Door.COMMAND_LINE)
     if option.kind is Kind.FLAG:
         names = f"{flag}/--no-{flag.removeprefix('--')}" if option.default else flag
@@ -144,7 +144,7 @@ def table_option(option: Option) -> Callable[[Any], Any]:
 
 
 def _values_of(option: Option) -> dict[str, Any]:
-    """What click needs to know of an option's values."""
+    """Arguments for click that describe an option's values."""
     if option.kind is Kind.CHOICE:
         return {"type": click.Choice([choice.name for choice in option.choices_at(Door.COMMAND_LINE)])}
     if option.kind is Kind.START:
@@ -160,7 +160,7 @@ def _values_of(option: Option) -> dict[str, Any]:
 
 
 def _help_of(option: Option) -> str:
-    """The help of an option, with what the command line adds to it."""
+    """The help of an option, with additions for the command line."""
     text = option.help
     if option.starts == ("nearest",):
         text = f"With --initial nearest: {text[0].lower()}{text[1:]}"
@@ -175,10 +175,10 @@ def _help_of(option: Option) -> str:
 
 
 def start_arguments(**options: Any) -> dict[str, Any]:
-    """The arguments of `match` for the options of `match_options`.
+    """The arguments of `match` from the options of `match_options`.
 
     Raises:
-        MeshError: options that do not fit together, or a file or a direction that cannot be used.
+        MeshError: options do not fit together, or a file or a direction is invalid.
     """
     return resolve_detail(**read_options(**options))
 
@@ -191,7 +191,7 @@ def read_options(
     common_axes: Sequence[str],
     **others: Any,
 ) -> dict[str, Any]:
-    """The options of `match_options`, with files and directions read; `detail` is still a word.
+    """The options of `match_options` with files and directions read; `detail` stays a word.
 
     Raises:
         MeshError: see `start_arguments`.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How good a map is: the field's usual figures.
+"""Evaluate the quality of a map by the usual measures of the field.
 
-Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after
-Ren, Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps,
-2018), in forms that depend little on how the surfaces are meshed. What a map does there and back is
+Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after Ren,
+Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps, 2018), in
+forms that depend little on the meshes. For the error of going there and back see
 `zoomout_core.matching.confidence.cycle_error`.
 """
 
@@ -17,7 +17,7 @@ from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
 
-# Places whose distances are computed at once: bounds the memory.
+# Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
 
 
@@ -28,19 +28,19 @@ def geodesic_error(
     source_vertex: Integers,
     most: int = 1000,
 ) -> Floats:
-    """Geodesic distance between a map's images and the true ones, over the square root of the source's area.
+    """Geodesic distance between a map's images and the true ones, relative to the square root of the source's area.
 
     Distances run along edges (Dijkstra), and an image counts as its nearest vertex.
 
     Args:
         surface_map: the map, or (n_t,) the source vertex of each target vertex; (n_t, m) for m maps at once.
         source: the surface that the map lands on.
-        target_vertex: (c,) target vertices whose place on the source is known.
-        source_vertex: (c,) that place.
-        most: measure at most this many of the pairs, evenly spread over the list.
+        target_vertex: (c,) target vertices with a known place on the source.
+        source_vertex: (c,) this place.
+        most: measure at most this many of the pairs, evenly spaced in the list.
 
     Returns:
-        (min(c, most),) errors, or (min(c, most), m); their mean times 1000 is what papers quote.
+        (min(c, most),) errors, or (min(c, most), m); papers quote their mean times 1000.
 
     Example:
         >>> errors = zo.geodesic_error(result.surface_map, source, np.arange(len(truth)), truth)
@@ -64,16 +64,16 @@ def distance_distortion(
 ) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
-    Distances run along edges (Dijkstra), over the root of each surface's area: by the meshes alone they differ by some
-    thousandths. Places without a path between them do not count.
+    Distances run along edges (Dijkstra), relative to the root of each surface's area; the meshes alone cause
+    differences of some thousandths. Places without a path between them do not count.
 
     Args:
-        image: (c,) the source vertices that
-        vertex: (c,) target vertices go to.
+        image: (c,) source vertices that are the images of the target vertices.
+        vertex: (c,) target vertices.
         source: the surface that the map lands on.
         target: the surface that the map starts from.
-        places: number of places that distances are taken from, evenly spread over the list,
-        most: number of places that they are taken to.
+        places: number of places that distances are measured from, evenly spaced in the list.
+        most: number of places that they are measured to.
     """
     picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
     apart = [
@@ -86,22 +86,22 @@ def distance_distortion(
 
 
 def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> float:
-    """The share of the target's area, in [0, 1], whose triangles the map turns over, see `flipped_triangles`.
+    """The share of the target's area, in [0, 1], whose triangles the map flips, see `flipped_triangles`.
 
-    A map that reverses everything, as a mirror image does, has 1.
+    It is 1 for a map that reverses everything, such as a mirror image.
     """
     area = triangle_areas(target.vertices, target.triangles)
     return float(area[flipped_triangles(surface_map, source, target)].sum() / area.sum())
 
 
 def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface) -> Booleans:
-    """(m,) which of the target's triangles the map turns over.
+    """(m,) which of the target's triangles the map flips.
 
-    A triangle is turned over when its image, the triangle between its corners' images, faces against the source's
-    normals there. Both surfaces count as wound outwards, however their faces are wound; a triangle that collapses to a
-    line is not turned over.
+    A triangle is flipped if its image, the triangle between its corners' images, faces against the source's normals
+    there. Both surfaces count as wound outwards, however their faces are wound. A triangle that collapses to a line is
+    not flipped.
     """
-    normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the last one answers for vertex_of = -1
+    normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the extra last entry is for vertex_of = -1
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
     images = surface_map.interpolate(source.vertices)
     found = np.zeros(len(target.triangles), dtype=bool)
@@ -110,15 +110,15 @@ def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface)
 
 
 def coverage(surface_map: SurfaceMap, source: Surface) -> float:
-    """The share of the source's area, in [0, 1], that images reach.
+    """The share of the source's area, in [0, 1], that the images reach.
 
-    A face is reached when an image lies in it, or in a face that shares a corner with it; of an image on an edge or
-    at a corner, this holds for the faces around that edge's ends or that corner. A target much coarser than the
-    source cannot reach all of it.
+    A face is reached if an image is in it, or in a face that shares a corner with it. An image on an edge or at a
+    corner reaches the faces around that edge's ends or that corner. A target much coarser than the source cannot reach
+    all of it.
     """
     working = source.working
     corners = source.triangles[surface_map.triangle][surface_map.barycentric > 0]
-    reached = np.zeros(len(working.vertices) + 1, dtype=bool)  # the extra last entry answers for vertex_of = -1
+    reached = np.zeros(len(working.vertices) + 1, dtype=bool)  # the extra last entry is for vertex_of = -1
     reached[working.vertex_of[corners]] = True
     area = triangle_areas(working.vertices, working.triangles)
     return float(area[reached[working.triangles].any(axis=1)].sum() / area.sum())
@@ -127,8 +127,8 @@ def coverage(surface_map: SurfaceMap, source: Surface) -> float:
 def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -> float:
     """Mean of (image length / length - 1)^2 over the target's edges, both surfaces at unit area; 0 for an isometry.
 
-    The image's length is the straight distance between the ends' images. Edges weigh as their squared length, so
-    that slivers, whose ratios have no bound, do not decide the mean.
+    The image's length is the straight distance between the ends' images. Edges are weighted by squared length, so that
+    slivers with their unbounded ratios do not dominate the mean.
     """
     edges, _ = unique_edges(target.triangles)
     images = surface_map.interpolate(source.vertices) / np.sqrt(source.area)
@@ -140,14 +140,13 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
 
 
 def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
-    """(keys,) how far shape keys miss the true ones, over how far these move the surface; means by area.
+    """(keys,) errors of shape keys, relative to the displacement by the true ones; means by area.
 
-    The square root of the mean of the squared differences, over that of the squared true offsets; 1 is as wrong as
-    keys that move nothing.
+    The root mean square of the differences, divided by that of the true offsets; keys that move nothing have 1.
 
     Args:
-        offsets: (n, keys, 3) of the surface's vertices.
-        truth: (n, keys, 3) what they should be; each key moves something.
+        offsets: (n, keys, 3) offsets of the surface's vertices.
+        truth: (n, keys, 3) true offsets; each key moves something.
         surface: the surface that they move.
     """
     weight = vertex_areas(surface.vertices, surface.triangles)
@@ -156,6 +155,6 @@ def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
 
 
 def _outward_triangles(surface: Surface) -> Integers:
-    """(m, 3) vertices of the surface's triangles that have an extent, wound so that their normals point out."""
+    """(m, 3) vertices of the surface's non-degenerate triangles, wound so that their normals point outwards."""
     triangles = surface.triangles[surface.working.triangle_of]
     return np.where(surface.working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sentences for the user that can be translated, because they keep the template and the values that they consist of.
+"""Translatable sentences for the user, which keep their template and its values.
 
 A template is English text with named fields, such as "'{name}' has only {count} vertices.". It is the key of a
-translation, so it stands in the code as a literal in a call of `message` or `plural`. A word that takes another
-article or ending in other languages is not a field, but one template each: in an f-string a `{role}` that is filled in
-at once may be "source" or "target", and fields have doubled braces.
+translation, so it must be a literal in a call of `message` or `plural`. A word that takes another article or ending in
+other languages is not a field; each needs its own template. For this an f-string may fill in a `{role}` such as
+"source" or "target" at once, and has doubled braces around fields.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any
 
-# Characters of a format specification in a stored template: a longer one could ask for gigabytes of spaces.
+# Maximum length of a format specification in a stored template: a longer one could request gigabytes of spaces.
 MAX_FORMAT_LENGTH = 4
-# Keys of the JSON that stands for a Message, and for a dictionary whose keys are Messages.
+# JSON keys of a stored Message, and of a stored dictionary with Messages as keys.
 MESSAGE, ITEMS = "zoomout_message", "zoomout_items"
 
 
 class Message(str):
-    """An English sentence, with what it was composed of.
+    """An English sentence with its template and values.
 
     Attributes:
         template: text with named fields.
-        values: of these fields. Messages among them are translated; other text, such as a name, is not.
+        values: values of these fields. Messages among them are translated; other text, such as a name, is not.
     """
 
     template: str
@@ -46,33 +46,33 @@ class Message(str):
 
 
 def message(template: str, **values: Any) -> Message:
-    """A Message: "{name}" in its template stands for the value `name`, and may have a format as in "{share:.0%}"."""
+    """Make a Message: "{name}" in its template is replaced by the value `name`, optionally formatted: "{share:.0%}"."""
     return Message(template, values)
 
 
 def plural(count: int, one: str, several: str) -> Message:
-    """The template for one, or that for another number, which may have the field `count`."""
+    """Choose the template for one, or that for another number, which may have the field `count`."""
     return Message(one if count == 1 else several, {"count": count})
 
 
 def as_message(text: str) -> Message:
-    """Text as a Message: as it is, or a sentence or noun without values, to be translated as a whole."""
+    """Text as a Message: unchanged if it is one, else without values, for translation as a whole."""
     return text if isinstance(text, Message) else Message(text.replace("{", "{{").replace("}", "}}"), {})
 
 
 def sentences(*parts: str) -> Message:
-    """Sentences one after another, each of which is translated."""
+    """Join sentences, each of which is translated."""
     return enumeration(map(as_message, parts), " ")
 
 
 def enumeration(items: Iterable[str], separator: str = ", ") -> Message:
-    """Items one after another, of which Messages are translated, and names are not."""
+    """Join items; Messages among them are translated, names are not."""
     values = {f"item{number}": item for number, item in enumerate(items)}
     return Message(separator.join(f"{{{name}}}" for name in values), values)
 
 
 def to_json(value: Any) -> Any:
-    """A value for `json.dumps`; Messages, within lists, tuples and dictionaries as well, keep their parts."""
+    """Convert a value for `json.dumps`; Messages keep their parts, also in lists, tuples and dictionaries."""
     if isinstance(value, Message):
         return {MESSAGE: [value.template, to_json(value.values)]}
     if isinstance(value, dict):
@@ -83,7 +83,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(stored: Any) -> Any:
-    """What `to_json` was given, with lists for tuples; strings of earlier versions stay as they are.
+    """The inverse of `to_json`, with lists for tuples; strings of earlier versions stay unchanged.
 
     Raises:
         ValueError, TypeError, KeyError: a Message is damaged.
@@ -100,7 +100,7 @@ def from_json(stored: Any) -> Any:
 
 
 def _check(template: object, values: object) -> Message:
-    """A stored Message, which may have been damaged, or made to do damage."""
+    """Check a stored Message, which may be damaged or malicious."""
     if not isinstance(template, str) or not isinstance(values, dict):
         raise ValueError("This is no message.")
     for _, field, form, conversion in Formatter().parse(template):
@@ -111,7 +111,7 @@ def _check(template: object, values: object) -> Message:
 
 
 def _storable(value: Any) -> Any:
-    """A value that JSON can hold: numbers, which templates may format, and text."""
+    """Convert to a value that JSON can store: a number, which templates may format, or text."""
     if isinstance(value, str | int | float):
         return value
     if isinstance(value, Integral):

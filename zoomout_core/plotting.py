@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures: maps by colours, confidence, values on surfaces, functional maps and error curves.
+"""Figures of maps by colours, confidence, values on surfaces, functional maps and error curves.
 
-Each function returns a figure of matplotlib (extra `plots`), which a notebook shows and `savefig` writes. Given
-`figure`, such as `pyplot.figure()` or a subfigure, it draws into that. `show_map` opens a window (extra `window`).
+Each function returns a matplotlib figure (extra `plots`), which a notebook shows and `savefig` writes. It can draw into
+an existing `figure`, such as `pyplot.figure()` or a subfigure. `show_map` opens a window (extra `window`).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.transfer.rules import Match
 
-# Inches of a new figure: the height of a surface, and an axis-aligned panel.
+# Sizes in a new figure in inches: the height of a surface, and a panel with axes.
 HEIGHT = 3.5
 PANEL = 5.0, 4.0
-# Space between surfaces, over the longest extent of one.
+# Space between surfaces, relative to the longest extent of one.
 GAP = 0.15
-# Brightness of a face seen edge-on; one that faces the viewer has 1.
+# Brightness of a face seen edge-on; a face towards the viewer has 1.
 DARKEST = 0.35
 
 
@@ -55,10 +55,10 @@ def plot_map(
     sides: int = 2,
     figure: Figure | SubFigure | None = None,
 ) -> Figure | SubFigure:
-    """Source and target side by side, with the same colour at what corresponds.
+    """Draw source and target side by side, with equal colours at corresponding places.
 
     Args:
-        source: the shape that the map lands on; each place of it has a colour of its own.
+        source: the shape that the map lands on, coloured by position.
         target: the shape that the map starts from.
         result: the match, or only its map.
         sides: 1 to see them from the front, 2 to see them from behind as well.
@@ -72,11 +72,11 @@ def plot_map(
 
 
 def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, frames: int | None = None) -> None:
-    """Open a window with source and target beside each other, to turn by the mouse; the same colour corresponds.
+    """Open an interactive window with source and target side by side; equal colours correspond.
 
     Args:
         source: the shape that the map lands on.
-        target: the shape that the map starts from; what has confidence has it as a second colouring.
+        target: the shape that the map starts from; a match also shows its confidence as a second colouring.
         result: the match, or only its map.
         frames: close the window after this number of frames; None to leave it to the user.
 
@@ -90,7 +90,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
         raise ImportError("Windows need polyscope, which is missing: pip install 'zoomout-core[window]'.") from error
     (here, there), colors = _corresponding(source, target, result)
     if not polyscope.is_initialized():
-        polyscope.set_use_prefs_file(False)  # else it leaves .polyscope.ini and imgui.ini in the folder that it is in
+        polyscope.set_use_prefs_file(False)  # else it writes .polyscope.ini and imgui.ini to the current folder
         polyscope.init()
     polyscope.remove_all_structures()
     right = here.vertices[:, 0].max() + GAP * np.ptp(here.vertices[:, 0]) - there.vertices[:, 0].min()
@@ -109,7 +109,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
 def plot_confidence(
     target: ShapeLike, result: Match, sides: int = 2, figure: Figure | SubFigure | None = None
 ) -> Figure | SubFigure:
-    """The target coloured by confidence, from red for none to blue; violet is what has no counterpart.
+    """Draw the target coloured by confidence, from red for none to blue; violet areas have no counterpart.
 
     Args:
         target: the shape that was matched.
@@ -138,14 +138,14 @@ def plot_values(
     sides: int = 2,
     figure: Figure | SubFigure | None = None,
 ) -> Figure | SubFigure:
-    """A shape coloured by values at its vertices, such as errors, a descriptor or an eigenfunction.
+    """Draw a shape coloured by values at its vertices, such as errors, a descriptor or an eigenfunction.
 
     Args:
         shape: the shape.
         values: (n,) numbers; or (n, 3) red, green and blue, 0 to 1. Values that are not finite are grey.
         label: the quantity and its unit.
-        limits: the numbers at the ends of the colours; the least and the largest if not given.
-        colors: a colour map of matplotlib, by its name.
+        limits: the values at the ends of the colour map; the minimum and maximum if not given.
+        colors: the name of a matplotlib colour map.
         sides: 1 to see it from the front, 2 to see it from behind as well.
         figure: to draw into; a new one if not given.
 
@@ -166,7 +166,7 @@ def plot_values(
 
 
 def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | None = None) -> Figure | SubFigure:
-    """The matrix of a functional map: near a diagonal of ones and minus ones for shapes that are nearly isometric.
+    """Draw the matrix of a functional map, which is nearly a diagonal of +-1 for nearly isometric shapes.
 
     Args:
         functional_map: (k_target, k_source).
@@ -184,11 +184,11 @@ def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | Non
 def plot_error_curves(
     errors: Mapping[str, Floats], most: float = 0.25, figure: Figure | SubFigure | None = None
 ) -> Figure | SubFigure:
-    """Cumulative error curves: which share of places is off by up to how much.
+    """Draw cumulative error curves: the share of places up to each error.
 
     Args:
-        errors: for each line of the legend errors (c,), such as those of `geodesic_error`; NaN counts as above all.
-        most: the largest error that is shown.
+        errors: errors (c,) by label, such as those of `geodesic_error`; NaN counts as above all.
+        most: the largest error shown.
         figure: to draw into; a new one if not given.
     """
     figure = figure or _Figure(figsize=PANEL, layout="constrained")
@@ -213,25 +213,25 @@ def set_error_axes(axes: Axes, most: float) -> None:
 
 
 def draw_surface(axes: Axes, surface: Surface, color: Floats, left: float = 0.0, sides: int = 1) -> float:
-    """Draw a surface from the front, and on request from behind beside it; its longest extent is one.
+    """Draw a surface from the front, and optionally beside it from behind; its longest extent is one.
 
-    It is seen along the axis of its least extent; of the others the first points to the right, the second up.
+    The view is along the axis of the smallest extent; of the other axes, the first points right, the second up.
 
     Args:
         axes: what to draw on.
         surface: the surface.
         color: (n, 3) red, green and blue of its vertices, 0 to 1.
-        left: where it begins.
+        left: its left end on the axes.
         sides: 1 for the front, 2 for both.
 
     Returns:
-        Where it ends.
+        The right end of the drawing.
     """
     vertices = np.nan_to_num(surface.vertices)
     used = vertices[np.unique(surface.triangles)]
     depth = int(np.argmin(np.ptp(used, axis=0)))
     right, up = (axis for axis in range(3) if axis != depth)
-    towards = -1.0 if depth == 1 else 1.0  # so that the picture is no mirror image
+    towards = -1.0 if depth == 1 else 1.0  # so that the picture is not mirrored
     low, high = used.min(axis=0), used.max(axis=0)
     points = (vertices - (low + high) / 2) / max(float((high - low).max()), 1e-300)
     points = points[:, [right, up, depth]] * [1, 1, towards]
@@ -243,14 +243,14 @@ def draw_surface(axes: Axes, surface: Surface, color: Floats, left: float = 0.0,
 
 
 def draw_triangles(axes: Axes, points: Floats, triangles: Integers, color: Floats, left: float) -> None:
-    """Draw triangles as they are seen, the far ones first (painter's algorithm).
+    """Draw triangles from back to front (painter's algorithm).
 
     Args:
         axes: what to draw on.
-        points: (n, 3) vertices to the right, upwards and towards the viewer.
+        points: (n, 3) coordinates of the vertices to the right, upwards and towards the viewer.
         triangles: (m, 3) vertex numbers.
         color: (n, 3) red, green and blue of the vertices.
-        left: how far to the right of their place.
+        left: offset to the right.
     """
     order = np.argsort(points[triangles, 2].mean(axis=1))
     shade = DARKEST + (1 - DARKEST) * np.abs(triangle_normals(points, triangles)[:, 2])
@@ -262,7 +262,7 @@ def draw_triangles(axes: Axes, points: Floats, triangles: Integers, color: Float
 def _corresponding(
     source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap
 ) -> tuple[tuple[Surface, Surface], tuple[Floats, Floats]]:
-    """Two surfaces, and colours (n_s, 3) and (n_t, 3) of their vertices that are the same at what corresponds."""
+    """Two surfaces, and colours (n_s, 3) and (n_t, 3) of their vertices, equal at corresponding places."""
     surfaces = as_surface(source), as_surface(target)
     found = result if isinstance(result, SurfaceMap) else result.surface_map
     _check_length(found.triangle, surfaces[1], "images")
@@ -271,7 +271,7 @@ def _corresponding(
 
 
 def _row(drawn: list[tuple[Surface, Floats, str]], sides: int, figure: Figure | SubFigure | None) -> Figure | SubFigure:
-    """Surfaces with their colours and captions beside each other."""
+    """Draw surfaces with their colours and captions side by side."""
     figure = figure or _Figure(layout="constrained")
     axes = figure.add_subplot()
     right = -GAP

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What users write of a match in words and files: how to begin, directions, landmarks, maps."""
+"""Read a match's arguments that users give as words and files: start, directions, landmarks, maps."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0"
 
 
 def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
-    """Options of a match, with the files and directions read that users name; arrays stay as they are.
+    """Read the files and directions among the options of a match; arrays stay unchanged.
 
     Args:
-        values: by the names of rows of the option table.
-        door: where they were given, for errors.
+        values: values by the names of rows of the option table.
+        door: the interface that they were given to, for errors.
 
     Raises:
-        MeshError: a file or a direction cannot be used.
+        MeshError: a file or a direction is invalid.
     """
     return {name: _read_value(OPTIONS[name], value, door) for name, value in values.items()}
 
@@ -44,10 +44,10 @@ def _read_value(option: Option, value: Any, door: Door) -> Any:
 
 
 def read_axis(text: str, option: str = "--common-axis") -> Floats:
-    """The direction (3,) that `x`, `-y` or three numbers with commas stand for, of unit length.
+    """The unit direction (3,) of `x`, `-y` or three numbers with commas.
 
     Raises:
-        MeshError: it is no direction.
+        MeshError: it is not a direction.
     """
     try:
         return check_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
@@ -56,10 +56,10 @@ def read_axis(text: str, option: str = "--common-axis") -> Floats:
 
 
 def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
-    """Source and target vertices (m,), or points (m, 3), from a text file with a pair a line.
+    """Source and target vertices (m,), or points (m, 3), from a text file with one pair per line.
 
     Raises:
-        MeshError: a line is neither a pair of vertex numbers nor one of points, or unlike the others.
+        MeshError: a line is neither a pair of vertex numbers nor a pair of points, or differs from the others.
     """
     try:
         lines = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]

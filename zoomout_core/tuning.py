@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers that were tuned: each stands once, in the frozen dataclass of its stage, as in `components/shells.py`.
+"""Tuned numbers: each is defined once, in the frozen dataclass of its stage, as in `components/shells.py`.
 
-A number that no benchmark set (of judgement, a block size, a tolerance of rounding, the size of a cache) is a commented
+A number that no benchmark set (a judgement, a block size, a rounding tolerance, the size of a cache) is a commented
 constant of its module.
 """
 
@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 
 class Tuning:
-    """Base of a stage's numbers, which says what set them and keeps each in its range.
+    """Base of a stage's numbers, which names the benchmark that set them and checks their ranges.
 
     A subclass is a frozen dataclass whose fields are `tuned`, with one instance in its module.
 
@@ -41,19 +41,19 @@ class Tuning:
 
 
 def tuned(value: Any, unit: str, low: float, high: float) -> Any:
-    """A field of a stage's numbers; the class's docstring says what it is.
+    """A field of a stage's numbers; the class's docstring describes it.
 
     Args:
         value: a number, or numbers in tuples.
-        unit: of the number: "at unit area" of lengths over the square root of the area, "1" of none.
-        low: the least value that makes sense.
-        high: the largest.
+        unit: unit of the number: "at unit area" for lengths relative to the square root of the area, "1" for none.
+        low: the smallest sensible value.
+        high: the largest sensible value.
     """
     return field(default=value, metadata={"unit": unit, "valid": (low, high)})
 
 
 def stages() -> dict[str, Tuning]:
-    """The stages of all rooms, by the names of their modules and their own."""
+    """The stages of all subpackages, by the names of their modules and their own."""
     core = import_module("zoomout_core")
     modules = [each.name for each in walk_packages(core.__path__, f"{core.__name__}.") if each.name.count(".") > 1]
     return {
@@ -66,7 +66,7 @@ def stages() -> dict[str, Tuning]:
 
 @contextmanager
 def retune(stage: Tuning, **values: Any) -> Iterator[None]:
-    """A context in which some numbers of a stage are others, for ablations and tests; in this process alone.
+    """A context that changes some numbers of a stage, for ablations and tests, only in this process.
 
     Raises:
         ValueError: a number is out of its range.

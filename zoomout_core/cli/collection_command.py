@@ -39,11 +39,11 @@ from zoomout_core.runtime.outputs import check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
-# How many shapes each is matched with, when nothing else says which pairs.
+# Default number of shapes to match each shape with, if no pairs are chosen.
 NEIGHBOURS = 4
-# In the folder of the results, until all is done.
+# Folder in the results that exists until all is done.
 CACHE = "cache"
-# Parts of the progress: matching, and drawing.
+# Fractions of the progress at the end of matching and of drawing.
 MATCHED, DRAWN = 0.9, 0.95
 
 
@@ -189,7 +189,7 @@ def collection(
 
 
 def _files(given: Sequence[Path]) -> list[Path]:
-    """Files, and what of meshes folders hold."""
+    """The given files, and the meshes in given folders."""
     missing = next((path for path in given if not path.exists()), None)
     if missing is not None:
         raise MeshError(f"There is no file or folder {missing}: check the path.")
@@ -197,22 +197,22 @@ def _files(given: Sequence[Path]) -> list[Path]:
 
 
 def _forget(output: Path) -> None:
-    """Remove what an earlier run made, and nothing else."""
+    """Remove the results of an earlier run, and nothing else."""
     places = f"{MAPS}/*/*.npz", f"{SHAPES}/*.npz", f"{SURFACES}/*.ply", f"{CARRIED}/*.json"
     for made in (path for place in places for path in output.glob(place)):
         made.unlink()
 
 
 def _usual_ending(template: Path | None) -> str:
-    """Of results, where no other is asked for."""
+    """The default extension of results."""
     return template.suffix[1:].lower() if template is not None and is_of_blender(template) else "glb"
 
 
 def _uses_blender(files: Sequence[Path], template: Path | None, ending: str, program: str | None) -> bool:
-    """Whether Blender is to carry the data of a template.
+    """Whether Blender transfers the data of a template.
 
     Raises:
-        MeshError: it would have to, and is not there.
+        MeshError: Blender is needed, but missing.
     """
     has_to = f".{ending}" in OF_BLENDER or (template is not None and is_of_blender(template))
     if not has_to and not any(map(is_of_blender, files)):
@@ -222,12 +222,12 @@ def _uses_blender(files: Sequence[Path], template: Path | None, ending: str, pro
     except MeshError:
         if has_to or program is not None:
             raise
-        return False  # each of these files fails, and the others do not need it
+        return False  # the files that need it fail one by one, and the others do not need it
     return True
 
 
 def _engine(scheduler: str | None, workers: int | None, retries: int, count: int) -> AbstractContextManager[Engine]:
-    """Where the work is done: a cluster that runs, or as many processes as there are cores, and shapes."""
+    """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
     if scheduler is not None:
         if workers is not None:
             raise MeshError("A cluster brings its own workers: omit --workers or --scheduler.")
@@ -251,7 +251,7 @@ def _match_all(
     received, drawn = None, {}
     named = how.get("template")
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
-    # What follows reads the results as files.
+    # The next steps read the results as files.
     engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
     if kinds and template is not None:
         with portion(MATCHED, DRAWN):

@@ -55,7 +55,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
         if reverse is not None:
             back = read_surface_map(reverse, *surfaces[::-1])
             missed = 1000 * cycle_error(surface_map, back, surfaces[1].vertices) / np.sqrt(surfaces[1].area)
-            figures["cycle_error"] = spread = spread_of(missed[np.isfinite(missed)])  # unused vertices are nowhere
+            figures["cycle_error"] = spread = spread_of(missed[np.isfinite(missed)])  # unused vertices have no place
             lines.append(f"Round-trip error at target vertices: {spread_in_words(spread)}.")
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -63,14 +63,14 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
 
 
 def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: str) -> tuple[list[str], dict[str, Any]]:
-    """How far images are off their true places."""
+    """Errors of the images relative to their true places."""
     source_vertex, target_vertex = read_landmarks(truth)
     known = (
         vertex_numbers(target_vertex, len(target.vertices), f"The target vertices of {truth}"),
         vertex_numbers(source_vertex, len(source.vertices), f"The source vertices of {truth}"),
     )
     error = 1000 * geodesic_error(surface_map, source, *known)
-    reached = error[np.isfinite(error)]  # an image on a loose part has no distance to the body
+    reached = error[np.isfinite(error)]  # an image on a loose part has no path to the body
     missed = len(error) - len(reached)
     lines: list[str] = []
     figures: dict[str, Any] = {"places": len(reached), "places_on_another_part": missed}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command `zoomout info`: what a mesh file holds."""
+"""The command `zoomout info`: the content of a mesh file."""
 
 from __future__ import annotations
 

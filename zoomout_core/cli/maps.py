@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of maps, which `zoomout match` and `zoomout symmetry` write."""
+"""Map files of `zoomout match` and `zoomout symmetry`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from zoomout_core.runtime.outputs import check_output
 
 
 def check_map_output(path: str, inputs: Iterable[str], in_place: bool = False) -> None:
-    """Check that a map can be written to a path, before it is worked out.
+    """Check that a map can be written to a path, before it is computed.
 
     Raises:
-        OutputError: the folder is missing or cannot be written to, or the file is one of those that are read.
+        OutputError: the folder is missing or cannot be written to, or the file is an input.
         MeshError: the path does not end in .npz.
     """
     check_output(path, inputs, in_place)
@@ -27,7 +27,7 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
     """The map from `target` to `source` in a file that `match` wrote.
 
     Raises:
-        MeshError: the file is not one of `match`, or the map is one between other surfaces.
+        MeshError: the file is not from `match`, or the map is between other surfaces.
     """
     surface_map = SurfaceMap.load(path, source)
     if len(surface_map.triangle) != len(target.vertices):

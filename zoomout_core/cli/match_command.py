@@ -26,7 +26,7 @@ from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError
 
-# A start that nothing follows.
+# The start that is not refined.
 NEAREST = "nearest"
 
 
@@ -84,7 +84,7 @@ def match(
 
 
 def _check_nothing_else(options: dict[str, Any]) -> None:
-    """Raise a MeshError if the user gave more than a map to the nearest points takes."""
+    """Raise a MeshError if the user gave options that a map to the nearest points does not take."""
     for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
         if options[name]:
             flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
@@ -92,7 +92,7 @@ def _check_nothing_else(options: dict[str, Any]) -> None:
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:
-    """Write a map to the nearest points; what a user should know about it."""
+    """Write a map to the nearest points; returns its summary for the user."""
     result.surface_map.save(output, confidence=result.confidence)
     share = float(result.confidence.mean())
     lines = [f"{share:.1%} of the vertices have a partner on the source.", *result.notes]
@@ -100,7 +100,7 @@ def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[
 
 
 def _summary(result: MatchResult) -> tuple[list[str], dict[str, Any]]:
-    """What a user should know about a match."""
+    """Summary of a match for the user."""
     over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
     origin = result.candidates[result.chosen].origin
     lines = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a command went: sentences for a reader, or JSON for a program."""
+"""Reports of commands: sentences for a reader, or JSON for a program."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ LOW = 0.5
 
 
 def json_option(command: Any) -> Any:
-    """Let a command say how it went as JSON."""
+    """Add an option to report as JSON to a command."""
     return click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")(command)
 
 
 def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None:
-    """Say how a command went, in lines or by figures."""
+    """Print the report of a command, as lines or as JSON."""
     if as_json:
         click.echo(json.dumps(figures, indent=1))
         return
@@ -32,7 +32,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
 
 
 def match_figures(result: MatchResult) -> dict[str, Any]:
-    """What a program may want to know of a match."""
+    """Figures of a match for programs."""
     return {
         "certainty": result.certainty,
         "mean_confidence": float(result.confidence.mean()),
@@ -44,7 +44,7 @@ def match_figures(result: MatchResult) -> dict[str, Any]:
 
 
 def match_lines(result: MatchResult) -> list[str]:
-    """The same in sentences."""
+    """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
     return [
         f"Correct with a probability of {result.certainty:.0%}, judged by its lead over the other candidates.",
@@ -64,5 +64,5 @@ def spread_of(values: Floats) -> dict[str, float]:
 
 
 def spread_in_words(spread: Mapping[str, float]) -> str:
-    """A spread as it stands in a sentence."""
+    """A spread in words, for a sentence."""
     return ", ".join(f"{name} {value:.1f}" for name, value in spread.items())

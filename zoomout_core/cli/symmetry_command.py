@@ -70,7 +70,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
 
 
 def describe(symmetry: Symmetry) -> str:
-    """A symmetry in a line: what it is, how likely, and how exact."""
+    """Describe a symmetry in a line: its kind, its probability and its exactness."""
     kind = "reflection" if symmetry.reverses_orientation else "turn"
     order = f" of order {symmetry.order}" if symmetry.order > 2 else ""
     if symmetry.order == 2 and not symmetry.reverses_orientation:

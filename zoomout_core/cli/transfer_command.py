@@ -30,7 +30,7 @@ from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import portion
 
-# The fraction of the progress at which two meshes are matched.
+# Fraction of the progress at the end of matching.
 MATCHED = 0.8
 
 
@@ -98,10 +98,10 @@ def transfer(
 
 
 def check_kinds(kinds: str) -> list[str]:
-    """The kinds that an option names.
+    """Read the kinds that an option names.
 
     Raises:
-        MeshError: there are none, or others than those that can be transferred.
+        MeshError: there are none, or some cannot be transferred.
     """
     chosen = [kind.strip().lower().replace("-", " ") for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in chosen if kind not in KINDS]
@@ -114,7 +114,7 @@ def check_kinds(kinds: str) -> list[str]:
 def _run_job(
     source: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
 ) -> tuple[dict[str, Any], list[str]]:
-    """Transfer to one target, and write it; the figures and the lines of its outcome."""
+    """Transfer to one target, and write it; returns the figures and lines of its outcome."""
     target = read_asset(job.target)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)

@@ -65,7 +65,7 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
         blend: distance from the line over which the parts blend, relative to the square root of the area.
 
     Raises:
-        MeshError: there are no two sides.
+        MeshError: the symmetry has no two sides.
     """
     if not symmetry.has_sides:
         raise MeshError("This symmetry has no left and right side: choose a reflection.")
