@@ -42,7 +42,7 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
 
     Args:
         result: the collection.
-        received: of a transfer the notes on each target.
+        received: the notes of a transfer on each target.
     """
     agreement = result.agreement
     pairs = []
@@ -97,7 +97,7 @@ def write_reports(
     Args:
         result: the collection.
         pictures: PNG files of its shapes, by name.
-        received: of a transfer the notes on each target.
+        received: the notes of a transfer on each target.
 
     Raises:
         OutputError: they cannot be written.

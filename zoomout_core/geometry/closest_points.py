@@ -228,7 +228,7 @@ def project_to_embedding(
     Args:
         points: (q, k) queries in the embedding.
         embedding: (n, k) the surface's vertices in the embedding.
-        neighbourhoods: of the surface's triangles; every vertex is used.
+        neighbourhoods: neighbourhoods of the surface's triangles; every vertex is used.
         nearest: (q,) the vertex of the embedding nearest to each query.
 
     Returns:
@@ -242,7 +242,7 @@ class EmbeddedSurface:
 
     Args:
         embedding: (n, k) the surface's vertices in the embedding.
-        neighbourhoods: of the surface's triangles; every vertex is used.
+        neighbourhoods: neighbourhoods of the surface's triangles; every vertex is used.
     """
 
     def __init__(self, embedding: Floats, neighbourhoods: Neighbourhoods) -> None:

@@ -20,7 +20,7 @@ from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edg
 
 # Points processed together; bounds the memory.
 BLOCK = 1 << 15
-# Rank of the neighbour whose distance is the spacing of the points: a vertex of a mesh has about so many.
+# Rank of the neighbour whose distance is the spacing of the points: vertices of a mesh have about this many.
 SPACING = 6
 # A triangle of less area, relative to the square of its longest edge, counts as three collinear points.
 ON_A_LINE = 1e-6

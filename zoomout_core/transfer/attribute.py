@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Data on a mesh, neutral to the program that it comes from."""
+"""Data on a mesh, independent of the program that it comes from."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Domain(Enum):
 
 
 class Kind(Enum):
-    """How values may be mixed; the rules stand in `rules.RULES`.
+    """How values may be mixed; the rules are in `rules.RULES`.
 
     Example:
         >>> zo.Kind.UV.name
@@ -55,11 +55,11 @@ class Attribute:
     """A named array over the points, edges, faces or corners of a mesh.
 
     Attributes:
-        name: as the user knows it.
-        domain: the elements with a value each.
+        name: name shown to the user.
+        domain: the elements that have one value each.
         kind: the meaning of the values, which determines how they are mixed.
         values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3).
-        labels: names of the columns, where they have names (vertex groups, shape keys).
+        labels: names of the columns, if they have names (vertex groups, shape keys).
         notes: sentences for the user about the origin of the values.
 
     Example:

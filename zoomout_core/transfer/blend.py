@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transferred values, blended with those that the target has already."""
+"""Blend transferred values with the target's existing ones."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ MODES: tuple[Mode, ...] = ("mix", "missing")
 
 @dataclass(frozen=True, eq=False)
 class Blend:
-    """How transferred values are blended with those that are there.
+    """How to blend transferred values with existing ones.
 
     Attributes:
-        mode: "mix": everywhere. "missing": only where there is nothing, that is where all numbers of a value are
-            zero, or a label is zero, false or empty; a vertex without any weight of the groups that share it.
-        factor: how much of the transferred values is taken, in [0, 1].
-        mask: (n_t,) the same for each vertex of the target, by which the factor is multiplied; None for 1 everywhere.
+        mode: "mix": everywhere. "missing": only where values are missing: all numbers of a value are zero, a label is
+            zero, false or empty, or a vertex has no weight in the groups that share it.
+        factor: share of the transferred values, in [0, 1].
+        mask: (n_t,) factor for each vertex of the target, which multiplies `factor`; None for 1 everywhere.
     """
 
     mode: Mode = "mix"
@@ -54,18 +54,18 @@ def blend(
     how: Blend,
     sharing: Collection[str] = (),
 ) -> Attribute:
-    """An attribute that was transferred, blended with the one that the target has.
+    """Blend a transferred attribute with the target's own.
 
     Args:
-        transferred: onto the target.
-        present: the target's attribute of the same name, kind and domain; for weights, all its groups;
-            None if it has nothing, which counts as zeros.
+        transferred: the attribute transferred to the target.
+        present: the target's attribute of the same name, kind and domain; for weights, all its groups; None if it has
+            none, which counts as zeros.
         target: the surface that has them.
-        how: they are blended.
-        sharing: names of the vertex groups that share a vertex among them, as those that deform do.
+        how: how to blend them.
+        sharing: names of the vertex groups that share a vertex, as deforming groups do.
 
     Returns:
-        The blended values; weights of the transferred groups only, though other groups tell what is missing.
+        The blended values; only weights of the transferred groups, though other groups also determine what is missing.
 
     Raises:
         ValueError: the mask does not fit the target.
@@ -84,7 +84,7 @@ def blend(
 
 
 def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
-    """(count,) how much of each transferred value is taken; the corners of a face are chosen together."""
+    """(count,) share of each transferred value; the corners of a face are chosen together."""
     n, corner_vertex, start = len(target.vertices), target.corner_vertex, target.face_start[:-1]
     mask = np.ones(n) if how.mask is None else np.asarray(how.mask, dtype=np.float64)
     if mask.shape != (n,) or not ((mask >= 0) & (mask <= 1)).all():
@@ -120,7 +120,7 @@ def _blend_weights(
         shares = np.array([name in sharing for name in transferred.labels], dtype=bool)
         theirs_share = np.array([name in sharing for name in present.labels], dtype=float)
         bare = theirs @ theirs_share == 0
-        alone = new - new.multiply(old > 0)  # of groups that are each for themselves
+        alone = new - new.multiply(old > 0)  # for groups that do not share vertices
         added = diags_array(bare.astype(float)) @ new @ diags_array(shares.astype(float))
         mixed = old + diags_array(amount) @ (added + alone @ diags_array((~shares).astype(float)))
     mixed = csr_array(mixed).astype(new.dtype)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bone transforms that took a surface from rest to a pose, given its skin weights.
+"""Fit the bone transforms that take a surface from the rest pose to a pose, given its skin weights.
 
 A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of
-each bone first, then Gauss-Newton steps for all bones together. A step needs only the
-moments of pairs of bones. Images that may slide along a surface are fitted along its normals (point to plane: Chen and
-Medioni 1992), with the steps for articulated bodies of Pekelny and Gotsman (2008).
+each bone first, then Gauss-Newton steps for all bones together. A step only needs the moments of pairs of bones. Images
+that may slide along a surface are fitted along its normals (point to plane: Chen and Medioni 1992), with the steps for
+articulated bodies of Pekelny and Gotsman (2008).
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from zoomout_core.tuning import Tuning, tuned
 SMALLEST = 1e-300
 # Shared weight of bones and parents without a common vertex: less than that of any bones with one.
 MIN_SHARED = 1e-15
-# Added to the diagonal of linear systems, over its mean, for bones without any constraint.
+# Added to the diagonal of linear systems, relative to its mean, for bones without any constraint.
 DAMPING = 1e-9
 
 
 @dataclass(frozen=True)
 class BoneTuning(Tuning, set_by="binding"):
-    """The fit of bone transforms; lengths are over the root mean square distance of points from their middle.
+    """The fit of bone transforms; lengths are relative to the root mean square distance of points from their mean.
 
     Attributes:
-        coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones of less area, or
-            less trust, follow their neighbour.
-        radius: distance at which a difference of two rotations is measured as a distance of places.
-        rounds: of robust weights.
+        coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones with less area or
+            trust follow that neighbour.
+        radius: distance at which a difference of two rotations is converted to a distance of points.
+        rounds: number of rounds of robust weights.
         steps: Gauss-Newton steps of a round.
         slides: Gauss-Newton steps of a fit along normals.
-        outlying: residual, over the median one, at which the weight of a vertex is halved.
-        precision: the smallest such residual.
-        sliding: weight of residuals along the surface, where images may slide, against those along normals.
-        same_size: a common scale nearer to one than this is set to one.
+        outlying: residual, relative to the median, at which the weight of a vertex is halved.
+        precision: minimum of this residual.
+        sliding: weight of residuals along the surface, where images may slide, relative to those along normals.
+        same_size: a common scale closer to one than this is set to one.
         same_pose: largest mean angle between the bones' rotations and one common rotation in the rest pose.
     """
 
@@ -69,8 +69,8 @@ class Pose:
     """The transforms of bones that pose a surface.
 
     Attributes:
-        transforms: of the bones (b,), from rest to the pose, of one common scale; a bone without weights follows its
-            nearest ancestor that has some.
+        transforms: transforms of the bones (b,) from the rest pose to the pose, with one common scale; a bone without
+            weights follows its nearest ancestor with weights.
         common: the best single similarity, of the same scale.
         bend: mean angle between their rotations and their mean, in degrees, weighted by the area that bones move.
     """
@@ -81,7 +81,7 @@ class Pose:
 
     @property
     def scale(self) -> float:
-        """The common one."""
+        """The common scale of the bones."""
         return float(self.common.scale)
 
     @property
@@ -93,17 +93,17 @@ class Pose:
 def estimate_pose(
     points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None = None
 ) -> Pose:
-    """Estimate the pose in which bones take points to their images: rigid motions of the bones, after a common scale.
+    """Estimate the pose that takes points to their images: rigid motions of the bones, after a common scale.
 
     Args:
-        points: (n, 3) at rest.
-        images: (n, 3) in the pose.
+        points: (n, 3) positions in the rest pose.
+        images: (n, 3) positions in the pose.
         weights: (n, b) sparse skin weights, not negative.
         trust: (n,) weight of each point, not negative: its area times the trust in its image.
         parents: (b,) the number of each bone's parent, -1 for none; by default no bone has one.
 
     Raises:
-        MeshError: no point that is trusted has a weight.
+        MeshError: no trusted point has a weight.
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree = _tree(fit)
@@ -128,16 +128,16 @@ def refine_pose(
     trust: Floats,
     parents: ArrayLike | None = None,
 ) -> Pose:
-    """Refine a pose along normals, where images may slide along a surface; the scale stays.
+    """Refine a pose along normals, so that images may slide along a surface; the scale stays.
 
     Args:
-        start: the pose so far.
-        points: as in `estimate_pose`, like all that follows.
-        images: in the pose, on a surface.
-        normals: (n, 3) of that surface, of unit length.
-        weights: of the points.
-        trust: of the points.
-        parents: of the bones.
+        start: the initial pose.
+        points: as in `estimate_pose`.
+        images: as in `estimate_pose`, on a surface.
+        normals: (n, 3) unit normals of that surface.
+        weights: as in `estimate_pose`.
+        trust: as in `estimate_pose`.
+        parents: as in `estimate_pose`.
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree, transforms = _tree(fit), fit.inside(start.transforms[fit.moving])
@@ -151,9 +151,9 @@ def refine_pose(
 class _Fit:
     """The least squares problem of images y of points x by bones of weights w: sum of c |y - sum of w T x|^2.
 
-    With x~ = (x, 1) and transforms T (3, 4) it is made of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
-    C of single ones, sums of c w y x~^T. Points and images are centred, and in units of the points' extent. Only bones
-    that move something take part.
+    With x~ = (x, 1) and transforms T (3, 4) it consists of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
+    C of single ones, sums of c w y x~^T. Points and images are centred, in units of the points' extent. Only bones that
+    move something are included.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class _Fit:
         self.measure(np.ones(len(points)))
 
     def measure(self, fitting: Floats) -> None:
-        """Compute the moments of points, weighted by how well they fit (n,)."""
+        """Compute the moments of points with weights of fit (n,)."""
         self.counts, count = self.trust * fitting, self.shares.shape[1]
         extended = np.column_stack([self.points, np.ones(len(self.points))])
         self.pairs = np.empty((count, count, 4, 4))
@@ -196,9 +196,9 @@ class _Fit:
         return np.asarray(1 / (1 + (off / max(BONES.outlying * median, BONES.precision)) ** 2))
 
     def of_bones(self) -> tuple[Moments, float]:
-        """Moments of the vertices of each bone, which count by the squares of their weights, and the common scale.
+        """Moments of the vertices of each bone, weighted by the squares of their weights, and the common scale.
 
-        The common scale follows from how far points spread, which depends on no rotation (Horn 1987).
+        The common scale follows from the spread of points, which does not depend on rotations (Horn 1987).
         """
         squared = self.shares.copy()
         squared.data **= 2
@@ -216,13 +216,13 @@ class _Fit:
         return Moments(place, image, cross, own), 1.0 if abs(scale - 1) < BONES.same_size else scale
 
     def inside(self, transforms: Similarities) -> Similarities:
-        """Transforms between points and images as they were given, between those of the problem."""
+        """Convert transforms of the given points and images to those of the problem."""
         place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
         shift = (transforms.translation + place - self.image) / self.size
         return Similarities(transforms.scale, transforms.rotation, shift)
 
     def pose(self, transforms: Similarities) -> Pose:
-        """The pose of transforms of the problem."""
+        """Make a pose from transforms of the problem."""
         place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
         shift = self.image + self.size * transforms.translation - place
         found = Similarities(transforms.scale, transforms.rotation, shift)
@@ -242,9 +242,9 @@ class _Tree:
     """The spanning tree of the bones.
 
     Attributes:
-        order: (b,) bones from the one that moves most outwards, one tree after the other.
-        above: (b,) the bone that each is reached from, -1 for the first of a tree.
-        joint: (b, 3) where each meets that one.
+        order: (b,) bones outwards from the one that moves most, one tree after the other.
+        above: (b,) the preceding bone of each in the tree, -1 for the first of a tree.
+        joint: (b, 3) the point where each meets that bone.
     """
 
     order: Integers
@@ -253,7 +253,7 @@ class _Tree:
 
 
 def _tree(fit: _Fit) -> _Tree:
-    """The spanning tree of the bones that share most; where they share no vertex, of bones and their parents."""
+    """The spanning tree of the bones that share most vertices, or of bones and parents if they share none."""
     shared = fit.pairs[:, :, 3, 3].copy()
     np.fill_diagonal(shared, 0)
     parents = next_above(fit.all_parents, fit.moving, strictly=True)[fit.moving]
@@ -277,12 +277,12 @@ def _tree(fit: _Fit) -> _Tree:
 
 
 def next_above(parents: Integers, moving: Integers, strictly: bool = False) -> Integers:
-    """(b,) for each bone the next one above it that moves something, or itself, numbered among these; -1 for none.
+    """(b,) for each bone itself or the nearest ancestor that moves something, numbered among these; -1 for none.
 
     Args:
         parents: (b,) the number of each bone's parent, -1 for none.
         moving: the numbers of the bones that move something.
-        strictly: whether a bone is not above itself.
+        strictly: whether to exclude the bone itself.
     """
     number = np.full(len(parents) + 1, -1)
     number[moving] = np.arange(len(moving))
@@ -296,7 +296,7 @@ def next_above(parents: Integers, moving: Integers, strictly: bool = False) -> I
 
 
 def _fit_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
-    """Procrustes fits of the bones, outwards from the one that moves most, each regularised by the one before."""
+    """Procrustes fits of the bones, outwards from the one that moves most, each regularised by its predecessor."""
     moments, scale = fit.of_bones()
     rotation = np.empty((len(fit.mass), 3, 3))
     leaning = scale * BONES.coherence * BONES.radius**2
@@ -309,7 +309,7 @@ def _fit_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
 
 
 def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = None) -> Similarities:
-    """One Gauss-Newton step, in which bones turn about the centroids of their vertices, and shift."""
+    """One Gauss-Newton step, which rotates bones about the centroids of their vertices, and translates them."""
     count = len(now.scale)
     own = fit.pairs[np.arange(count), np.arange(count)]
     middle = own[:, :3, 3] / np.maximum(own[:, 3, 3], SMALLEST)[:, None]
@@ -332,7 +332,7 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
 
 
 def _directions(matrices: Floats, centre: Floats) -> Floats:
-    """(b, 6, 3, 4) derivatives of transforms by rotations about centres (b, 3), and by shifts."""
+    """(b, 6, 3, 4) derivatives of transforms by rotations about centres (b, 3), and by translations."""
     directions = np.zeros((len(matrices), 6, 3, 4))
     about = matrices.copy()
     about[:, :, 3] -= centre
@@ -361,11 +361,11 @@ def _along_normals(fit: _Fit, now: Similarities, centre: Floats, normals: Floats
 
 
 def _lean(tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, system: Floats, load: Floats) -> None:
-    """Add to a linear system that connected bones meet at their joint, and turn alike."""
+    """Add terms to a linear system that make connected bones meet at their joint and rotate alike."""
     bone = np.flatnonzero(tree.above >= 0)
     near = tree.above[bone]
     joint = np.column_stack([tree.joint[bone], np.ones(len(bone))])
-    # How the distance at the joint, and the difference of rotations, change with the one bone and with the other.
+    # Derivatives of the distance at the joint, and of the difference of rotations, by each of both bones.
     changes = np.zeros((len(bone), 2, 6, 6))
     for side, (sign, which) in enumerate(((1, bone), (-1, near))):
         changes[:, side, :, :3] = sign * np.einsum("eaix,ex->eai", directions[which], joint)

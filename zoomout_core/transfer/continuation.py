@@ -13,15 +13,15 @@ from zoomout_core.mesh.triangles import edge_graph
 
 
 def extrapolate_map(surface_map: SurfaceMap, target: Surface, has_partner: Booleans) -> SurfaceMap:
-    """Extrapolate a map: a vertex without a counterpart takes the image of the nearest one that has one.
+    """Extrapolate a map: a vertex without a counterpart takes the image of the nearest vertex with one.
 
     Distances are along the surface, so labels and UVs continue from their surroundings. Parts of the target without any
     counterpart keep their images.
 
     Args:
-        surface_map: from the target.
+        surface_map: map that starts from the target.
         target: the surface that it starts from.
-        has_partner: (n_t,) which of its vertices have a counterpart.
+        has_partner: (n_t,) which of the target's vertices have a counterpart.
     """
     working = target.working
     giver = np.full(len(working.vertices), -1)

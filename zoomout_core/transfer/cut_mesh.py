@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface cut open along the edges where corner data jumps: at UV seams, at hard edges of colours.
+"""Cut a surface open along the edges where corner data jumps: at UV seams or hard edges of colours.
 
-Corners around a vertex are one cut vertex as far as data is continuous from face to face, so the sides of a seam have
-no vertex in common even where a chart borders itself. Points are located by a descent of the distance, from triangle to
-triangle, that begins at a triangle on the right side; no walk crosses a cut.
+Corners around a vertex form one cut vertex as long as data is continuous from face to face. So the sides of a seam have
+no common vertex, even where a chart borders itself. Points are located by descending the distance from triangle to
+triangle, starting on the right side; no walk crosses a cut.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each, threads
 
-# Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
+# Corner values closer than this share of their range are equal: a tenth of a texel of an 8k texture.
 CUT_TOLERANCE = 2.0**-16
-# Points closer to a triangle than this part of the surface's size lie on it.
+# Points closer to a triangle than this share of the surface's size are on it.
 ON_SURFACE = 1e-9
 # A closest point with a smaller barycentric coordinate is on the rim of its triangle.
 RIM = 1e-9
-# Faces at one edge that are compared with one another; only broken meshes have more.
+# Maximum number of faces at one edge that are compared; only broken meshes have more.
 MAX_FACES_AT_EDGE = 8
-# Points that walk together, so that the arrays fit into a processor's cache.
+# Points processed together, so that the arrays fit into a processor's cache.
 BLOCK = 1 << 14
-# Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search the
-# surroundings of a closest point: a steep or folded triangle hides others from the points above it.
+# Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search around a
+# closest point: a steep or folded triangle hides others from the points above it.
 MIN_NORMAL_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class CutSurface:
-    """A surface and how its corners are connected.
+    """A surface and the connections of its corners.
 
     Attributes:
         surface: the surface that is cut.
         cut_vertex: (c,) number of the cut vertex that each corner belongs to.
         island: (f,) number of the island, joined by edges without a cut, that each face belongs to.
-        border: (b, 2) the corners at both ends of each face edge that nothing is joined to.
+        border: (b, 2) the corners at both ends of each face edge without a joined face.
     """
 
     surface: Surface
@@ -66,14 +66,14 @@ class CutSurface:
 
     @cached_property
     def _fan(self) -> tuple[Integers, Integers]:
-        """Triangles around the cut vertices: (v + 1,) where each vertex's start, and the triangles."""
+        """Triangles around the cut vertices: (v + 1,) where those of each vertex begin, and the triangles."""
         vertex = self._vertices.ravel()
         start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=self.cut_vertex.max() + 1))])
         return start, np.argsort(vertex, kind="stable") // 3
 
     @cached_property
     def _folded(self) -> Booleans:
-        """(m,) whether triangles around a triangle are steep or folded over, as slivers are, seen from its corners."""
+        """(m,) whether triangles around a triangle are steep or folded, like slivers, seen from its corners."""
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = segment_sum(normal, vertex)
@@ -84,7 +84,7 @@ class CutSurface:
 
     @cached_property
     def _geometry(self) -> Floats:
-        """(12, m) of triangles: a corner, the sides that leave it (three rows each), and their inner products."""
+        """(12, m) for each triangle a corner, the two sides from it (three rows each), and their inner products."""
         a, b, c = self.surface.vertices[self.surface.triangles].transpose(1, 2, 0)
         ab, ac = b - a, c - a
         return np.concatenate([a, ab, ac, [_dot(ab, ab), _dot(ab, ac), _dot(ac, ac)]])
@@ -94,15 +94,15 @@ class CutSurface:
         return float(np.ptp(self.surface.vertices[self.surface.corner_vertex], axis=0).max())
 
     def walk(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
-        """The closest points that are reached from a triangle by descent of the distance, without crossing a cut.
+        """Find closest points by descending the distance from a start triangle, without crossing a cut.
 
         Args:
             start: (q,) the triangle that each walk begins at.
-            points: (q, 3) where to.
+            points: (q, 3) the points to approach.
 
         Returns:
-            (q,) triangles, (q, 3) barycentric coordinates in them, and (q,) the distances that are left:
-            zero for points that were reached.
+            (q,) triangles, (q, 3) barycentric coordinates in them, and (q,) the remaining distances, zero for points
+            that were reached.
         """
         triangle = np.array(start)
         weights = np.empty((len(points), 3))
@@ -113,12 +113,12 @@ class CutSurface:
             block = slice(first, first + BLOCK)
             triangle[block], weights[block], distance[block] = self._walk(triangle[block], columns[:, block])
 
-        with portion(0.0, 0.0):  # one lookup of the many in a longer computation
+        with portion(0.0, 0.0):  # one of many lookups, which does not advance the progress
             for_each(walk_on, range(0, len(points), BLOCK))
         return triangle, weights, np.where(distance > self._size * ON_SURFACE, distance, 0)
 
     def _walk(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
-        """`walk` to points (3, q)."""
+        """`walk`, for points (3, q)."""
         triangle = start.copy()
         weights, distance = self._closest(triangle, points)
         walking = np.arange(len(triangle))
@@ -164,16 +164,16 @@ def _dot(first: Floats, second: Floats) -> Floats:
 
 
 def expand_ranges(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
-    """The values in the ranges from start to end, concatenated, and the owner of each."""
+    """Concatenate the values in the ranges from start to end; also returns the owner of each."""
     count = end - start
     offset = np.repeat(start - np.cumsum(count) + count, count)
     return np.repeat(owner, count), values[offset + np.arange(len(offset))]
 
 
 def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
-    """Where faces meet: both faces' corners at both ends of each common edge, in the same order.
+    """Find where faces meet: both faces' corners at both ends of each common edge, in the same order.
 
-    Borders that coincide in space are one edge, however the mesh's vertices are split.
+    Borders that coincide in space are one edge, even if the mesh's vertices are split.
 
     Returns:
         (e, 2) corners of one face and (e, 2) of the other; each pair of faces at an edge once.
@@ -200,20 +200,20 @@ def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
 
 
 def face_edges(surface: Surface) -> Integers:
-    """(c, 2) the edges of all faces, by the corners that they lead from and to."""
+    """(c, 2) edges of all faces, by their first and last corners."""
     following = np.arange(1, len(surface.corner_vertex) + 1)
     following[surface.face_start[1:] - 1] = surface.face_start[:-1]
     return np.stack([np.arange(len(following)), following], axis=1)
 
 
 def edge_lengths(points: Floats, edges: Integers) -> Floats:
-    """(...) lengths of edges (..., 2) between corners that lie at points (c, d)."""
+    """(...) lengths of edges (..., 2) between corners at points (c, d)."""
     along = np.take(points, edges[..., 1], axis=0) - np.take(points, edges[..., 0], axis=0)
     return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
 
 
 def cut_surface(surface: Surface, values: Floats) -> CutSurface:
-    """Cut a surface along the edges at whose ends the two faces' corner values (c, d) differ."""
+    """Cut a surface along the edges where the two faces' corner values (c, d) differ."""
     first, second = adjacent_edges(surface)
     tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))
     joined = (np.abs(values[first] - values[second]) <= tolerance).all(axis=(1, 2))
@@ -221,7 +221,7 @@ def cut_surface(surface: Surface, values: Floats) -> CutSurface:
     edges = face_edges(surface)
     is_joined = np.zeros(len(edges), dtype=bool)
     for side in (first, second):
-        # An edge is named by the corner it starts at; sides may have been turned round to match.
+        # An edge is numbered by its first corner; sides may have been reversed to match.
         turned = edges[side[:, 0], 1] != side[:, 1]
         is_joined[np.where(turned, side[:, 1], side[:, 0])] = True
     return CutSurface(
@@ -235,19 +235,19 @@ def cut_surface(surface: Surface, values: Floats) -> CutSurface:
 
 
 def label_groups(count: int, first: Integers, second: Integers) -> Integers:
-    """(count,) the number of each item's group, where the pairs (first, second) are joined."""
+    """(count,) number of each item's group, after joining the pairs (first, second)."""
     graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> Booleans:
-    """(q,) whether a line segment comes into the ball around each point, or might.
+    """(q,) whether a line segment may enter the ball around each point.
 
     Args:
         points: (q, 3) centres of the balls.
         radius: (q,) their radii.
-        begin: (s, 3) and
-        end: (s, 3) the segments.
+        begin: (s, 3) first ends of the segments.
+        end: (s, 3) second ends.
     """
     if len(begin) == 0:
         return np.zeros(len(points), dtype=bool)

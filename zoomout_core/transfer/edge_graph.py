@@ -16,20 +16,20 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
 MAX_DISTANCE = 2.0
-# Smallest confidence of the map at which it does; places without a counterpart have less, see `matching.confidence`.
+# Minimum confidence of the map for this; places without a counterpart have less, see `matching.confidence`.
 MIN_CONFIDENCE = 0.04
 
 
 class EdgeGraph:
-    """The edges of a surface's faces, where vertices that coincide at borders are one.
+    """The edges of a surface's faces, with vertices merged at coincident borders.
 
     Attributes:
-        of_edge: (e,) the edge of the graph that each edge of the surface is, -1 for loose edges.
+        of_edge: (e,) the graph edge of each edge of the surface, -1 for loose edges.
         of_side: (c,) the edge of the graph from each corner to the next of its face, -1 for none.
         ends: (s, 2) the vertices that each edge of the graph connects, the smaller number first, in rising order.
         surface_vertex: (k,) a vertex of the surface at each vertex of the graph.
-        points: (k, 3) where the vertices are.
-        lengths: (s,) of the edges of the graph.
+        points: (k, 3) positions of the vertices.
+        lengths: (s,) lengths of the edges of the graph.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -48,7 +48,7 @@ class EdgeGraph:
         self.lengths = edge_lengths(self.points, self.ends)
 
     def _keys(self, ends: Integers) -> Integers:
-        """(e,) a number for each pair of vertices (e, 2), -1 where these are no two."""
+        """(e,) a number for each pair of vertices (e, 2), -1 if both are the same."""
         low, high = ends.min(axis=1), ends.max(axis=1)
         return np.where((low >= 0) & (low < high), low * len(self.surface_vertex) + high, -1)
 
@@ -71,7 +71,7 @@ class EdgeGraph:
 
     @cached_property
     def around(self) -> tuple[Integers, Integers, Integers]:
-        """Edges around vertices: (k + 1,) where each vertex's begin, the edges, and the vertices at their far ends."""
+        """Edges around vertices: (k + 1,) where those of each vertex begin, the edges, and their other vertices."""
         count = len(self.ends)
         vertex = self.ends.T.ravel()
         order = np.argsort(vertex, kind="stable")
@@ -84,8 +84,8 @@ class MappedGraph:
 
     Attributes:
         mapped: the target on the source.
-        edge_graph: of the target.
-        points: (k, 3) where its vertices lie on the source.
+        edge_graph: the graph of the target.
+        points: (k, 3) positions of its vertices on the source.
         edge_length: median length of its edges there.
     """
 
@@ -102,12 +102,12 @@ class MappedGraph:
 
 
 class LocatedPoints(NamedTuple):
-    """Where points of the source lie on the target.
+    """The places of points of the source on the target.
 
     Attributes:
         vertices: (q, 3) at the corners of the target's triangle.
-        nearest: (q,) the nearest of these.
-        distance: (q,) how far away it is, on the source.
+        nearest: (q,) the nearest of these vertices.
+        distance: (q,) its distance, on the source.
         covered: (q,) whether the target covers the point.
     """
 
@@ -138,6 +138,6 @@ def locate_points(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
 
 
 def _proper(surface: Surface) -> Booleans:
-    """(m,) which triangles have three corners apart."""
+    """(m,) which triangles have three distinct corners."""
     vertices = surface.working.vertex_of[surface.triangles]
     return np.asarray((vertices != np.roll(vertices, 1, axis=1)).all(axis=1) & (vertices >= 0).all(axis=1))

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Data on edges: lines such as seams, creases and sharp edges, traced along the target's edges; marked vertices.
 
-No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that
-the source's marked edges form are traced whole: each chain of edges, from one junction to the next, becomes the
-shortest path along the target's edges that stays near it. The target is mapped onto the source, so that
-distances from a line are measured there. A step of a path costs its length, or that of the line between its ends
-where this is larger, and what it cuts short once more, so that no path skips from one reach of a line to another; and
-the more, the farther from the line it goes. Values are taken along the line.
+Edges of the target do not correspond to single edges of the source, and the nearest edges would form dashes. So the
+lines of the source's marked edges are traced as a whole: each chain of edges, from one junction to the next, becomes
+the shortest nearby path along the target's edges. The target is mapped onto the source to measure distances from a line
+there. A step of a path costs its length, or that of the line between its ends if this is longer; then the difference is
+added again, so that no path skips from one reach of a line to another. The cost grows with the distance from the line.
+Values are taken along the line.
 
-Values that most edges have are no lines, but a field: they are read around the middle of each edge. Where all edges of
-neighbouring faces have one, they fill an area, whose outline alone is a line.
+Values of most edges are a field instead of lines: they are read around the middle of each edge. Where all edges of
+neighbouring faces have a value, they fill an area, and only its outline is a line.
 """
 
 from __future__ import annotations
@@ -31,32 +31,31 @@ from zoomout_core.transfer.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoi
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import Polylines, PolylineSamples, polylines_of, runs, sample
 
-# Parts of a length below this are rounding.
+# Smaller shares of a length are rounding.
 ROUNDING = 1e-6
-# Points of lines that are traced together: bounds the memory.
+# Points of lines that are traced together; bounds the memory.
 BLOCK = 1 << 16
-# Share of the edges with a value above which the values are a field and not lines.
+# Above this share of edges with a value, the values are a field and not lines.
 MAX_MARKED_SHARE = 0.5
-# Edge length of the source over the target's above which every edge may be a line of its own.
+# Edge length of the source relative to the target's above which every edge may be a separate line.
 MAX_COARSENESS = 2.0
 # Spacing of points sampled on lines, in edges of the target: each edge is hit several times.
 LINE_SPACING = 1 / 3
-# Gap of a line in the target, in edges of the target, up to which it is bridged; shorter pieces between gaps are
-# dropped.
+# Maximum gap of a line that is bridged, in edges of the target; shorter pieces between gaps are dropped.
 MAX_GAP = 4.0
-# How far a path may leave the faces that its line crosses, in edges of the target. The next number is tried if there is
+# Distances, in edges of the target, that a path may leave the faces crossed by its line. The next is tried if there is
 # no path, because the map tears these faces apart.
 SEARCH_RINGS = (2, 4, 8)
 # Added to the cost of a step, relative to its length, for each edge length of distance from the line.
 DISTANCE_COST = 2.0
-# Length of a path over that of its line above which the path is rejected: it goes around a tear of the map.
+# Length of a path relative to its line above which it is rejected: it goes around a tear of the map.
 MAX_DETOUR = 3.0
-# A loop is divided at its thirds, or at a vertex up to this part of its length beside them.
+# A loop is divided at its thirds, or at a vertex up to this share of its length away.
 ANCHOR_RANGE = 1 / 12
 
 
 def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values at edges: lines of edges that have one become lines; where most have one, a field of values."""
+    """Transfer values at edges: lines of edges become lines; if most edges have a value, they are a field."""
     values = np.asarray(attribute.values)
     marked = ~is_nothing(values)
     source, target = EdgeGraph(mapped.source), EdgeGraph(mapped.target)
@@ -78,14 +77,14 @@ def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values at vertices that single ones have: each goes to the nearest vertex, the largest where several meet."""
+    """Transfer marks of single vertices: each goes to the nearest vertex; the largest wins if several meet."""
     values = np.asarray(attribute.values)
     marked = np.flatnonzero(~is_nothing(values))
     edge_graph = EdgeGraph(mapped.target)
     place = locate_points(mapped.source.vertices[marked], MappedGraph(mapped, edge_graph))
     at_vertices = np.zeros(
         len(edge_graph.surface_vertex) + 1, dtype=values.dtype
-    )  # the last for vertices without a vertex
+    )  # the last entry is for vertices without a graph vertex
     np.maximum.at(at_vertices, place.nearest[place.covered], values[marked[place.covered]])
     left = int((~place.covered).sum())
     note = (
@@ -105,7 +104,7 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _transfer_field(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values of a field at edges: floats by way of the vertices, all others those of the nearest edge."""
+    """Transfer a field of values at edges: floats by way of the vertices, others from the nearest edge."""
     values, source, target = np.asarray(attribute.values), mapped.source, mapped.target
     if values.dtype.kind == "f":
         ends = source.edges.ravel()
@@ -117,15 +116,15 @@ def _transfer_field(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _nearest_edges(mapped: MappedTarget, chosen: Integers) -> Integers:
-    """(e_t,) which of chosen edges of the source has its middle nearest to that of each of the target's."""
+    """(e_t,) the chosen source edge whose middle is nearest to that of each target edge."""
     middles = mapped.source.vertices[mapped.source.edges[chosen]].mean(axis=1)
     found = cKDTree(middles).query(mapped.points[mapped.target.edges].mean(axis=1), workers=threads())[1]
     return chosen[found]
 
 
 def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
-    """(e_s,) which marked edges are between faces all of whose edges are marked."""
-    graph_edges = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for edges that the graph lacks
+    """(e_s,) which marked edges are between faces with all edges marked."""
+    graph_edges = np.zeros(len(source.ends) + 1, dtype=bool)  # the last entry is for edges missing in the graph
     graph_edges[source.of_edge[marked]] = True
     graph_edges[-1] = False
     full = np.logical_and.reduceat(graph_edges[source.of_side], source.surface.face_start[:-1])
@@ -137,13 +136,13 @@ def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
 
 
 class _Pieces(NamedTuple):
-    """Parts of lines that become a path each.
+    """Parts of lines, each of which becomes a path.
 
     Attributes:
-        first: (p,) the sample that each begins with, and
-        last: (p,) ends with.
-        loose_first: (p,) whether its line begins there, and
-        loose_last: (p,) ends there, with no other line going on.
+        first: (p,) the first sample of each.
+        last: (p,) the last sample of each.
+        loose_first: (p,) whether its line begins there, without a connecting line.
+        loose_last: (p,) whether its line ends there, without a connecting line.
     """
 
     first: Integers
@@ -156,10 +155,10 @@ class _Steps(NamedTuple):
     """Steps of paths along edges of the target's graph.
 
     Attributes:
-        piece: (t,) whose path they are part of.
+        piece: (t,) the piece of the path.
         graph_edge: (t,) the edge of the graph.
-        sample: (t,) the sample of the line that is nearest to it.
-        stray: (t,) how far the ends of that edge are from the line.
+        sample: (t,) the nearest sample of the line.
+        stray: (t,) distance of the edge's ends from the line.
     """
 
     piece: Integers
@@ -169,7 +168,7 @@ class _Steps(NamedTuple):
 
 
 def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:
-    """Values at the edges of lines, and none elsewhere."""
+    """Trace lines; edges elsewhere get no value."""
     values = np.asarray(attribute.values)
     edge = np.flatnonzero(marked)
     on_faces = source.of_edge[edge] >= 0
@@ -181,7 +180,7 @@ def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_gra
     pieces = _pieces(chains, samples, place, mapped_graph)
     steps = _paths(pieces, samples, place, mapped_graph)
     kept = _without_spurs(steps, pieces, place, mapped_graph.edge_graph)
-    result = nothing(values, len(mapped_graph.edge_graph.ends) + 1)  # the last for loose edges, which the graph lacks
+    result = nothing(values, len(mapped_graph.edge_graph.ends) + 1)  # last entry: loose edges, which the graph lacks
     result[steps.graph_edge[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
     arrived = np.unique(steps.piece[np.isin(steps.graph_edge, steps.graph_edge[kept])])
     lost = np.setdiff1d(np.arange(len(pieces.first)), arrived)
@@ -192,7 +191,7 @@ def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_gra
 def _at_borders(
     place: LocatedPoints, samples: PolylineSamples, source: EdgeGraph, mapped_graph: MappedGraph
 ) -> LocatedPoints:
-    """The places, where those of the source's border are at the target's, if one is about there."""
+    """Move places of the source's border to the target's border, if one is nearby."""
     at_border = np.flatnonzero(source.on_border[samples.vertex] & (samples.vertex >= 0))
     vertices = np.flatnonzero(mapped_graph.edge_graph.on_border)
     if len(at_border) == 0 or len(vertices) == 0:
@@ -205,7 +204,7 @@ def _at_borders(
 
 
 def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Pieces:
-    """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
+    """Divide lines where the target does not cover them, and loops in three, so that no path doubles back."""
     chain, covered = samples.chain, _bridge(samples, place.covered, MAX_GAP * mapped_graph.edge_length)
     run = runs(chain, covered)
     first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
@@ -229,7 +228,7 @@ def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, m
 
 
 def _bridge(samples: PolylineSamples, covered: Booleans, longest: float) -> Booleans:
-    """(q,) the samples that count as covered, without short gaps and without short pieces between gaps."""
+    """(q,) samples that count as covered, after closing short gaps and dropping short pieces between gaps."""
     chain, along = samples.chain, samples.along
     for state in (False, True):
         if not len(chain):
@@ -244,18 +243,18 @@ def _bridge(samples: PolylineSamples, covered: Booleans, longest: float) -> Bool
 
 
 def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: LocatedPoints, share: float) -> Integers:
-    """(l,) a sample of each loop near a share of its length, as near to a vertex of the target as may be."""
+    """(l,) a sample of each loop near a share of its length, as close to a target vertex as possible."""
     owner, index = expand_ranges(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
     length = (samples.along[last] - samples.along[first])[owner]
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
-    # Near a third and near a vertex; any sample will do where a loop has few.
+    # Prefer samples near a third, then near a vertex; a loop with few samples takes any.
     order = np.lexsort((np.where(off < ANCHOR_RANGE, place.distance[index], off), off >= ANCHOR_RANGE, owner))
     return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
 
 
 def _paths(pieces: _Pieces, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Steps:
-    """The steps of the paths of all pieces, traced in blocks; those without a path again with more room."""
+    """The steps of the paths of all pieces, traced in blocks; pieces without a path are retried with more room."""
     none = np.zeros(0, dtype=np.int64)
     parts = [_Steps(none, none, none, np.zeros(0))]
     left = np.arange(len(pieces.first))
@@ -276,7 +275,7 @@ def _paths_of(
     place: LocatedPoints,
     mapped_graph: MappedGraph,
 ) -> _Steps:
-    """The steps of the paths of some pieces: each has a graph of its own, of the vertices around its line."""
+    """The steps of the paths of some pieces, each in a separate graph of the vertices around its line."""
     edge_graph, count = mapped_graph.edge_graph, len(mapped_graph.edge_graph.surface_vertex)
     every = np.arange(len(samples.chain))
     piece, index = expand_ranges(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
@@ -299,7 +298,7 @@ def _paths_of(
     cost = (
         np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed) * (1 + DISTANCE_COST * away) + skipped
     )
-    cost = np.maximum(cost, 1e-9 * mapped_graph.edge_length)  # zeros would be no steps
+    cost = np.maximum(cost, 1e-9 * mapped_graph.edge_length)  # zeros would be missing edges
     graph = csr_array((cost, (a, b)), shape=(len(nodes), len(nodes)))
 
     begin, end = (
@@ -328,7 +327,7 @@ def _paths_of(
 
 
 def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
-    """Numbers piece * k + vertex, in rising order, with those of vertices a few edges away."""
+    """Add the vertices a few edges away to sorted numbers piece * k + vertex."""
     start, _, other = edge_graph.around
     count = len(edge_graph.surface_vertex)
     for _ in range(rings):
@@ -341,19 +340,19 @@ def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
 def _beside(
     owner: Integers, points: Floats, piece: Integers, index: Integers, samples: PolylineSamples
 ) -> tuple[Integers, Floats, Floats]:
-    """Where points are beside the lines of their pieces.
+    """Locate points relative to the lines of their pieces.
 
     Args:
         owner: (n,) the piece of each point.
-        points: (n, 3) where they lie on the source.
+        points: (n, 3) positions on the source.
         piece: (q,) the piece of each sample.
-        index: (q,) its number.
-        samples: all of them.
+        index: (q,) the number of each sample.
+        samples: all samples.
 
     Returns:
-        (n,) the nearest sample, (n,) how far along the line the nearest point of it is, and (n,) how far away.
+        (n,) the nearest sample, (n,) the position of the line's nearest point along it, and (n,) its distance.
     """
-    # Pieces are far apart in a fourth dimension, so that each point finds its own.
+    # Pieces are far apart in a fourth dimension, so that each point finds its own piece.
     apart = 2 * float(np.linalg.norm(np.ptp(np.concatenate([points, samples.point[index]]), axis=0)))
     tree = cKDTree(np.column_stack([samples.point[index], piece * apart]))
     _, found = tree.query(np.column_stack([points, owner * apart]), workers=threads())
@@ -374,7 +373,7 @@ def _beside(
 
 
 def _without_spurs(steps: _Steps, pieces: _Pieces, place: LocatedPoints, edge_graph: EdgeGraph) -> Integers:
-    """The steps, one for each edge of the graph, that lead somewhere: to another, or to the end of a line."""
+    """Keep steps, one per graph edge, that lead to another step or to the end of a line."""
     order = np.lexsort((steps.stray, steps.graph_edge))
     kept = order[np.flatnonzero(np.diff(steps.graph_edge[order], prepend=-1))]
     ends = np.zeros(len(edge_graph.surface_vertex), dtype=bool)
@@ -392,7 +391,7 @@ def _without_spurs(steps: _Steps, pieces: _Pieces, place: LocatedPoints, edge_gr
 def _notes(
     name: str, loose: int, samples: PolylineSamples, pieces: _Pieces, lost: Integers, edge_length: float
 ) -> tuple[str, ...]:
-    """What did not arrive: of loose edges, of parts that the target lacks, and of pieces that have no path."""
+    """Notes on lost values: of loose edges, of parts that the target lacks, and of pieces without a path."""
     notes = []
     if loose:
         notes.append(

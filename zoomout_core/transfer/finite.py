@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values that are no numbers, or infinite: one of them would make all that it is mixed with the same."""
+"""Replace NaN and infinite values, which would spread to all values that they are mixed with."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ PLACES: dict[Domain, Callable[[Surface], Floats]] = {
 
 
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
-    """An attribute of a surface, with values that are not finite taken from the nearest places; its notes say so.
+    """Replace an attribute's values that are not finite by those of the nearest places, and note it.
 
     Args:
-        attribute: with an array of values, (count, ...).
-        surface: it is of.
+        attribute: an attribute with an array of values, (count, ...).
+        surface: the surface of the attribute.
 
     Raises:
         MeshError: none of its values is finite.
@@ -54,7 +54,7 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
         raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
     filled = values.copy()
     unknown = np.flatnonzero(~finite)
-    # Elements without a position are of no face, and take any value.
+    # Elements without a position belong to no face, and take any value.
     at = np.where(somewhere[unknown, None], places[unknown], 0)
     filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
     note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rotation and growth from a source to a target around each vertex, by a map between them.
 
-The nearest rotation to the mean differential of the map over a neighbourhood. The mean of a differential depends
-on the images along the border of the neighbourhood alone, so that the noise of a map cancels.
+The rotation is the nearest one to the mean differential of the map over a neighbourhood. The mean depends only on the
+images along the border of the neighbourhood, so that the noise of a map cancels.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class FrameTuning(Tuning, set_by="transfer"):
-    """How wide the neighbourhoods are over which the differential of a map is averaged.
+    """The widths of the neighbourhoods over which the differential of a map is averaged.
 
     Attributes:
-        smoothing_length: of the neighbourhoods, about a wrist. Half as wide or twice as wide, keys err by a fifth to a
-            quarter more on posed characters, as noise remains or bones are mixed.
-        growth_rounds: of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
-            stretches the skin on one side and compresses it on the other, and flesh grows by neither.
+        smoothing_length: width of the neighbourhoods, about a wrist. With half or twice the width, errors of keys on
+            posed characters grow by a fifth to a quarter, because noise remains or bones are mixed.
+        growth_rounds: rounds of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
+            stretches the skin on one side and compresses it on the other, without any growth of the flesh.
     """
 
     smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)
@@ -43,27 +43,27 @@ class FrameTuning(Tuning, set_by="transfer"):
 
 
 FRAMES = FrameTuning()
-# Smallest confidence at which a map is fully trusted; below it, trust falls in proportion.
+# Minimum confidence for full trust in a map; below it, trust decreases in proportion.
 FULL_CONFIDENCE = 0.5
-# Trust that remains without any confidence: positive, so that such parts are still placed.
+# Minimum trust: positive, so that parts without confidence are still placed.
 MIN_TRUST = 1e-6
-# Weight of untrusted edges: enough to fill in missing parts, too little to pull at their surroundings.
+# Weight of untrusted edges: enough to fill in missing parts, too little to affect their surroundings.
 DOUBTED_WEIGHT = 1e-3
-# Largest growth of the target at a place, over the mean, and its inverse; beyond it, it is noise.
+# Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Rotation and growth from the source to some vertices of the target's working mesh, n in number.
+    """Rotation and growth from the source to n vertices of the target's working mesh.
 
     Attributes:
         mapped: the target, mapped over the source.
-        number: (n,) the vertices, of the working mesh.
-        stiffness: (n, n) of the edges between them.
-        areas: (n,) of the vertices, as parts of the whole area.
-        points: (n_w, 3) where all vertices of the working mesh lie on the source.
-        confidence: (n,) how far the map is to be trusted.
+        number: (n,) the vertices of the working mesh.
+        stiffness: (n, n) stiffness of the edges between them.
+        areas: (n,) areas of the vertices, as shares of the whole area.
+        points: (n_w, 3) positions of all vertices of the working mesh on the source.
+        confidence: (n,) confidence of the map.
     """
 
     mapped: MappedTarget
@@ -75,23 +75,23 @@ class Frames:
 
     @cached_property
     def trust(self) -> Floats:
-        """(n,) how far to follow the map, above zero."""
+        """(n,) trust in the map, above zero."""
         return np.clip(self.confidence / FULL_CONFIDENCE, MIN_TRUST, 1)
 
     @cached_property
     def trusted_stiffness(self) -> csc_array:
-        """(n, n) the stiffness, with edges weighted by the trust in their ends, so that it ignores errors elsewhere."""
+        """(n, n) stiffness with edges weighted by the trust in their ends, which ignores errors elsewhere."""
         trust = diags_array(self.trust)
         return without_sums(trust @ self.stiffness @ trust)
 
     @cached_property
     def doubted_stiffness(self) -> csc_array:
-        """(n, n) the rest of the stiffness, of edges without trust, for filling in."""
+        """(n, n) remaining stiffness, of edges without trust, for filling in."""
         return DOUBTED_WEIGHT * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
     def rotations(self) -> Floats:
-        """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
+        """(n, 3, 3) rotations of vectors from the source to the target; reflections where the map mirrors."""
         normals = self._handedness[:, None] * self.mapped.target.working.vertex_normals[self.number]
         upright = normals[:, :, None] * self._mapped_normals[:, None, :] / self.mapped.source.area
         fitted = self.smoothing.solve((self._differential + upright).reshape(-1, 9))
@@ -99,10 +99,10 @@ class Frames:
 
     @cached_property
     def turns(self) -> Floats:
-        """(n, 3, 3) matrices that turn and scale a vector (3,) at the source to one at the target."""
+        """(n, 3, 3) matrices that rotate and scale vectors from the source to the target."""
         working = self.mapped.target.working
         vertices = working.vertices[self.number]
-        # In each of two directions a length of the target has shrunk to this part on the source.
+        # A length of the target shrinks to this share on the source, in each of two directions.
         whole = np.einsum("nxx->n", products_of_gradients(self.trusted_stiffness, vertices, vertices))
         shrinking = np.einsum("nts,nts->n", self.rotations, self._differential)
         sums = np.stack([shrinking, whole], axis=1)
@@ -125,7 +125,7 @@ class Frames:
 
     @cached_property
     def _mapped_normals(self) -> Floats:
-        """(n, 3) a third of the area normals of the triangles around each vertex, as they are mapped onto the source.
+        """(n, 3) a third of the area normals of the triangles around each vertex, mapped onto the source.
 
         Triangles are weighted by the trust in their corners.
         """
@@ -138,7 +138,7 @@ class Frames:
 
     @cached_property
     def _handedness(self) -> Floats:
-        """(n,) -1 where a component is mapped as a mirror image, else 1; 1 as well if no side is outside."""
+        """(n,) -1 where a component is mapped as a mirror image, else 1; also 1 if no side is outside."""
         source, target = self.mapped.source.working, self.mapped.target.working
         if not (source.sides_are_known and target.sides_are_known):
             return np.ones(len(self.number))
@@ -149,7 +149,7 @@ class Frames:
         return np.where(facing < 0, -1.0, 1.0)[component]
 
     def nearest(self, positions: Floats) -> Integers:
-        """(q,) which of the n lies nearest to positions (q, 3) around the target."""
+        """(q,) the vertex, of n, nearest to each position (q, 3) around the target."""
         own = on_working_mesh(self.mapped.target.working, self.mapped.target.vertices)[self.number]
         return np.asarray(cKDTree(own).query(positions)[1])
 
@@ -178,7 +178,7 @@ def frames_on(mapped: MappedTarget, vertices: Booleans) -> Frames:
 
 
 def rotations(mapped: MappedTarget, domain: Domain) -> Floats:
-    """(count, 3, 3) what turns a direction of the source into one of the target, at points, faces or corners.
+    """(count, 3, 3) rotations of directions from the source to the target, at points, faces or corners.
 
     They are reflections where the map mirrors the source.
     """
@@ -197,9 +197,9 @@ def rotations(mapped: MappedTarget, domain: Domain) -> Floats:
 
 
 def on_working_mesh(working: WorkingMesh, values: NDArray[Any]) -> NDArray[Any]:
-    """(n_w, ...) of values (n, ...) at the vertices of a surface, those at the vertices of its working mesh.
+    """(n_w, ...) values at the vertices of a working mesh, from those (n, ...) of its surface.
 
-    Of vertices that are welded the first one counts.
+    The first of several welded vertices counts.
     """
     used = np.flatnonzero(working.vertex_of >= 0)[::-1]
     first = np.empty(len(working.vertices), dtype=np.int64)
@@ -213,10 +213,10 @@ def without_sums(stiffness: csc_array) -> csc_array:
 
 
 def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) the divergence of turned gradients: the stiffness applied to values with these gradients.
+    """(3n, 3n) divergence of rotated gradients: the stiffness applied to values with these gradients.
 
-    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the
-    edges and M the matrices; of values (n, 3), as one column.
+    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, with the weights w_ij of edges
+    and the matrices M; for values (n, 3) as one column.
 
     Args:
         stiffness: (n, n), symmetric; rows sum to zero.

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values where the map cannot be trusted, filled in from their surroundings on the target.
+"""Fill in values where the map cannot be trusted, from their surroundings on the target.
 
 Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023): the values w of the
-doubtful vertices minimise w' (-L + L M^-1 L) w, in which L is the Laplacian and M holds the vertices' areas, while
-those of the trusted ones are fixed. The second term continues them smoothly, the first limits how far they
-overshoot. Both are taken at unit area, so that the result does not depend on units.
+doubtful vertices minimise w' (-L + L M^-1 L) w, with the Laplacian L and the vertices' areas M, while values of trusted
+vertices are fixed. The second term continues them smoothly, the first limits overshoot. Both are computed at unit area,
+so that the result does not depend on units.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import message
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
-# Columns that are solved for together: bounds the memory.
+# Columns that are solved together; bounds the memory.
 BLOCK = 16
-# Smallest area of a vertex, over the mean; smaller ones worsen the condition of the system without a smoother result.
+# Minimum area of a vertex relative to the mean; smaller ones worsen the condition without a smoother result.
 MIN_VERTEX_AREA = 1e-3
-# Doubtful vertices up to which both terms are used. For more, the factors take gigabytes; those of the first term alone
+# Maximum number of doubtful vertices for both terms. For more, the factors take gigabytes; those of only the first term
 # take a fifth of that.
 MAX_BIHARMONIC = 150_000
 # Distance from the doubtful vertices, in edges, over which the Laplacian is assembled; two are needed.
 ASSEMBLED_RINGS = 4
-# Area of a loose part, over the total, below which it is a button or an eye and moves as a whole.
+# Area of a loose part, relative to the total, below which it moves as a whole, such as a button or an eye.
 SMALL_PART = 0.02
 # Smaller skinning weights move nothing visibly, but count towards limits.
 MIN_WEIGHT = 1e-4
@@ -41,18 +41,18 @@ MIN_WEIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """Which vertices of a surface are filled in, prepared for any number of values.
+    """The vertices of a surface to fill in, prepared for any number of values.
 
     Attributes:
-        filled: (f,) doubtful vertices that have trusted ones on their part of the surface.
-        row: (f,) where each of them stands among k trusted places, followed by u doubtful ones.
+        filled: (f,) doubtful vertices with trusted ones on their part of the surface.
+        row: (f,) position of each among k trusted places, followed by u doubtful ones.
         follower: (c,) vertices of small loose parts without any trusted vertex.
-        followed: (c,) the trusted vertex that lies nearest to each one's part.
-        left: number of doubtful vertices that stay as they are: of larger parts without any trusted vertex, of no
-            face, or all of them, where none is trusted.
-        merged: (k, n) sparse; means of the trusted vertices that lie in one place.
-        coupling: (u, k) sparse; the part of the system that the trusted places take,
-        factor: and the factors of the rest, or None where u is zero.
+        followed: (c,) the trusted vertex nearest to the part of each.
+        left: number of doubtful vertices that stay unchanged: on larger parts without any trusted vertex, without a
+            face, or all if none is trusted.
+        merged: (k, n) sparse; means of the trusted vertices in one place.
+        coupling: (u, k) sparse; the block of the system for the trusted places.
+        factor: the factors of the remaining block, or None if u is zero.
     """
 
     filled: Integers
@@ -65,13 +65,13 @@ class Filling:
     factor: SuperLU | None
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
-        """Values (n, d), those of the filled vertices in the range of the trusted ones.
+        """Fill in values (n, d), within the range of the trusted ones.
 
-        Where trusted values are not finite, nothing is filled in.
+        Nothing is filled in if trusted values are not finite.
 
         Args:
-            values: of which only those of trusted vertices count.
-            following: whether followers take the values of the vertices that they follow, or stay as they are.
+            values: values, of which only those of trusted vertices are used.
+            following: whether followers take the values of the vertices that they follow, or stay unchanged.
         """
         known = self.merged @ values
         whole = values.copy()
@@ -83,9 +83,9 @@ class Filling:
         return whole
 
     def fill_weights(self, weights: csr_array) -> csr_array:
-        """Weights (n, groups), sparse, from zero to one; followers take those of the vertex that they follow.
+        """Fill in sparse weights (n, groups), from zero to one; followers take those of the vertex that they follow.
 
-        Only groups that occur around a hole reach into it.
+        Only groups that occur around a hole extend into it.
         """
         n, groups = weights.shape
         known = csr_array(self.merged @ weights)
@@ -129,14 +129,14 @@ class Filling:
 def filling(surface: Surface, trusted: Booleans) -> Filling:
     """Prepare to fill in the vertices of a surface that are not trusted (n,).
 
-    Each connected part of the surface, borders that coincide welded, is filled in from its own trusted vertices.
+    Each connected part of the surface, with coincident borders welded, is filled in from its own trusted vertices.
     """
     working, vertex_of = surface.working, surface.working.vertex_of
     known = np.zeros(len(working.vertices), dtype=bool)
     known[vertex_of[trusted & (vertex_of >= 0)]] = True
     anchored = np.bincount(working.component[known], minlength=working.component.max() + 1) > 0
     unknown = ~known & anchored[working.component]
-    row = np.full(len(known) + 1, -1)  # the extra last entry answers for vertex_of = -1
+    row = np.full(len(known) + 1, -1)  # the extra last entry is for vertex_of = -1
     row[np.flatnonzero(known)] = np.arange(known.sum())
     row[np.flatnonzero(unknown)] = known.sum() + np.arange(unknown.sum())
 
@@ -162,7 +162,7 @@ def filling(surface: Surface, trusted: Booleans) -> Filling:
 
 
 def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[csr_array, SuperLU | None]:
-    """The rows of the system at the unknown vertices: (u, k) at the known ones, and the factors of the rest."""
+    """The rows of the system at the unknown vertices: the block (u, k) of the known ones, and factors of the rest."""
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
     near = unknown.copy()
@@ -184,7 +184,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
 
 
 def _small_parts(working: WorkingMesh) -> Booleans:
-    """Which connected components are as small as buttons, by their numbers."""
+    """Which connected components, by number, are as small as buttons."""
     areas = triangle_areas(working.vertices, working.triangles)
     return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
 
@@ -192,7 +192,7 @@ def _small_parts(working: WorkingMesh) -> Booleans:
 def _followers(
     working: WorkingMesh, known: Booleans, following: Booleans, doubtful: Integers
 ) -> tuple[Integers, Integers]:
-    """The doubtful vertices on following components, and the known working vertex nearest to each one's component."""
+    """The doubtful vertices on following components, and the known working vertex nearest to their component."""
     at = working.vertex_of[doubtful]
     follower = doubtful[(at >= 0) & following[working.component[at]]]
     if len(follower) == 0 or not known.any():

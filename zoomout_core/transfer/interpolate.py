@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values at points, faces and corners of the target, mixed from those around where it lies on the source.
+"""Interpolate values at points, faces and corners of the target from those around its places on the source.
 
 Numbers are mixed linearly by barycentric weights, faces by area; labels are voted on by the same weights. Numbers at
-points and corners that are of too little confidence are filled in from around them.
+points and corners of too little confidence are filled in from around them.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from zoomout_core.transfer.potts import VOTE_WEIGHT, elect, tally
 
 
 def mix_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values (n, ...) at vertices."""
+    """Mix values (n, ...) at vertices."""
     return _fill(attribute, mapped, mapped.surface_map.interpolate(_floats(attribute)), np.arange(len(mapped.points)))
 
 
 def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values (f, ...) of faces: means of samples over the area that a face covers."""
+    """Mix values (f, ...) of faces: means of samples over the area that a face covers."""
     values = _floats(attribute)
     samples = mapped.samples(np.arange(len(mapped.target.face_start) - 1))
     covered = coo_array(
@@ -40,10 +40,10 @@ def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Values (c, ...) at face corners, which jump where the source's values jump from face to face.
+    """Mix values (c, ...) at face corners, which jump where the source's values jump from face to face.
 
-    A corner takes the side that its face lies on, and the value as near to it as that side reaches. Those that are
-    filled in do not jump: they continue the means of the corners at each vertex around them.
+    A corner takes the side of its face, and the nearest value on that side. Filled in values do not jump: they continue
+    the means of the corners at each vertex around them.
     """
     values = _floats(attribute)
     target, corners_of = mapped.target, mapped.source.triangle_corners
@@ -61,7 +61,7 @@ MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corn
 
 
 def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Labels at vertices: the one with the largest barycentric weight."""
+    """Vote on labels at vertices: the one with the largest barycentric weight."""
     code, distinct = _encode(attribute)
     winner = _heaviest(
         code[mapped.surface_map.source_triangles[mapped.surface_map.triangle]], mapped.surface_map.barycentric
@@ -70,16 +70,16 @@ def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def vote_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Labels at face corners, read a little inside the face."""
+    """Vote on labels at face corners, read slightly inside the face."""
     code, distinct = _encode(attribute)
     triangle, barycentric = mapped.nudge(np.arange(len(mapped.target.corner_vertex)))
     return replace(attribute, values=distinct[_heaviest(code[mapped.source.triangle_corners[triangle]], barycentric)])
 
 
 def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Labels of faces: a vote of samples, by area and confidence; in doubt borders are kept short.
+    """Vote on labels of faces by samples, weighted by area and confidence; in doubt borders are kept short.
 
-    Small islands of the source survive, and single faces beyond a border take the label around them.
+    Small islands of the source survive, and single faces beyond a border take the surrounding label.
     """
     code, distinct = _encode(attribute)
     target, island = mapped.target, islands_of(mapped.source, code)
@@ -110,13 +110,13 @@ def _floats(attribute: Attribute) -> Floats:
 
 
 def _with_values(attribute: Attribute, values: Floats) -> Attribute:
-    """The attribute with new values; floats keep their precision, integers have become floats."""
+    """The attribute with new values; floats keep their precision, integers become floats."""
     dtype = np.asarray(attribute.values).dtype
     return replace(attribute, values=values.astype(dtype) if dtype.kind == "f" else values)
 
 
 def _fill(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: Integers) -> Attribute:
-    """The attribute with values (q, ...) at vertices (q,), those of too little confidence filled in."""
+    """The attribute with values (q, ...) at vertices (q,), after filling in those of too little confidence."""
     filling = mapped.filling
     if filling is None:
         return _with_values(attribute, values)
@@ -132,13 +132,13 @@ def _fill(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: In
 
 
 def _encode(attribute: Attribute) -> tuple[Integers, NDArray[Any]]:
-    """Values as numbers (count,) into the distinct values."""
+    """Encode values as indices (count,) into the distinct values."""
     values = np.asarray(attribute.values)
     distinct, code = np.unique(values, axis=0 if values.ndim > 1 else None, return_inverse=True)
     return code.reshape(-1), distinct
 
 
 def _heaviest(code: Integers, weight: Floats) -> Integers:
-    """(q,) the code of three (q, 3) whose weights, added where codes are equal, are largest."""
+    """(q,) the code of three (q, 3) with the largest weight, summed over equal codes."""
     votes = ((code[:, :, None] == code[:, None, :]) * weight[:, None, :]).sum(axis=2)
     return code[np.arange(len(code)), np.argmax(votes, axis=1)]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Islands of faces with one label: small ones of the source survive a vote, and specks that it does not have go.
+"""Islands of faces with one label: keep small ones of the source in a vote, and remove specks that it lacks.
 
-An election keeps borders short, and so it drops islands of about a face's size, which an artist may have made on
-purpose; and the noise of a map leaves single faces beyond a border. Faces belong together that share a vertex.
+A vote keeps borders short, and so drops islands of about a face's size, which an artist may have made on purpose. The
+noise of a map leaves single faces beyond a border. Faces that share a vertex belong together.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, label_groups
 from zoomout_core.transfer.potts import Candidates
 
-# Smallest area covered by an island that no face elected, over that of a face, for the face to receive it.
+# Minimum area of a lost island on a face, relative to the face, for the face to receive it.
 MIN_COVER = 0.5
 
 
 def islands_of(surface: Surface, label: Integers) -> Integers:
-    """(f,) number of the island that each face is part of, with its neighbours of the same label (f,)."""
+    """(f,) number of each face's island, which joins neighbours of the same label (f,)."""
     vertex = surface.working.vertex_of[surface.corner_vertex]
     vertex = np.where(vertex >= 0, vertex, len(surface.vertices) + surface.corner_vertex)
     _, meeting = np.unique(vertex * (label.max() + 1) + label[surface.corner_face], return_inverse=True)
@@ -31,12 +31,12 @@ def islands_of(surface: Surface, label: Integers) -> Integers:
 
 
 def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers, target: Surface) -> Integers:
-    """The chosen candidates (f,), but islands that none of them is of receive the face that is most theirs.
+    """The chosen candidates (f,), after giving each lost island the face that it covers best.
 
     Args:
         chosen: the elected candidate of each face.
-        candidates: k of them.
-        island: (k,) the island of the source that each stands for.
+        candidates: the k candidates.
+        island: (k,) the source's island of each.
         target: the surface whose faces choose.
     """
     area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
@@ -46,7 +46,7 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
     best = lost[np.lexsort((-candidates.share[lost], island[lost]))]
     best = best[np.flatnonzero(np.diff(island[best], prepend=-1))]
     face = candidates.face[best]
-    # No island loses its only face for another.
+    # No island loses its only face to another.
     fit = (covered[island[best]] >= MIN_COVER * area[face]) & (faces_of[island[chosen[face]]] > 1)
     best = best[fit]
     result = chosen.copy()
@@ -55,11 +55,11 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
 
 
 def without_specks(label: Integers, island: Integers, surface: Surface) -> Integers:
-    """The labels (f,) of faces, but single ones take that of their neighbours if their island is elsewhere.
+    """Labels (f,) of faces, where single faces take that of their neighbours if their island is elsewhere.
 
     Args:
-        label: of the faces of the target.
-        island: (f,) the island of the source that each face took it from.
+        label: labels of the target's faces.
+        island: (f,) the source's island of each label.
         surface: the target.
     """
     own = islands_of(surface, label)
@@ -71,7 +71,7 @@ def without_specks(label: Integers, island: Integers, surface: Surface) -> Integ
     face, other = surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
     face, other, length = np.concatenate([face, other]), np.concatenate([other, face]), np.tile(length, 2)
     mine = speck[face] & ~speck[other]
-    # The neighbours' labels by the length of the edges, the longest first.
+    # Vote on the neighbours' labels by the length of the edges.
     votes = coo_array((length[mine], (face[mine], label[other[mine]])), shape=(len(label), label.max() + 1))
     votes = votes.tocsr().tocoo()
     order = np.lexsort((-votes.data, votes.row))

@@ -23,11 +23,11 @@ from zoomout_core.transfer.cut_mesh import (
 )
 from zoomout_core.transfer.inpaint import Filling, filling
 
-# The middles of the four parts that the midpoints of its edges divide a triangle into.
+# Centres of the four parts of a triangle that is divided at the midpoints of its edges.
 SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-# Added to the area of samples, over the mean area of triangles, so that degenerate triangles vote as well.
+# Added to the area of samples, relative to the mean area of triangles, so that degenerate triangles vote as well.
 MIN_AREA = 1e-9
-# Part of the way towards the middle of its triangle by which a corner is moved, to find its side of a source edge.
+# Fraction of the way to the centre of its triangle by which a corner is moved, to find its side of a source edge.
 NUDGE = 0.25
 # Added to the confidence that weights samples, so that those without confidence vote as well.
 CONFIDENCE_OFFSET = 1e-3
@@ -35,13 +35,13 @@ CONFIDENCE_OFFSET = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FaceSamples:
-    """Points spread evenly over faces of the target, and where they lie on the source; ordered by face.
+    """Points distributed evenly over faces of the target, and their places on the source; ordered by face.
 
     Attributes:
-        face: (q,) the target's face that each belongs to.
-        triangle: (q,) the source's triangle that each lies in.
+        face: (q,) the target's face of each.
+        triangle: (q,) the source's triangle that contains each.
         barycentric: (q, 3) the point in it.
-        area: (q,) the area that each stands for.
+        area: (q,) the area that each represents.
         weight: (q,) the area, weighted by confidence.
     """
 
@@ -57,10 +57,10 @@ class MappedTarget:
     """The target mapped over the source.
 
     Attributes:
-        source: the surface that gives.
-        target: the surface that receives.
-        surface_map: where each target vertex lies on the source.
-        confidence: (n_t,) how far the map is to be trusted, in [0, 1].
+        source: the surface with the data.
+        target: the surface that receives it.
+        surface_map: the place of each target vertex on the source.
+        confidence: (n_t,) confidence of the map, in [0, 1].
         fill_below: vertices of less confidence are filled in from the others; None for none.
         has_partner: (n_t,) which vertices have a counterpart on the source; others are filled in. None for all.
     """
@@ -74,7 +74,7 @@ class MappedTarget:
 
     @cached_property
     def points(self) -> Floats:
-        """(n_t, 3) the points of the source that the target's vertices lie on."""
+        """(n_t, 3) positions of the target's vertices on the source."""
         return self.surface_map.interpolate(self.source.vertices)
 
     @cached_property
@@ -89,13 +89,13 @@ class MappedTarget:
 
     @cached_property
     def circumference(self) -> Floats:
-        """(f_t,) length around each face of the target."""
+        """(f_t,) perimeter of each face of the target."""
         length = edge_lengths(self.target.vertices[self.target.corner_vertex], face_edges(self.target))
         return np.asarray(np.bincount(self.target.corner_face, length), dtype=np.float64)
 
     @cached_property
     def balls(self) -> tuple[Floats, Floats]:
-        """(f_t, 3) middles and (f_t,) radii of balls around the corners of each face of the target, on the source."""
+        """(f_t, 3) centres and (f_t,) radii of balls around the corners of each face of the target, on the source."""
         begin, size = self.target.face_start[:-1], np.diff(self.target.face_start)
         corners = self.points[self.target.corner_vertex]
         middle = np.add.reduceat(corners, begin) / size[:, None]
@@ -104,7 +104,7 @@ class MappedTarget:
 
     @cached_property
     def filling(self) -> Filling | None:
-        """How vertices of too little confidence are filled in, or None where there are none."""
+        """The filling of vertices of too little confidence, or None if there are none."""
         trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
         if self.has_partner is not None:
             trusted &= self.has_partner
@@ -113,8 +113,8 @@ class MappedTarget:
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
         """Locate points of the target on the source: the images of the corners, mixed in space.
 
-        Unlike `SurfaceMap.at` this goes there from the nearest corner's image along the surface, so it does
-        not fall through thin walls, and does not search the whole source.
+        Unlike `SurfaceMap.at` this walks along the surface from the nearest corner's image, so it does not pass through
+        thin walls, and does not search the whole source.
 
         Args:
             triangle: (q,) target triangles.
@@ -130,7 +130,7 @@ class MappedTarget:
         return found, weights
 
     def samples(self, faces: Integers) -> FaceSamples:
-        """Four samples to each triangle of some faces (f,), which are in rising order."""
+        """Four samples for each triangle of some faces (f,), in ascending order."""
         target = self.target
         of_face = np.argsort(target.triangle_face, kind="stable")
         start = np.searchsorted(target.triangle_face[of_face], faces)
@@ -145,7 +145,7 @@ class MappedTarget:
         return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + CONFIDENCE_OFFSET))
 
     def nudge(self, corners: Integers) -> tuple[Integers, Floats]:
-        """Locate corners (q,) of the target on the source, moved into their faces a little."""
+        """Locate corners (q,) of the target, moved slightly into their faces, on the source."""
         target = self.target
         largest = np.argsort(triangle_areas(target.vertices, target.triangles), kind="stable")
         in_triangle = np.empty(len(target.corner_vertex), dtype=np.int64)
@@ -155,7 +155,7 @@ class MappedTarget:
         return self.locate(triangle, np.where(here, 1 - NUDGE, 0) + NUDGE / 3)
 
     def near_border(self, cut: CutSurface) -> Booleans:
-        """(f_t,) whether a face of the target might lie across a cut of the source."""
+        """(f_t,) whether a face of the target might cross a cut of the source."""
         border = self.source.vertices[self.source.corner_vertex[cut.border]]
         island = cut.triangle_island[self.surface_map.triangle][self.target.corner_vertex]
         begin = self.target.face_start[:-1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Directions, which turn with the surface, and normals, which point out of it."""
+"""Directions, which rotate with the surface, and normals, which point out of it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Sine of the angle above the surface to which normals are lifted that the transfer alone pushed below it.
+# Sine of the angle to which normals are lifted above the surface, if the transfer pushed them below it.
 LIFTED_SINE = 0.05
 
 
 def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
+    """Transfer directions (count, 3): mixed, rotated with the surface, and of the same length as their sources."""
     length = np.linalg.norm(np.asarray(attribute.values, dtype=np.float64), axis=1)
     turned, length = _turn(attribute, length, mapped)
     return replace(turned, values=(unit_vectors(turned.values) * length[:, None]).astype(attribute.values.dtype))
 
 
 def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Unit normals (count, 3): directions that stay above the surface where they are above the source's.
+    """Transfer unit normals (count, 3): directions that stay above the surface if they are above the source's.
 
-    What is above is what the surface's faces say, as they are wound.
+    The winding of the faces defines what is above.
     """
     values = np.asarray(attribute.values, dtype=np.float64)
     height = np.einsum("cx,cx->c", values, _outward(mapped.source, attribute.domain))
@@ -46,7 +46,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _turn(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[Attribute, Floats]:
-    """Vectors on the target, mixed and turned, and a number (count,) that goes with each, mixed."""
+    """Mix and rotate vectors to the target, and mix a number (count,) of each."""
     both = np.column_stack([np.asarray(attribute.values, dtype=np.float64), number])
     mixed = MIX[attribute.domain](replace(attribute, values=both), mapped)
     turned = np.einsum("cxy,cy->cx", rotations(mapped, attribute.domain), mixed.values[:, :3])
@@ -54,7 +54,7 @@ def _turn(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[A
 
 
 def _components(surface: Surface, domain: Domain) -> Integers:
-    """(count,) the numbers of the connected components that places are on."""
+    """(count,) number of each element's connected component."""
     at_points = surface.working.component[surface.working.vertex_of]
     if domain is Domain.POINT:
         return at_points
@@ -63,7 +63,7 @@ def _components(surface: Surface, domain: Domain) -> Integers:
 
 
 def _outward(surface: Surface, domain: Domain) -> Floats:
-    """(count, 3) unit normals of the surface itself: of the vertices, also for corners, or of the faces."""
+    """(count, 3) unit normals of the surface: of the vertices, also for corners, or of the faces."""
     vertices, triangles = surface.vertices, surface.triangles
     if domain is not Domain.FACE:
         normals = vertex_normals(vertices, triangles)

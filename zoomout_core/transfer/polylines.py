@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lines that marked edges form on a surface, and points along them.
+"""Lines of marked edges on a surface, and points along them.
 
-Marked edges are joined to chains that run from a junction or an end to the next, or around in a loop.
+Marked edges are joined to chains that lead from a junction or end to the next, or around a loop.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from zoomout_core.transfer.cut_mesh import expand_ranges
 
 @dataclass(frozen=True, eq=False)
 class Polylines:
-    """Edges joined to chains; ordered by chain, and along each.
+    """Edges joined to chains, ordered by chain and along each.
 
     Attributes:
         edge: (k,) numbers of the edges.
         chain: (k,) the chain of each.
-        begin: (k,) the vertex that it starts at, going along its chain, and
-        end: (k,) that it ends at.
+        begin: (k,) the first vertex of each, along its chain.
+        end: (k,) the last vertex of each.
     """
 
     edge: Integers
@@ -35,14 +35,14 @@ class Polylines:
 
 @dataclass(frozen=True, eq=False)
 class PolylineSamples:
-    """Points along chains; ordered by chain, and along each, from its first vertex to its last.
+    """Points along chains, ordered by chain and along each, from its first vertex to its last.
 
     Attributes:
         chain: (q,) the chain of each.
-        along: (q,) the length of the chain up to there.
-        point: (q, 3) where it lies.
-        edge: (q,) the edge that it lies on.
-        vertex: (q,) the vertex that it lies at, -1 between vertices.
+        along: (q,) the length of the chain up to each.
+        point: (q, 3) the position of each.
+        edge: (q,) the edge that contains each.
+        vertex: (q,) the vertex at each, -1 between vertices.
     """
 
     chain: Integers
@@ -53,15 +53,15 @@ class PolylineSamples:
 
 
 def polylines_of(edges: Integers) -> Polylines:
-    """Polylines of edges (k, 2), each pair of vertices at most once, that end where not two edges meet."""
+    """Join edges (k, 2), each pair of vertices at most once, to polylines that end where not exactly two meet."""
     count = len(edges)
     ends = edges.ravel()
-    # Between two edges a vertex is one node; elsewhere every edge ends in a node of its own.
+    # A vertex between two edges is one node; elsewhere every edge ends in a separate node.
     vertex_count = int(ends.max(initial=-1)) + 1
     inner = np.bincount(ends, minlength=vertex_count)[ends] == 2
     node = np.where(inner, ends, vertex_count + np.arange(2 * count))
     chain = _components(node)
-    # A loop has no such end: it is opened where its first edge begins.
+    # A loop has no end: it is opened where its first edge begins.
     closed = np.ones(chain.max(initial=-1) + 1, dtype=bool)
     closed[chain[~inner]] = False
     first = np.unique(chain, return_index=True)[1][closed]
@@ -87,7 +87,7 @@ def _components(node: Integers) -> Integers:
 
 
 def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSamples:
-    """Points along chains on vertices (n, 3), all of their vertices among them, at most `spacing` apart."""
+    """Sample points along chains on vertices (n, 3), including all of their vertices, at most `spacing` apart."""
     begin, end = vertices[chains.begin], vertices[chains.end]
     length = np.linalg.norm(end - begin, axis=1)
     parts = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
@@ -109,6 +109,6 @@ def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSampl
 
 
 def runs(chain: Integers, state: Booleans) -> Integers:
-    """(q,) number of the run of equal states within one chain that each sample belongs to."""
+    """(q,) number of each sample's run of equal states within one chain."""
     changes = (np.diff(chain) != 0) | (np.diff(state.astype(np.int8)) != 0)
     return np.concatenate([[0], np.cumsum(changes)])[: len(chain)]

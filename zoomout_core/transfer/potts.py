@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Votes: for values that cannot be mixed, and for the island that a face belongs to.
+"""Votes on values that cannot be mixed, and on the island that a face belongs to.
 
-Where the samples of a face disagree, its neighbours have a say: the choice minimises the length of the border
-between faces that disagree (a Potts model, by iterated conditional modes: Besag, On the statistical analysis
-of dirty pictures, 1986). Faces only ever take what one of their own samples voted for.
+If the samples of a face disagree, its neighbours influence the choice, which minimises the length of the border between
+faces that disagree (a Potts model, by iterated conditional modes: Besag, On the statistical analysis of dirty pictures,
+1986). Faces only take values that one of their own samples voted for.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.cut_mesh import expand_ranges
 
-# Weight of a face's votes against the length of border, in circumferences of the face: a border that is shorter by this
-# much outweighs all samples of the face.
+# Weight of a face's votes relative to the length of border, in perimeters of the face: a border shortened by this much
+# outweighs all samples of the face.
 VOTE_WEIGHT = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """What may be chosen for each face; ordered by face, at least one for each.
+    """The candidates of each face, ordered by face, at least one for each.
 
     Attributes:
-        face: (k,) whose candidate it is.
-        share: (k,) part of the face's votes, in [0, 1].
+        face: (k,) the face of each candidate.
+        share: (k,) its share of the face's votes, in [0, 1].
     """
 
     face: Integers
@@ -34,16 +34,16 @@ class Candidates:
 
     @property
     def range(self) -> tuple[Integers, Integers]:
-        """(f,) first candidate of each face, and the one after its last."""
+        """(f,) first candidate of each face, and (f,) one past its last."""
         end = np.cumsum(np.bincount(self.face))
         return np.concatenate([[0], end[:-1]]), end
 
     def pairs(self, first_face: Integers, second_face: Integers) -> tuple[Integers, Integers, Integers]:
-        """Every candidate of one face with every candidate of another.
+        """All pairs of candidates of one face and another.
 
         Args:
-            first_face: (e,) the one face of each edge.
-            second_face: (e,) the other.
+            first_face: (e,) one face of each edge.
+            second_face: (e,) the other face.
 
         Returns:
             (p,) the edge, (p,) the candidate of its first face and (p,) of its second.
@@ -72,8 +72,8 @@ def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, 
 
     Args:
         owner: (q,) the face that each vote is for; every face has one.
-        code: (q,) what is voted for.
-        weight: (q,) what the vote counts.
+        code: (q,) the value that is voted for.
+        weight: (q,) the weight of the vote.
 
     Returns:
         The candidates, and (k,) the code of each.
@@ -96,11 +96,11 @@ def elect(
     """Choose a candidate for each face, with a short border between faces that disagree.
 
     Args:
-        candidates: k of them, for f faces.
+        candidates: the k candidates of f faces.
         loyalty: (f,) length of border that outweighs all votes of a face.
-        first: (p,) a candidate and
-        second: (p,) a candidate of a neighbouring face: all pairs that matter.
-        length: (p,) of the edge between the two faces.
+        first: (p,) first candidates of all relevant pairs.
+        second: (p,) second candidates, of a neighbouring face.
+        length: (p,) length of the edge between the two faces.
         agree: (p,) whether there is no border between the two.
 
     Returns:
@@ -120,7 +120,7 @@ def elect(
         gain[gain <= 1e-9 * (loyalty + loyalty.mean())] = 0
         if not gain.any():
             return chosen
-        # If two neighbours would change, only the one that gains more does, so the border shortens every time.
+        # If two neighbours would change, only the one that gains more does, so the border always shortens.
         rank = np.empty(len(gain), dtype=np.int64)
         rank[np.argsort(gain, kind="stable")] = np.arange(len(gain))
         highest = rank.copy()
@@ -129,7 +129,7 @@ def elect(
 
 
 def _best(face: Integers, score: Floats) -> Integers:
-    """(f,) the candidate of each face with the highest score, the first of equals."""
+    """(f,) the candidate of each face with the highest score; the first one of ties."""
     start = np.flatnonzero(np.diff(face, prepend=-1))
     top = np.flatnonzero(score >= np.maximum.reduceat(score, start)[face])
     return top[np.flatnonzero(np.diff(face[top], prepend=-1))]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pose of a target, and its shape at rest, by the map to a rigged source.
+"""Find the pose of a target, and its rest shape, by the map to a rigged source.
 
-The map gives a first pose. Where the target, taken to rest by it, turns out to be the source's own body, its vertices
-are then read where they lie on the source at rest, and bones are fitted along normals: errors of the map along the
-surface, which shift whole limbs alike, no longer count.
+The map gives an initial pose. If it takes the target to the source's own body at rest, the target's vertices are
+projected to the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which
+shift whole limbs, no longer matter.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RestTuning(Tuning, set_by="binding"):
-    """Reading a target where it lies on the source at rest.
+    """Projection of a target to the source at rest.
 
     Attributes:
         same_body: median distance from the source at rest up to which the target is the same body.
-        near: distance from the source up to which a vertex is read there.
-        along: largest distance of that place from the map's image.
-        facing: least cosine between both normals.
-        beside: weight of the map at vertices that are not read there.
-        rounds: of reading and fitting.
-        in_place: a target that stands at rest stays where it is if no vertex would move farther.
+        near: maximum distance from the source for projecting a vertex.
+        along: maximum distance of the projection from the map's image.
+        facing: minimum cosine between both normals.
+        beside: weight of the map at vertices that are not projected.
+        rounds: number of rounds of projecting and fitting.
+        in_place: a target in the rest pose stays in place if no vertex would move farther.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -56,11 +56,11 @@ REST = RestTuning()
 
 @dataclass(frozen=True, eq=False)
 class PosedTarget:
-    """A target, mapped over its source at rest, and the pose that it stands in.
+    """A target, mapped over its source at rest, and its pose.
 
     Attributes:
-        mapped: the target over the source at rest, where it lies there if it is the same body.
-        pose: what bones did to take it from there.
+        mapped: the target over the source at rest, projected if it is the same body.
+        pose: the pose of the bones that takes it from the rest pose to the target.
     """
 
     mapped: MappedTarget
@@ -71,13 +71,13 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     """Find the pose of a target.
 
     Args:
-        mapped: the target over the source, in whatever pose the source is.
+        mapped: the target over the source, in any pose of the source.
         rest: the source at rest.
         weights: (n_s, b) sparse skin weights of the source.
         parents: (b,) the number of each bone's parent, -1 for none.
 
     Raises:
-        MeshError: no vertex that the map can be trusted at has a weight.
+        MeshError: no vertex with a trusted map has a weight.
     """
     mapped = replace(mapped, source=rest)
     target = mapped.target
@@ -113,9 +113,9 @@ def align(target: Surface, pose: Pose) -> Rest:
 def _read_at_rest(
     found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch
 ) -> tuple[SurfaceMap | None, Booleans]:
-    """Where the target lies on the source once it is taken to rest, and (n_t,) where that is to be trusted.
+    """Project the target, taken to the rest pose, to the source; also returns (n_t,) where this is trusted.
 
-    No map, if it is another body.
+    The map is None if it is another body.
     """
     target, rest = mapped.target, mapped.source
     matrices = skinning_matrices(pose.transforms, csr_array(mixing_matrix(found) @ weights))

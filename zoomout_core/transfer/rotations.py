@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rotations: quaternions, and the part of a matrix that turns.
+"""Rotations: quaternions, and the rotations of matrices.
 
 A quaternion and its negative are the same rotation, so their products with themselves are mixed, and the mean is the
 eigenvector of the largest eigenvalue (Markley et al., Averaging quaternions, 2007).
@@ -18,12 +18,12 @@ from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Where all quaternions are zero, this makes their mean the rotation by nothing.
+# If all quaternions are zero, this makes their mean the identity.
 NOTHING = 1e-12
 
 
 def mix_quaternions(attribute: Attribute, mapped: MappedTarget, *, turned: bool = False) -> Attribute:
-    """Unit quaternions (count, 4), w first; mixed, and if they are to be `turned`, turned with the surface."""
+    """Mix unit quaternions (count, 4), w first; if `turned`, they rotate with the surface."""
     values = np.asarray(attribute.values, dtype=np.float64)
     both = replace(attribute, values=np.column_stack([_outer_products(values), values]))
     mixed = MIX[attribute.domain](both, mapped)
@@ -34,13 +34,13 @@ def mix_quaternions(attribute: Attribute, mapped: MappedTarget, *, turned: bool 
 
 
 def mix_matrices(attribute: Attribute, mapped: MappedTarget, *, turned: bool = False) -> Attribute:
-    """Matrices (count, 16), row by row: rotations are mixed as quaternions, stretch and translation as numbers.
+    """Mix matrices (count, 16), row by row: rotations as quaternions, stretch and translation as numbers.
 
-    If they are to be `turned`, their rotations turn with the surface.
+    If `turned`, their rotations rotate with the surface.
     """
     matrices = np.asarray(attribute.values, dtype=np.float64).reshape(-1, 4, 4)
     left, stretch, right = np.linalg.svd(matrices[:, :3, :3])
-    # Polar decomposition into a rotation and a stretch, which takes what turns inside out.
+    # Polar decomposition into a rotation and a stretch, which includes any reflection.
     handed = np.sign(np.linalg.det(left @ right))
     left[:, :, 2] *= handed[:, None]
     stretch[:, 2] *= handed
@@ -68,7 +68,7 @@ def _outer_products(quaternions: Floats) -> Floats:
 
 
 def _mean(squared: Floats, like: Floats | None) -> Floats:
-    """(q, 4) unit quaternions of mixed products (q, 16), of the sign of `like` (q, 4), else with positive w."""
+    """(q, 4) unit quaternions of mixed products (q, 16), with the sign of `like` (q, 4), else with positive w."""
     products = squared.reshape(-1, 4, 4)
     products[:, 0, 0] += NOTHING
     mean = np.linalg.eigh(products)[1][:, :, 3]

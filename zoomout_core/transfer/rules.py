@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rules of transfer: one row for each kind of value, saying how it may be mixed."""
+"""The rules of transfer: one row for each kind of value, which defines how it may be mixed."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ class Match(Protocol):
 
 @dataclass(frozen=True)
 class Rule:
-    """How values of one kind are transferred, and what they must look like.
+    """How values of one kind are transferred, and their required format.
 
     Attributes:
         domains: for each domain the function (attribute, mapped, **options) -> attribute on the target.
-        widths: how many columns values may have; 0 stands for values without a second axis.
-        dtypes: numpy's letters for the types that values may have.
+        widths: allowed numbers of columns; 0 means values without a second axis.
+        dtypes: numpy's letters for the allowed types of values.
         meaning: the same in words, for the user.
         finite: whether values must be finite.
         sparse: whether values must be a sparse array.
         column: the shape of each column; () for numbers.
-        mixable: whether values can be mixed with others, as numbers can; else one or the other is taken.
-        mirrorable: whether both sides of a symmetry can get the mean of such values, or what stands in for it.
+        mixable: whether values can be mixed, like numbers; else one or the other is taken.
+        mirrorable: whether such values have a mean for both sides of a symmetry, or a substitute for it.
     """
 
     domains: Mapping[Domain, Callable[..., Attribute]]
@@ -131,29 +131,29 @@ def transfer(
     fill_below: float | None = None,
     **options: Any,
 ) -> Attribute:
-    """An attribute of the source, on the target.
+    """Transfer an attribute of the source to the target.
 
     Vertices without a counterpart on the source are filled in: numbers, colours, weights and shape keys smoothly from
     their surroundings; other kinds take the nearest value along the surface. To keep the target's own values
     there, `blend` with the match's `has_partner` as the mask.
 
     Args:
-        attribute: on the source.
+        attribute: an attribute of the source.
         result: the match, or only its map, of each target vertex to a point of the source.
-        source: the surface that has the attribute; that of the match, when not given.
-        target: the surface that receives it; that of the match, when not given.
-        fill_below: numbers, colours and weights of vertices of less confidence than this are filled in from
-            around them, see `inpaint`; None to take all as they are mapped.
-        options: of the attribute's kind; for weights see `weights.mix_weights`.
+        source: the surface with the attribute; the match's, when not given.
+        target: the surface that receives it; the match's, when not given.
+        fill_below: numbers, colours and weights of vertices with less confidence are filled in from around them, see
+            `inpaint`; None to keep all mapped values.
+        options: options of the attribute's kind; for weights see `weights.mix_weights`.
 
     Returns:
-        The attribute with values for the target; its notes say what the user should look at.
+        The attribute with values for the target; its notes say what the user should check.
 
     Raises:
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
             is of other surfaces.
-        ValueError: `fill_below` is no confidence.
-        TypeError: something else is given as the attribute, the match or a surface, or a bare map without surfaces.
+        ValueError: `fill_below` is not a confidence.
+        TypeError: the attribute, the match or a surface has another type, or a bare map comes without surfaces.
 
     Example:
         >>> heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, source.vertices[:, 2])
@@ -171,11 +171,11 @@ def map_target(
     target: ShapeLike | None = None,
     fill_below: float | None = None,
 ) -> MappedTarget:
-    """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
+    """Prepare the shared part of a transfer of many attributes, for `transfer_along`; arguments as for `transfer`.
 
     Raises:
         MeshError: the map is of other surfaces.
-        ValueError: `fill_below` is no confidence.
+        ValueError: `fill_below` is not a confidence.
     """
     if fill_below is not None and not 0 <= fill_below <= 1:
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
@@ -198,10 +198,10 @@ def map_target(
 def surfaces_of(
     result: Match | SurfaceMap, source: ShapeLike | None, target: ShapeLike | None
 ) -> tuple[Surface, Surface]:
-    """The surfaces of a transfer: those that are given, else those that the match holds.
+    """The surfaces of a transfer: the given ones, else those of the match.
 
     Raises:
-        TypeError: a match that holds none, such as a bare map, without surfaces.
+        TypeError: no surfaces are given, and the match has none, such as a bare map.
     """
     source = getattr(result, "source", None) if source is None else source
     target = getattr(result, "target", None) if target is None else target
@@ -223,7 +223,7 @@ def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -
 def conform(result: Match | SurfaceMap, source: ShapeLike | None = None, target: ShapeLike | None = None) -> Floats:
     """The source's shape on the target's vertices: (n_t, 3) positions on the source.
 
-    Where confidence is low, the target keeps more of its own shape, turned and scaled as its surroundings are.
+    Where confidence is low, the target keeps more of its own shape, rotated and scaled with its surroundings.
 
     Raises:
         MeshError: the map is of other surfaces.

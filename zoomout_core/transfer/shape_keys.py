@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys: how far vertices move, turned and scaled from the source's pose and size to the target's.
+"""Shape keys: offsets of vertices, rotated and scaled from the source's pose and size to the target's.
 
-Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves
-for the motion that has them. With anchors alone it drifts where the target's pose turns within the moving region, so
-the motion is attracted by the turned offsets as well. These determine it over distances longer than
-`FRAMES.smoothing_length`, and the gradients below, where errors of frames and maps would show as dents.
+Deformation transfer for triangle meshes (Sumner and Popović 2004) transfers the gradients of a motion, and solves for
+the motion with these gradients. With anchors alone it drifts where the target's pose rotates within the moving region,
+so the motion is also attracted by the rotated offsets. These determine it over distances longer than
+`FRAMES.smoothing_length`; the gradients do so below, where errors of frames and maps would show as dents.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from zoomout_core.transfer.frames import (
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Keys that are solved for together: bounds the memory, and solves take longer with more columns at once.
+# Keys that are solved together; bounds the memory, and more columns at once slow down the solves.
 KEYS_AT_ONCE = 5
-# Offsets below either length are noise and set to zero: over the longest offset of the key, and at unit area.
+# Offsets below either length are noise and set to zero: relative to the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
 MIN_OFFSET = 1e-7
 
 
 def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Offsets (n, keys, 3) of vertices, in the space of the surfaces.
+    """Transfer offsets (n, keys, 3) of vertices, in the space of the surfaces.
 
-    They turn and scale with the target's shape. Vertices that lie where a key does not move the source stay exactly
-    where they are; where confidence is low, a key follows its surroundings.
+    They rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in place;
+    where confidence is low, a key follows its surroundings.
 
     Args:
-        attribute: offsets (n_s, keys, 3) from the vertices of the source, which are those that the keys start from:
-            those of the rest shape, if the source is posed after it is moved by keys.
+        attribute: offsets (n_s, keys, 3) from the vertices of the source, which must be those before keys: the rest
+            shape, if the source is posed after keys are applied.
         mapped: the target on the source.
     """
     offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
@@ -75,9 +75,9 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def conform_target(mapped: MappedTarget) -> Floats:
-    """(n_t, 3) positions of the target's vertices on the source; where confidence is low it keeps more of its shape."""
+    """(n_t, 3) positions of the target's vertices on the source, with more of its own shape at low confidence."""
     target, frames = mapped.target, frames_of(mapped)
-    # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
+    # Gradients of the images where they are trusted, and elsewhere those of the target, rotated by the map.
     own = on_working_mesh(target.working, target.vertices)
     gradients = turn_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
@@ -87,14 +87,14 @@ def conform_target(mapped: MappedTarget) -> Floats:
 
 
 def _without_noise(offsets: Floats, area: float) -> Floats:
-    """Offsets (n, keys, 3) on a surface of an area; those that are too short to be seen are set to zero."""
+    """Set offsets (n, keys, 3) that are too short to be visible on a surface of an area to zero."""
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
 
 
 def _carry_block(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
-    """(n_t, keys, 3) offsets of the target's vertices, for (n_s, keys, 3) of the source's."""
+    """(n_t, keys, 3) offsets of the target's vertices, from those (n_s, keys, 3) of the source's."""
     target = frames.mapped.target
     plain = frames.mapped.surface_map.interpolate(offsets)
     here = on_working_mesh(target.working, plain)[frames.number]
@@ -113,7 +113,7 @@ def _carry_block(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
 
 
 def _loading(frames: Frames) -> bsr_array:
-    """(3n, 3n) makes right-hand sides of `Frames.smoothing` of offsets (n, 3), as one column, and turns them."""
+    """(3n, 3n) matrix that rotates offsets (n, 3), as one column, and makes right-hand sides of `Frames.smoothing`."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
     return bsr_array(blocks + FRAMES.smoothing_length**2 * turn_gradients(frames.trusted_stiffness, frames.turns))

@@ -20,7 +20,7 @@ def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_
     """(n, 3, 4) affine maps that take each vertex from rest to the pose; zero where a vertex has no weight.
 
     Args:
-        transforms: of the bones (b,), from rest to the pose, of one common scale.
+        transforms: transforms of the bones (b,) from the rest pose to the pose, with one common scale.
         weights: (n, b) sparse skin weights, not negative; they need not sum to one.
         preserve_volume: blend dual quaternions in place of matrices.
     """
@@ -30,22 +30,22 @@ def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_
 
 
 def blend_matrices(matrices: Floats, weights: csr_array) -> Floats:
-    """(n, 3, 4) means of affine maps (b, 3, 4) by weights (n, b), of any sum; zero where there is none."""
+    """(n, 3, 4) means of affine maps (b, 3, 4) by weights (n, b) of any sum; zero without weights."""
     return np.asarray(normalise(weights) @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
 
 
 def matrices_of(transforms: Similarities) -> Floats:
-    """(b, 3, 4) similarities as affine maps."""
+    """(b, 3, 4) affine maps of similarities."""
     return np.concatenate([transforms.linear, transforms.translation[:, :, None]], axis=2)
 
 
 def transform_points(matrices: Floats, points: Floats) -> Floats:
-    """(n, 3) points (n, 3), each moved by its own affine map (n, 3, 4)."""
+    """(n, 3) transform each of some points (n, 3) by its own affine map (n, 3, 4)."""
     return np.asarray(np.einsum("nxy,ny->nx", matrices[:, :, :3], points) + matrices[:, :, 3])
 
 
 def normalise(weights: csr_array) -> csr_array:
-    """Weights that sum to one, or are zero, at each vertex, in double precision."""
+    """Normalise weights to sum to one, or be zero, at each vertex, in double precision."""
     shares = csr_array(weights.astype(np.float64))  # a copy
     sums = np.asarray(shares.sum(axis=1)).ravel()
     shares.data /= np.repeat(np.where(sums > 0, sums, 1), np.diff(shares.indptr))
@@ -60,7 +60,7 @@ def row_of(matrix: csr_array) -> Integers:
 def _blend_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floats:
     """(n, 3, 4) rigid motions of blended dual quaternions, after the common scale.
 
-    Quaternions count with the sign that is nearer to that of the strongest bone.
+    Signs of quaternions are chosen closest to that of the strongest bone.
     """
     real = Rotation.from_matrix(transforms.rotation).as_quat()  # x, y, z, w
     dual = 0.5 * _product(np.column_stack([transforms.translation, np.zeros(len(real))]), real)
@@ -76,7 +76,7 @@ def _blend_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floa
 
 
 def _strongest(shares: csr_array) -> Integers:
-    """(n,) the column of the largest weight of each row; 0 where there is none."""
+    """(n,) the column of the largest weight of each row; 0 for an empty row."""
     found: Integers = np.zeros(shares.shape[0], dtype=np.int64)
     ascending = np.argsort(shares.data, kind="stable")
     found[row_of(shares)[ascending]] = shares.indices[ascending]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Taking a posed surface to rest: the inverse of skinning where it can be trusted, and elsewhere smoothly.
+"""Take a posed surface to the rest pose: by the inverse of skinning where it is trusted, and elsewhere smoothly.
 
 Where weights or the map are in doubt, or where skinning has folded the surface so far that its inverse tears it, the
-surface keeps its own differential coordinates, turned with its surroundings (Lipman et al., Differential coordinates
+surface keeps its own differential coordinates, rotated with its surroundings (Lipman et al., Differential coordinates
 for interactive mesh editing, 2004; as rigid as possible: Sorkine and Alexa 2007).
 """
 
@@ -35,9 +35,9 @@ class UnposeTuning(Tuning, set_by="binding"):
     """Where the inverse of skinning is trusted.
 
     Attributes:
-        min_extent: smallest singular value of a vertex's skinning matrix, over the scale, of a blend of bones that has
-            not collapsed.
-        max_strain: largest stretch or shrinking of an edge by the inverse; beyond it, weights are wrong. At 3, which
+        min_extent: a blend of bones has collapsed if the smallest singular value of a vertex's skinning matrix,
+            relative to the scale, is below this.
+        max_strain: maximum stretch or shrinking of an edge by the inverse; beyond it, weights are wrong. At 3, which
             the inner side of an elbow reaches, a fifth more vertices are smoothed, for 3 % more error.
     """
 
@@ -50,11 +50,11 @@ UNPOSE = UnposeTuning()
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A surface at rest.
+    """A surface in the rest pose.
 
     Attributes:
-        positions: (n, 3) of its vertices.
-        linear: (n, 3, 3) what takes differences of positions in the pose to those at rest, around each vertex.
+        positions: (n, 3) positions of its vertices.
+        linear: (n, 3, 3) matrices that take differences of positions in the pose to those at rest, around each vertex.
         smoothed: how many vertices keep their own shape, because the inverse of skinning is not trusted there.
     """
 
@@ -64,13 +64,13 @@ class Rest:
 
 
 def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:
-    """Take a posed surface to rest.
+    """Take a posed surface to the rest pose.
 
     Args:
         posed: the surface.
-        matrices: (n, 3, 4) that take its vertices from rest to the pose, see `skinning_matrices`.
-        scale: the common one of the bones.
-        confidence: (n,) in [0, 1] of the map that gave weights and pose.
+        matrices: (n, 3, 4) affine maps that take its vertices from rest to the pose, see `skinning_matrices`.
+        scale: the common scale of the bones.
+        confidence: (n,) confidence, in [0, 1], of the map that gave weights and pose.
     """
     rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
     trust = np.where(sound, np.clip(confidence / FULL_CONFIDENCE, 0, 1), 0)
@@ -86,13 +86,13 @@ def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple
     """Positions at rest by the inverse of skinning.
 
     Args:
-        positions: (n, 3) in the pose.
-        matrices: (n, 3, 4) that take them there.
-        scale: the common one of the bones.
+        positions: (n, 3) positions in the pose.
+        matrices: (n, 3, 4) affine maps from rest to the pose.
+        scale: the common scale of the bones.
 
     Returns:
         (n, 3) positions at rest, (n, 3, 3) the linear parts of the inverse, and (n,) where the blend of bones has not
-        collapsed. Elsewhere it is not stretched.
+        collapsed. Elsewhere the inverse does not stretch.
     """
     left, extent, right = np.linalg.svd(matrices[:, :, :3])
     sound = extent[:, 2] > UNPOSE.min_extent * scale
@@ -102,7 +102,7 @@ def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple
 
 
 def _strained_vertices(posed: Surface, rest: Floats, scale: float) -> Booleans:
-    """(n,) whether an edge at a vertex is stretched or shrunk too far between the pose and rest."""
+    """(n,) whether an edge at a vertex is stretched or shrunk too much between the pose and rest."""
     edges, _ = unique_edges(posed.triangles)
     now, then = (np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1) for points in (posed.vertices, rest))
     torn = (then * scale > UNPOSE.max_strain * now) | (now > UNPOSE.max_strain * scale * then)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact: worn objects keep their distance from the skin, and from layers beneath them."""
+"""Contact: keep the distance of worn objects from the skin, and from layers beneath them."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ContactTuning(Tuning, set_by="dress"):
-    """How worn objects are kept out of the skin.
+    """How to keep worn objects out of the skin.
 
     Attributes:
-        reach: largest distance from the skin at which a place is tested,
-        layer_reach: and from a layer beneath.
-        max_margin: largest distance from the skin that is kept,
-        min_margin: and the smallest.
-        mended: largest depth in the skin, before, of a place of a soft object that is pushed out of it.
-        facing: smallest cosine between the way to the skin and its normal at which the side is known.
+        reach: maximum distance from the skin at which a place is tested.
+        layer_reach: the same for a layer beneath.
+        max_margin: maximum distance from the skin that is kept.
+        min_margin: minimum distance from the skin that is kept.
+        mended: maximum original depth in the skin at which a place of a soft object is pushed out.
+        facing: minimum cosine between the direction to the skin and its normal for a known side.
         spread: length over which a push is spread.
-        firmness: weight of a push against staying.
-        rounds: the most rounds of testing and pushing.
-        settled: the part of a margin that may be missing.
+        firmness: weight of a push relative to staying.
+        rounds: maximum number of rounds of testing and pushing.
+        settled: share of a margin that may be missing.
         fine: length of edges below which only their ends are tested.
         looked_at: distance from the margin beyond which a place is not tested again.
     """
@@ -55,7 +55,7 @@ class ContactTuning(Tuning, set_by="dress"):
 
 
 CONTACT = ContactTuning()
-# Range of a push, over the length over which it is spread.
+# Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
 # Guard against division by zero.
 SMALLEST = 1e-300
@@ -76,11 +76,11 @@ class SidedSurface:
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
 
     def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
-        """On which side of the skin points (p, 3) are.
+        """Find the side of the skin that points (p, 3) are on.
 
         Returns:
-            (p,) their distances, negative inside; (p, 3) the skin's normals; (p,) where the side is known: not beside
-            a border.
+            (p,) their distances, negative inside; (p, 3) the skin's normals; (p,) whether the side is known, which it
+            is not beside a border.
         """
         triangle, barycentric, distance = self._search.closest(points, np.zeros_like(points))
         corners = self._triangles[triangle]
@@ -94,8 +94,8 @@ class Barrier(NamedTuple):
     """A surface that a worn object must not enter.
 
     Attributes:
-        before: as it was.
-        after: as it is.
+        before: the surface before the change of shape.
+        after: the surface after it.
         is_layer: whether it is another worn object; then places beneath it, or far from it, are free.
     """
 
@@ -108,8 +108,8 @@ class _Bounds(NamedTuple):
     """Places that must stay on their side of a barrier.
 
     Attributes:
-        skin: the barrier, as it is.
-        which: (b,) the places.
+        skin: the barrier after the change of shape.
+        which: (b,) numbers of the places.
         margin: (b,) the distance that they must keep.
     """
 
@@ -119,7 +119,7 @@ class _Bounds(NamedTuple):
 
     @classmethod
     def of(cls, barrier: Barrier, places: Floats, growth: Floats, gap: float) -> _Bounds:
-        """Bounds of those of places (p, 3), before, that are near a barrier, with surroundings that grow (p,)."""
+        """Bounds of the original places (p, 3) near a barrier, with the growth (p,) of their surroundings."""
         off, _, known = barrier.before.sides(places)
         lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
         which = np.flatnonzero(known & (off > lowest) & (off < highest))
@@ -128,18 +128,18 @@ class _Bounds(NamedTuple):
         return cls(barrier.after, which, margin)
 
     def near(self, places: Floats) -> _Bounds:
-        """The bounds of those of all places (p, 3), now, that may change sides."""
+        """The bounds of the current places (p, 3) that may change sides."""
         off, _, _ = self.skin.sides(places[self.which])
         some = off < self.margin + CONTACT.looked_at
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def among(self, chosen: Booleans) -> _Bounds:
-        """The bounds of chosen places, of all (p,)."""
+        """The bounds of chosen places, a mask (p,)."""
         some = chosen[self.which]
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
-        """(v,) those of all places (p, 3) that are too near, and (v, 3) how they must move."""
+        """(v,) numbers of the places (p, 3) that are too close, and (v, 3) how they must move."""
         off, normals, known = self.skin.sides(places[self.which])
         missing = self.margin - off
         some = known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
@@ -152,12 +152,12 @@ def push_out(
     """Push a soft form smoothly out of barriers that it was outside of.
 
     Args:
-        form: at rest.
-        positions: (n, 3) where it is.
-        growth: (n,) how much larger its surroundings are.
+        form: the form at rest.
+        positions: (n, 3) its current positions.
+        growth: (n,) growth of its surroundings.
         barriers: surfaces that it must not enter; the first is the skin.
-        gap: the smallest distance that it keeps.
-        soft: its points that are pushed.
+        gap: minimum distance.
+        soft: the points that may be pushed.
 
     Returns:
         (n, 3) positions, and how many places are still in the skin.
@@ -211,9 +211,9 @@ def _around(points: Floats, chosen: Integers) -> Integers:
 
 
 def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_array:
-    """(p, n) the matrix that interpolates positions (n, 3) at the points of triangles (m, 3) nearest to skin vertices.
+    """(p, n) matrix that interpolates positions (n, 3) at the points of triangles (m, 3) nearest to skin vertices.
 
-    There the skin may pass through a triangle that is coarser than its detail.
+    There the skin's detail may penetrate a coarser triangle.
     """
     search = OrientedSurface(positions, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
     triangle, barycentric, distance = search.closest(skin.vertices, np.zeros_like(skin.vertices))
@@ -230,12 +230,12 @@ def _bounds(
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:
-    """(v,) those of all places (p, 3) that are too near, some several times, and (v, 3) how they must move."""
+    """(v,) numbers of places (p, 3) that are too close, possibly repeated, and (v, 3) how they must move."""
     found = [each.pushes(places) for each in bounds]
     return np.concatenate([which for which, _ in found]), np.concatenate([pushes for _, pushes in found])
 
 
 def _wrong(bounds: list[_Bounds], places: Floats) -> int:
-    """How many places, of all (p, 3), are in the skin, the first of the bounds."""
+    """How many of the places (p, 3) are in the skin, which is the first of the bounds."""
     off, _, known = bounds[0].skin.sides(places[bounds[0].which])
     return int(((off < 0) & known).sum())

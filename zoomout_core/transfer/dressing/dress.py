@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Dress: fit the objects that a source wears (clothes, hair, eyes, teeth, props) to the body of a target.
 
-The source's body is given the target's shape along the match. Worn objects follow: the space around the body moves with
-it, soft objects keep their form as far as they are stiff, solid ones turn and grow as a whole, and nothing that was
-outside of the skin is pushed into it.
+The source's body takes the target's shape along the match. Worn objects follow: the space around the body moves with
+it. Soft objects keep their form according to their stiffness, and solid ones rotate and scale as a whole. Nothing that
+was outside of the skin is pushed into it.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from zoomout_core.transfer.rules import Match
 from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
 from zoomout_core.tuning import Tuning, tuned
 
-# How something is carried: soft parts keep their form as far as they are stiff, rigid things turn and grow as a whole;
-# "automatic" is soft, but for small solid parts.
+# How objects are fitted: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a
+# whole; "automatic" is soft, except for small solid parts.
 Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
-# Part of giving the body the target's shape that turning the match round takes, and of all that this takes, in [0, 1].
+# Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
 STAGE = "Dressing"
 
 
 @dataclass(frozen=True)
 class DressTuning(Tuning, set_by="dress"):
-    """How far what is soft keeps its form.
+    """How far soft objects keep their form.
 
     Attributes:
-        softest: length over which it does, where stiffness is zero.
-        stiffest: the same where it is one.
-        near: distance from the skin at which it follows that half as much.
+        softest: length over which they keep their form at stiffness zero.
+        stiffest: the same at stiffness one.
+        near: distance from the skin at which they follow it half as much.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
@@ -64,8 +64,9 @@ class Dressed:
     """The objects fitted to a target.
 
     Attributes:
-        vertices: for each thing (n, 3) positions of its vertices, in the target's frame and unit.
-        turns: for each thing (n, 3, 3) what takes small differences of positions from the source to the target.
+        vertices: for each object (n, 3) positions of its vertices, in the target's frame and unit.
+        turns: for each object (n, 3, 3) matrices that take small differences of positions from the source to the
+            target.
         notes: sentences for the user.
 
     Example:
@@ -91,17 +92,17 @@ def dress(
     gap: float = 0.0,
     progress: Callable[[Progress], object] | None = None,
 ) -> Dressed:
-    """Carry what belongs to a source onto the body of a target.
+    """Fit objects that a source wears to the body of a target.
 
     Args:
         result: the match, or only its map, of each target vertex to a point of the source.
-        source: the body that wears it, without it.
-        target: the body that is to wear it.
-        carried: surfaces and lines, in the source's frame and unit.
-        manners: how each is carried; automatically, when not given.
-        stiffness: how far what is soft keeps its form, from 0, where it follows every detail of the body, to 1.
-        gap: how far from the skin what was outside of it stays at least, in the target's unit.
-        progress: called with the progress, see `zoomout_core.progress`.
+        source: the body that wears the objects, without them.
+        target: the body to dress.
+        carried: the objects, surfaces and lines, in the source's frame and unit.
+        manners: how to fit each; "automatic", when not given.
+        stiffness: how far soft objects keep their form, from 0, where they follow every detail of the body, to 1.
+        gap: minimum distance from the skin of everything that was outside of it, in the target's unit.
+        progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
@@ -121,7 +122,7 @@ def dress(
 
 
 def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
-    """(n_s, 3) the source's vertices where it has the target's shape."""
+    """(n_s, 3) the source's vertices in the target's shape."""
     with portion(0, TURNED_ROUND):
         turned = reverse_match(result, source, target)
     with portion(TURNED_ROUND, 1):
@@ -138,16 +139,16 @@ def carry(
     stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
-    """Carry what belongs to a body along with it, as it takes another shape.
+    """Fit worn objects to a body that takes another shape.
 
     Args:
-        body: as it was.
+        body: the body before.
         shape: (n, 3) the new positions of its vertices.
-        skin: the surface that must not be entered, in the new shape.
-        carried: surfaces and lines, in the body's frame and unit.
-        manners: how each is carried, see `dress`.
-        stiffness: how far what is soft keeps its form, in [0, 1].
-        gap: how far from the skin what was outside of it stays at least, in the unit of the shape.
+        skin: the surface, in the new shape, that objects must not enter.
+        carried: the objects, surfaces and lines, in the body's frame and unit.
+        manners: how to fit each, see `dress`.
+        stiffness: how far soft objects keep their form, in [0, 1].
+        gap: minimum distance from the skin of everything that was outside of it, in the unit of the shape.
 
     Raises:
         ValueError: a number is out of its range, or there is not a manner for each.
@@ -197,14 +198,14 @@ def _carry(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A form, where the body takes it.
+    """A form moved with the body.
 
     Attributes:
         form: the worn object.
-        motion: of its points, with the body.
-        positions: (n, 3) where it is.
+        motion: the motion of its points with the body.
+        positions: (n, 3) its current positions.
         parts: points of its solid parts.
-        is_rigid: whether all of it is one.
+        is_rigid: whether it is one solid part as a whole.
     """
 
     form: Form
@@ -224,12 +225,12 @@ class _Fit:
 
     @property
     def is_layer(self) -> bool:
-        """Whether it keeps others on their side of it."""
+        """Whether it is a barrier for other objects."""
         return not self.is_rigid and len(self.form.triangles) > 0 and len(self.soft) > len(self.form.rest) / 2
 
     @property
     def soft(self) -> Integers:
-        """Points of no solid part."""
+        """Points that belong to no solid part."""
         return np.setdiff1d(np.arange(len(self.form.rest)), np.concatenate([[], *self.parts]))
 
     def facing_away(self, skin: SidedSurface) -> Integers:
@@ -252,7 +253,7 @@ class _Fit:
     def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
 
-        Those that nothing connects follow the body alone.
+        Unconnected vertices only follow the body.
         """
         number = self.form.number
         found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
@@ -263,7 +264,7 @@ class _Fit:
 
 
 def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
-    """(n, 3) positions near where the body takes them, with the edges at rest, turned and scaled."""
+    """(n, 3) positions near those moved by the body, with the rest edges rotated and scaled."""
     length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
     pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
     gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
@@ -271,7 +272,7 @@ def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
 
 
 def _sided_surface(surface: Surface, unit: float) -> SidedSurface:
-    """A surface in a unit, wound outwards."""
+    """The surface in a unit, wound outwards."""
     triangles, working = surface.triangles.copy(), surface.working
     inward = working.triangle_of[working.flipped]
     triangles[inward] = triangles[inward, ::-1]

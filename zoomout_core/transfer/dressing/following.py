@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the space around a body moves when the body takes another shape.
+"""Motion of the space around a body that takes another shape.
 
-A place near the skin moves as the patch of skin beneath it; a place farther off as the mean of a wider patch, so that
-it is blind to what is only of the skin. Patches are sampled at several densities, so that as few samples serve a wide
-patch as a small one.
+A place near the skin moves like the patch of skin beneath it. A place farther away moves like the mean of a wider
+patch, which ignores local detail of the skin. Patches are sampled at several densities, so that a wide patch needs no
+more samples than a small one.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class FollowingTuning(Tuning, set_by="dress"):
-    """How wide the patch of skin is that a place follows.
+    """The width of the patch of skin that a place follows.
 
     Attributes:
-        samples: of the skin, where patches are smallest; each further set has a quarter of them.
-        sets: of samples.
-        neighbours: samples that a place follows.
+        samples: number of samples of the skin for the smallest patches; each further set has a quarter of the previous
+            one.
+        sets: number of sets of samples.
+        neighbours: number of samples that a place follows.
         nearest: standard deviation of the weights of a patch at the skin.
-        spreading: by which part of the distance from the skin it grows.
-        reach: the same, over the distance between neighbouring samples of a set, up to which the set serves.
+        spreading: growth of this standard deviation, as a share of the distance from the skin.
+        reach: maximum standard deviation for using a set, relative to the distance between its neighbouring samples.
     """
 
     samples: int = tuned(20_480, "points", 100, 10_000_000)
@@ -54,9 +55,9 @@ class Motion(NamedTuple):
     """How places move.
 
     Attributes:
-        images: (q, 3) where they come to lie.
-        turns: (q, 3, 3) how their surroundings turn and grow.
-        distance: (q,) how far they were from the skin.
+        images: (q, 3) their new positions.
+        turns: (q, 3, 3) rotation and growth of their surroundings.
+        distance: (q,) their original distance from the skin.
     """
 
     images: Floats
@@ -65,22 +66,22 @@ class Motion(NamedTuple):
 
     @property
     def growth(self) -> Floats:
-        """(q,) how much their surroundings grow."""
+        """(q,) growth of their surroundings."""
         return np.linalg.norm(self.turns[:, 0], axis=1)
 
 
 class Following:
     """The space around a body that takes another shape.
 
-    Places are in units in which the body, as it was, has unit area, and in which it grows by 1 in the median.
+    Places are in units in which the original body has unit area, and its median growth is 1.
 
     Args:
-        body: as it was.
+        body: the body before.
         shape: (n, 3) the vertices of its new shape.
 
     Attributes:
-        unit: of places before, in the body's.
-        unit_after: of places after, in the shape's.
+        unit: unit of places before, in the body's unit.
+        unit_after: unit of places after, in the shape's unit.
     """
 
     def __init__(self, body: Surface, shape: Floats) -> None:
@@ -118,10 +119,10 @@ class _Samples(NamedTuple):
     """Samples of the skin.
 
     Attributes:
-        places: (s, 3) where they were,
-        images: (s, 3) and are.
-        turns: (s, 3, 3) of their surroundings.
-        tree: of the places.
+        places: (s, 3) positions before.
+        images: (s, 3) positions after.
+        turns: (s, 3, 3) rotation and growth of their surroundings.
+        tree: search tree of the places.
     """
 
     places: Floats
@@ -135,7 +136,7 @@ class _Samples(NamedTuple):
         return float(len(self.places) ** -0.5)
 
     def motion(self, places: Floats, width: Floats) -> tuple[Floats, Floats]:
-        """(q, 3) images and (q, 3, 3) turns of places (q, 3), which follow patches of a width (q,)."""
+        """(q, 3) images and (q, 3, 3) turns of places (q, 3) that follow patches of a width (q,)."""
         count = min(FOLLOWING.neighbours, len(self.places))
         found = self.tree.query(places, count, workers=threads())
         distance, near = (np.asarray(each).reshape(len(places), count) for each in found)
@@ -150,7 +151,7 @@ class _Samples(NamedTuple):
 
 
 def _turns(body: Surface, shape: Floats) -> Floats:
-    """(n, 3, 3) how a body turns and grows around each of its vertices."""
+    """(n, 3, 3) rotation and growth of a body around each of its vertices."""
     reshaped = body.with_vertices(shape)
     used = body.working.vertex_of >= 0
     own = SurfaceMap.from_vertices(np.where(used, np.arange(len(used)), body.triangles[0, 0]), body)

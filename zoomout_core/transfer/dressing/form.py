@@ -15,14 +15,14 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
-# A line counts as at least this part of the longest one.
+# Minimum length of a line, as a share of the longest one.
 SHORTEST = 1e-6
 # Guard against division by zero.
 SMALLEST = 1e-300
 
 
 class Lines:
-    """Points that lines connect, such as strands of hair.
+    """Points connected by lines, such as strands of hair.
 
     Args:
         vertices: (n, 3) positions.
@@ -56,12 +56,12 @@ class Form:
 
     Attributes:
         places: (n_v, 3) its vertices.
-        number: (n_v,) the point of each vertex, -1 where nothing connects it.
-        rest: (n, 3) its points: vertices of a surface that coincide at borders are one.
-        stiffness: (n, n) of what connects them; rows sum to zero.
-        areas: (n,) of the points; lengths, of lines.
-        triangles: (m, 3) between them; none of lines.
-        component: (n,) the number of the connected component of each.
+        number: (n_v,) the point of each vertex, -1 for an unconnected one.
+        rest: (n, 3) its points: vertices of a surface, merged at coincident borders.
+        stiffness: (n, n) stiffness of their connections; rows sum to zero.
+        areas: (n,) areas of the points; lengths for lines.
+        triangles: (m, 3) triangles between them; none for lines.
+        component: (n,) the number of each point's connected component.
     """
 
     places: Floats
@@ -74,7 +74,7 @@ class Form:
 
     @classmethod
     def of(cls, carried: Surface | Lines, unit: float) -> Form:
-        """The form of a surface or of lines, in a unit."""
+        """Make the form of a surface or of lines, in a unit."""
         places = carried.vertices / unit
         if isinstance(carried, Lines):
             return cls(places, np.arange(len(places)), places, *_of_lines(places, carried.edges))
@@ -91,10 +91,10 @@ class Form:
         return self.triangles[inside[self.triangles].all(axis=1)]
 
     def probes(self, chosen: Integers, fine: float) -> csr_array:
-        """(p, n) what gives of positions the places that are looked at.
+        """(p, n) matrix that maps positions to the places to test.
 
-        These are chosen points, and the middles of edges between them that are not as short as `fine`, and of triangles
-        with such an edge.
+        These are the chosen points, and the middles of edges between them longer than `fine`, and of triangles with
+        such an edge.
         """
         n, triangles = len(self.rest), self.between(chosen)
         edges, edge_of = unique_edges(triangles)
@@ -115,7 +115,7 @@ def _of_lines(places: Floats, edges: Integers) -> tuple[csc_array, Floats, Integ
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     weights = csc_array((np.tile(1 / length, 2), (rows, columns)), shape=(n, n))
     of_points = segment_sum(np.tile(length / 2, 2), rows, n)
-    # A point on no line counts like the others.
+    # A point without a line counts like the others.
     of_points = np.where(of_points > 0, of_points, of_points[of_points > 0].mean() if len(edges) else 1.0)
     component = connected_components(weights, directed=False)[1]
     stiffness = csc_array(diags_array(weights.sum(axis=0)) - weights)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Solid parts, such as eyes, teeth and buttons: they turn and grow as a whole."""
+"""Solid parts, such as eyes, teeth and buttons, which rotate and scale as a whole."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class SolidTuning(Tuning, set_by="dress"):
-    """Which parts are solid, and what they follow.
+    """Which parts are solid, and how they move.
 
     Attributes:
-        small: largest extent of a part that may be solid.
-        touching: parts that are nearer to each other move as one.
-        compact: the least volume, squared, over that of a ball of the same area, of what counts as solid.
-        share: of the area of parts that touch each other, that must count so.
-        beside: a part that is nearer than this part of its extent to a larger one follows that.
-        neighbours: points of the larger one near each point that say how.
+        small: maximum extent of a solid part.
+        touching: parts closer to each other than this move as one.
+        compact: minimum squared volume of a solid part, relative to a ball of the same area.
+        share: share of the area of touching parts that must be solid.
+        beside: a part that is closer to a larger one than this share of its extent follows it.
+        neighbours: number of points of the larger part near each point that determine the motion.
     """
 
     small: float = tuned(0.08, "at unit area", 0, 10)
@@ -39,12 +39,12 @@ class SolidTuning(Tuning, set_by="dress"):
 
 
 SOLID = SolidTuning()
-# Points of other parts that are looked at to find out which parts touch.
+# Number of points of other parts to test for touching.
 NEAREST = 8
 
 
 def solid_parts(form: Form) -> list[Integers]:
-    """Points of each group of small parts that touch each other and are solid, together."""
+    """Points of each group of small touching parts that are solid together."""
     extent = _extents(form.rest, form.component)
     small = extent < SOLID.small
     if not len(form.triangles) or not small.any():
@@ -69,13 +69,13 @@ def solid_parts(form: Form) -> list[Integers]:
 
 
 def with_solid_parts(form: Form, parts: list[Integers], images: Floats, positions: Floats) -> Floats:
-    """(n, 3) positions of a form in which solid parts are similar images of what they were.
+    """(n, 3) positions of a form with solid parts moved by similarities.
 
     Args:
-        form: at rest.
-        parts: points of each.
-        images: (n, 3) where the body takes the points.
-        positions: (n, 3) of the points, by the soft fit.
+        form: the form at rest.
+        parts: the points of each solid part.
+        images: (n, 3) positions of the points moved with the body.
+        positions: (n, 3) positions of the points by the soft fit.
     """
     if not parts:
         return positions
@@ -93,14 +93,14 @@ def with_solid_parts(form: Form, parts: list[Integers], images: Floats, position
 
 
 def _others(parts: list[Integers], count: int) -> Integers:
-    """Points of no part."""
+    """Points that belong to no part."""
     free: Booleans = np.ones(count, dtype=bool)
     free[np.concatenate(parts)] = False
     return np.flatnonzero(free)
 
 
 def _extents(points: Floats, component: Integers) -> Floats:
-    """(c,) the largest side of the bounding box of each component."""
+    """(c,) longest side of the bounding box of each component."""
     order = np.argsort(component, kind="stable")
     first = np.flatnonzero(np.diff(component[order], prepend=-1))
     sides = np.maximum.reduceat(points[order], first) - np.minimum.reduceat(points[order], first)
@@ -108,7 +108,7 @@ def _extents(points: Floats, component: Integers) -> Floats:
 
 
 def _touching(points: Floats, component: Integers, count: int) -> Integers:
-    """(c,) numbers of groups of components, some points of which touch each other."""
+    """(c,) numbers of groups of touching components."""
     nearest = min(NEAREST, len(points))
     distance, near = (np.asarray(each).ravel() for each in cKDTree(points).query(points, nearest))
     close = distance < SOLID.touching

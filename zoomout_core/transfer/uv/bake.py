@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texture baking: the source's images in the target's own atlas, read texel by texel along the map.
+"""Texture baking: read the source's images into the target's own atlas, texel by texel along the map.
 
-A texel of the target's atlas is a place on the target, which lies on the source, in one island of the source's
-atlas. There the image is read between the four nearest texels, of which those that other islands own, or none, do not
-count: what lies beyond a seam never shows. A texel that an island of the target only touches is read at the island's
-nearest point, and the others, the gutters, take the value of the texel that is nearest to them.
+A texel of the target's atlas is a place on the target, which maps to one island of the source's atlas. There the image
+is interpolated between the four nearest texels. Texels that other islands or no island own do not count, so nothing
+beyond a seam shows. A texel that an island of the target only touches is read at the island's nearest point. All other
+texels, the gutters, take the value of the nearest texel.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import chart_of
 
-# Pairs of a texel and a triangle that are tested together, and texels that are read together: bounds the memory.
+# Pairs of a texel and a triangle tested together, and texels read together; bounds the memory.
 BLOCK = 1 << 19
 READ_TOGETHER = 1 << 15
-# Whoever reads between four texels sees none that is farther from the place than this many texels.
+# Maximum distance, in texels, of a place from the four texels that it is interpolated from.
 REACH = 2**0.5
-# A texel whose middle is no farther from a triangle, by rounding, lies in it.
+# A texel is in a triangle if its centre is within this rounding error of it.
 INSIDE = 1e-6
 
 
@@ -37,7 +37,7 @@ class Picture:
     """The images that an atlas refers to.
 
     Attributes:
-        images: each (height, width, channels), from the top row to the bottom one, all of as many channels.
+        images: each (height, width, channels), rows from top to bottom, with equal numbers of channels.
         number: (m,) the image of each triangle.
     """
 
@@ -50,9 +50,9 @@ class Baked:
     """An image for the target's atlas.
 
     Attributes:
-        image: (height, width, channels), from the top row to the bottom one.
+        image: (height, width, channels), rows from top to bottom.
         covered: (height, width) the texels that triangles of the target cover or touch; the others are gutters.
-        outside: (m_t,) triangles of the target that lie outside of the image, wholly or in part.
+        outside: (m_t,) triangles of the target that are outside of the image, wholly or in part.
     """
 
     image: Bytes
@@ -63,19 +63,19 @@ class Baked:
 def bake(
     mapped: MappedTarget, source_uv: Floats, picture: Picture, target_uv: Floats, width: int, height: int
 ) -> Baked:
-    """The source's images in the target's atlas.
+    """Bake the source's images into the target's atlas.
 
     Args:
         mapped: the target on the source.
-        source_uv: (c_s, 2) at the source's corners; images repeat beyond the unit square.
-        picture: the source's.
-        target_uv: (c_t, 2) at the target's corners; areas beyond the unit square are not baked.
-        width: of the image that is made, in texels.
-        height: of the image.
+        source_uv: (c_s, 2) UVs at the source's corners; images repeat beyond the unit square.
+        picture: the source's images.
+        target_uv: (c_t, 2) UVs at the target's corners; areas beyond the unit square are not baked.
+        width: width of the new image, in texels.
+        height: height of the new image, in texels.
 
     Raises:
         MeshError: no texel of the image is in the target's atlas.
-        ValueError: the image is to have no texel.
+        ValueError: the width or height is below one.
     """
     check_counts(width=width, height=height)
     source, target = mapped.source, mapped.target
@@ -116,18 +116,18 @@ def bake(
 
 
 class _Islands:
-    """Which texels of an image its islands own: those whose middles lie in them.
+    """The texels of an image that its islands own: those with their centre in an island.
 
     Args:
-        uv: (m, 3, 2) of the triangles that refer to the image.
+        uv: (m, 3, 2) UVs of the triangles that refer to the image.
         island: (m,) numbers of their islands.
-        width: of the image.
-        height: of the image.
+        width: width of the image.
+        height: height of the image.
     """
 
     def __init__(self, uv: Floats, island: Integers, width: int, height: int) -> None:
         self._width, self._height = width, height
-        # A triangle that the image repeats on is bounded by no texel.
+        # A triangle on which the image repeats is not bounded by texels.
         repeated = np.ptp(uv, axis=1).max(axis=1, initial=0) > 1
         self._endless = np.unique(island[repeated])
         bounded = np.flatnonzero(~repeated)
@@ -138,7 +138,7 @@ class _Islands:
         self._owned = np.unique(np.concatenate(owned))
 
     def _key(self, x: Integers, y: Integers, island: Integers) -> Integers:
-        """One number for a texel of an island."""
+        """A unique number for a texel of an island."""
         return (island * self._height + y % self._height) * self._width + x % self._width
 
     def _own(self, x: Integers, y: Integers, island: Integers) -> Booleans:
@@ -148,7 +148,7 @@ class _Islands:
         return np.asarray(found | np.isin(island, self._endless))
 
     def read(self, image: Bytes, uv: Floats, island: Integers) -> Bytes:
-        """(q, channels) values of the image at places (q, 2) of islands (q,), between texels of these alone."""
+        """(q, channels) values of the image at places (q, 2) of islands (q,), interpolated between their own texels."""
         at = uv * [self._width, self._height] - 0.5
         low = np.floor(at).astype(np.int64)
         part = at - low
@@ -164,14 +164,14 @@ class _Islands:
         return np.rint(sums / total[:, None]).astype(np.uint8)
 
     def _nearest(self, uv: Floats, island: Integers) -> tuple[Integers, Integers]:
-        """Columns and rows of the texels nearest to places (q, 2) that their islands own: tips are thinner than these.
+        """Columns and rows of the nearest own texels of places (q, 2) in islands, since tips are thinner than texels.
 
-        Of islands that own none it is the texel that the place lies in.
+        An island that owns no texel takes the texel that contains the place.
         """
         at = uv * [self._width, self._height] % [self._width, self._height]
         texel = np.floor(at).astype(np.int64)
         if len(self._owned) and len(uv):
-            apart = 2.0 * (self._width + self._height)  # so that other islands are never nearer
+            apart = 2.0 * (self._width + self._height)  # so that other islands are never closer
             number, place = np.divmod(self._owned, self._width * self._height)
             own = np.column_stack([place % self._width, place // self._width])
             tree = cKDTree(np.column_stack([own + 0.5, apart * number]))
@@ -184,11 +184,11 @@ class _Islands:
 
 
 def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers, Floats]:
-    """The texels of an image that triangles (m, 3, 2) cover or touch, and the places there.
+    """The texels of an image that triangles (m, 3, 2) cover or touch, and their places in these.
 
     Returns:
-        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that each lies in, or else the nearest;
-        and (q, 3) the place in it that is nearest to the texel's middle.
+        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that contains each, or else the
+        nearest; and (q, 3) the place in it nearest to the texel's centre.
     """
     best = np.full(width * height, np.inf)
     triangle = np.full(width * height, -1)
@@ -208,11 +208,11 @@ def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers,
 def _near(
     uv: Floats, width: int, height: int, reach: float = 0.0, window: bool = False
 ) -> Iterator[tuple[Integers, Integers, Integers, Floats, Floats]]:
-    """Texels within reach of triangles (m, 3, 2), and some more, in blocks; in the window of the image alone, or all.
+    """Texels within reach of triangles (m, 3, 2), and some more, in blocks; all, or only those in the image's window.
 
     Yields:
-        (q,) columns and (q,) rows from the bottom; (q,) triangles, (q, 3) barycentric coordinates of the place that is
-        nearest to the texel's middle, and (q,) the distance, in texels.
+        (q,) columns and (q,) rows from the bottom; (q,) triangles, (q, 3) barycentric coordinates of the place nearest
+        to the texel's centre, and (q,) its distance, in texels.
     """
     size = np.array([width, height])
     places = uv * size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A UV map as charts: the surface cut open at its seams, and the islands that this leaves."""
+"""A UV map as charts: the surface cut open at its seams, and the resulting islands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_surface
 
-# Slope of UVs that are continued beyond a border, at most, over the mean of their island.
+# Maximum slope of UVs that are continued beyond a border, relative to the mean of their island.
 MAX_SLOPE = 4.0
 
 
@@ -23,9 +23,9 @@ class Chart:
     Attributes:
         cut: the source, cut open.
         uv: (c, 2) values at its corners.
-        density: (islands,) mean UV length for a unit of length.
-        lower: (islands, 2) and
-        upper: (islands, 2) the UDIM tile that an island lies in, each way; infinite where in several.
+        density: (islands,) mean UV length per unit of length.
+        lower: (islands, 2) lower bounds of each island's UDIM tile, infinite if it spans several in that direction.
+        upper: (islands, 2) upper bounds of the same.
     """
 
     cut: CutSurface
@@ -61,7 +61,7 @@ class Chart:
 
 
 def chart_of(source: Surface, uv: Floats) -> Chart:
-    """Cut the source (its corners have UVs (c, 2)) at its real seams, and measure its islands."""
+    """Cut the source, with UVs (c, 2) at its corners, at its actual seams, and measure its islands."""
     cut = cut_surface(source, uv)
     count = int(cut.island.max()) + 1
     area = np.bincount(cut.triangle_island, triangle_areas(source.vertices, source.triangles), minlength=count)
@@ -81,7 +81,7 @@ def chart_of(source: Surface, uv: Floats) -> Chart:
 
 
 def uv_seams(surface: Surface, uv: Floats) -> Booleans:
-    """(e,) which of a surface's edges its atlas (c, 2) is cut open at; its own borders are none."""
+    """(e,) the edges of a surface at which its atlas (c, 2) is cut open, without the surface's borders."""
     first, second = adjacent_edges(surface)
     tolerance = CUT_TOLERANCE * float(np.ptp(uv, axis=0).max(initial=0))
     apart = (np.abs(uv[first] - uv[second]) > tolerance).any(axis=(1, 2))

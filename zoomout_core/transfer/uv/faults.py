@@ -13,14 +13,14 @@ from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import Chart, signed_areas
 
-# Stretch of a face's UVs against the source's, and its inverse, above which the face is reported.
+# Stretch of a face's UVs relative to the source's, or its inverse, above which the face is reported.
 MAX_STRETCH = 4.0
-# UV area of a face, over what it would be on the source, below which the face is reported as degenerate.
+# UV area of a face, relative to that on the source, below which the face is reported as degenerate.
 MIN_UV_AREA = 1e-3
 
 
 def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
-    """Sentences for the user about faults."""
+    """Describe faults in sentences for the user."""
     flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
@@ -34,13 +34,13 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
-    """Which faces have UVs that are flipped against the source's, without an area, or strongly stretched.
+    """Which faces have UVs that are flipped relative to the source's, degenerate, or strongly stretched.
 
     Args:
         chart: the source's UV map.
         mapped: the target on the source.
-        seed: (f,) a triangle of the source where each face lies.
-        uv: (c, 2) the target's.
+        seed: (f,) a triangle of the source at each face.
+        uv: (c, 2) UVs of the target.
     """
     source, target = mapped.source, mapped.target
     island = chart.cut.triangle_island[seed]
@@ -63,10 +63,10 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
 
 
 def _flipped_faces(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
-    """(f,) which faces of the target, whose triangles cover UV areas (m,), are turned against the source at the seeds.
+    """(f,) which faces of the target, whose triangles have UV areas (m,), are flipped relative to the source's seeds.
 
-    Where the source's UVs fold without a seam, a seed may lie over the fold; then the middle of the face decides,
-    or rather of the triangle that covers most.
+    Where the source's UVs fold without a seam, a seed may be across the fold; then the centre of the face's triangle
+    with the largest area decides.
     """
     source, target = mapped.source, mapped.target
     outwards = np.bincount(target.triangle_face, signed * _outward(target))
@@ -84,7 +84,7 @@ def _flipped_faces(chart: Chart, mapped: MappedTarget, seed: Integers, signed: F
 
 
 def _outward(surface: Surface) -> Floats:
-    """(m,) 1 for triangles that are wound outwards, -1 for the others, 0 for those without an extent."""
+    """(m,) 1 for triangles that are wound outwards, -1 for the others, 0 for degenerate ones."""
     winding = np.zeros(len(surface.triangles))
     winding[surface.working.triangle_of] = np.where(surface.working.flipped, -1.0, 1.0)
     return winding

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where to cut the target open, so that its UV islands end exactly where the source's do.
+"""Cut the target open, so that its UV islands end exactly where the source's do.
 
-A face of the target that lies across a seam of the source belongs to one island only, so borders between islands
-are ragged by the size of a face. Where a target's edge crosses a seam, a new vertex on it makes the border exact;
-faces are divided between two such places, or, where seams meet in a face, from several to a new vertex at the point
-where they meet. Nothing else of the target changes.
+A face of the target that crosses a seam of the source belongs to one island only, so borders between islands are ragged
+by the size of a face. Where a target's edge crosses a seam, a new vertex on it makes the border exact. Faces are
+divided between two such places, or, where seams meet in a face, from several to a new vertex at the meeting point.
+Nothing else of the target changes.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from zoomout_core.transfer.cut_mesh import CutSurface, cut_surface, expand_range
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Distance of a crossing from an end of its edge, in edges, below which it snaps to that end to avoid slivers.
+# Distance of a crossing from an end of its edge, in edge lengths, below which it snaps to that end to avoid slivers.
 SNAP_DISTANCE = 0.1
-# Smallest share of a face's area that an edge must span with the point where seams meet; else the point is not used.
+# Minimum share of a face's area that an edge spans with a meeting point of seams; else the point is not used.
 MIN_SPOKE_AREA = 0.02
 # Bisections of an edge to find where it crosses a seam.
 BISECTIONS = 14
@@ -41,15 +41,15 @@ class SeamCut:
 
     Attributes:
         edge: (e, 2) vertices of the edges that receive a new vertex.
-        fraction: (e,) where on the edge, from its first vertex.
+        fraction: (e,) its position on the edge, from the first vertex.
         face: (f,) faces that are divided by one straight cut.
-        ends: (f, 2) the places that a face is divided between.
-        meeting: (h,) faces within which seams meet, and that receive a new vertex there.
-        corners: (h, 3) vertices of each of these faces, and
-        weights: (h, 3) the point between them where the seams meet, in barycentric coordinates.
-        spokes: h arrays of the places around a face, in order, that it is divided from to that point.
-        surface_map: (n + e + h) places on the source, also of vertices that were moved onto a seam by rounding.
-        left: how many faces are crossed in other ways; they stay whole.
+        ends: (f, 2) the places between which each face is divided.
+        meeting: (h,) faces with a meeting point of seams inside, where they receive a new vertex.
+        corners: (h, 3) three vertices of each of these faces.
+        weights: (h, 3) barycentric coordinates of the meeting point between these.
+        spokes: h arrays of the places around a face, in order, that are joined to the meeting point.
+        surface_map: (n + e + h) places on the source, also of vertices that were snapped to a seam.
+        left: number of faces that are crossed in other ways; they stay whole.
     """
 
     edge: Integers
@@ -64,7 +64,7 @@ class SeamCut:
     left: int
 
     def apply(self, target: Surface) -> Surface:
-        """Cut the target: new vertices come after its own, further parts of divided faces after its faces."""
+        """Cut the target: new vertices follow its own, further parts of divided faces follow its faces."""
         first, second = (target.vertices[self.edge[:, i]] for i in range(2))
         on_edges = first + self.fraction[:, None] * (second - first)
         within = np.einsum("hc,hcx->hx", self.weights, target.vertices[self.corners])
@@ -101,10 +101,10 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
 
 
 def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
-    """Where to cut the target along the seams of a UV map of the source.
+    """Find where to cut the target along the seams of a UV map of the source.
 
     Args:
-        uv: of the source, with values (c, 2) at its corners.
+        uv: UV map of the source, with values (c, 2) at its corners.
         mapped: the target on the source.
     """
     cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
@@ -114,10 +114,10 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     fraction, place = _crossings(cut, mapped, edge)
     n = len(mapped.target.vertices)
 
-    # A vertex next to a seam counts as on it, and so do all crossings of the edges around it.
+    # A vertex next to a seam is snapped to it, with all crossings of the edges around it.
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
     snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SNAP_DISTANCE)
-    snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the nearest come last
+    snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the closest come last
     on_seam = np.zeros(n, dtype=bool)
     on_seam[nearer[snapped]] = True
     triangle, barycentric = mapped.surface_map.triangle.copy(), mapped.surface_map.barycentric.copy()
@@ -166,7 +166,7 @@ def _next_corner(corner: Integers, mapped: MappedTarget) -> Integers:
 def _leaves_sheet(
     cut: CutSurface, mapped: MappedTarget, edge: Integers, fraction: Floats
 ) -> tuple[Booleans, SurfaceMap]:
-    """Whether the way from an edge's first vertex to a place on it crosses a cut, and that place on the source."""
+    """Whether the path from an edge's first vertex to a place on it crosses a cut, and that place on the source."""
     begin, end = mapped.points[edge[:, 0]], mapped.points[edge[:, 1]]
     points = begin + fraction[:, None] * (end - begin)
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
@@ -177,7 +177,7 @@ def _leaves_sheet(
 
 
 def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[Floats, SurfaceMap]:
-    """(e,) where edges whose ends lie on two sheets cross from one to the other, and these places on the source."""
+    """(e,) where edges with ends on two sheets cross from one to the other, and these places on the source."""
     low, high = np.zeros(len(edge)), np.ones(len(edge))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
@@ -192,10 +192,10 @@ class _Around(NamedTuple):
 
     Attributes:
         face: (q,) the face.
-        step: (q,) how far around: its vertices are at even steps, its edges at odd ones.
+        step: (q,) position around the face: vertices at even steps, edges at odd ones.
         place: (q,) the number of the place.
-        first: (g,) where each face's begin among them, and
-        count: (g,) how many it has.
+        first: (g,) where the places of each face begin.
+        count: (g,) number of places of each face.
     """
 
     face: Integers
@@ -206,7 +206,7 @@ class _Around(NamedTuple):
 
 
 def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -> _Around:
-    """The places around all faces, of vertices on a seam and of crossings on edges (e, 2)."""
+    """The places around all faces: vertices on a seam, and crossings on edges (e, 2)."""
     target = mapped.target
     n = len(target.vertices)
     corner = np.arange(len(target.corner_vertex))
@@ -227,23 +227,23 @@ def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -
 
 
 def _divide_faces(mapped: MappedTarget, around: _Around) -> tuple[Integers, Integers]:
-    """The faces that the seam divides straight, and the two places that each is divided between."""
+    """The faces that a seam divides by a straight cut, and the two ends of each cut."""
     pair = around.first[around.number == 2]
     length = 2 * np.diff(mapped.target.face_start)[around.face[pair]]
     gap = around.step[pair + 1] - around.step[pair]
-    # Two vertices at the ends of one edge are joined by that edge.
+    # Two vertices of one edge are joined already.
     corners = (around.step[pair] % 2 == 0) & (around.step[pair + 1] % 2 == 0)
     pair = pair[~corners | (np.minimum(gap, length - gap) > 2)]
     return around.face[pair], np.stack([around.place[pair], around.place[pair + 1]], axis=1)
 
 
 class _Meetings(NamedTuple):
-    """Points within faces at which seams meet.
+    """Points within faces where seams meet.
 
     Attributes:
         face: (h,) the face.
-        vertex: (h,) the vertex of the source that lies there.
-        corners: (h, 3) the corners of the target's triangle that it lies in, and
+        vertex: (h,) the source's vertex at each point.
+        corners: (h, 3) the corners of the target's triangle that contains it.
         weights: (h, 3) its barycentric coordinates.
         spokes: h arrays of the places around the face.
     """
@@ -256,7 +256,7 @@ class _Meetings(NamedTuple):
 
 
 def _meetings(cut: CutSurface, mapped: MappedTarget, around: _Around) -> _Meetings:
-    """Where seams meet within faces that they cross at three places or more."""
+    """Find where seams meet within faces that they cross at three places or more."""
     target, n = mapped.target, len(mapped.target.vertices)
     crossed = np.logical_or.reduceat(around.place >= n, around.first) if len(around.first) else around.first > 0
     group = np.flatnonzero((around.number > 2) & crossed)
@@ -278,7 +278,7 @@ def _meetings(cut: CutSurface, mapped: MappedTarget, around: _Around) -> _Meetin
 
 
 def _junctions(cut: CutSurface) -> Integers:
-    """(j,) vertices of the source at which three borders or more meet; of those in one place, one."""
+    """(j,) vertices of the source where three borders or more meet; one per place."""
     source = cut.surface
     vertices = np.sort(source.working.vertex_of[source.corner_vertex[cut.border]], axis=1)
     vertices = np.unique(vertices[(vertices[:, 0] >= 0) & (vertices[:, 0] < vertices[:, 1])], axis=0)
@@ -287,7 +287,7 @@ def _junctions(cut: CutSurface) -> Integers:
 
 
 def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integers, Floats]:
-    """For points (h, 3) of the source the nearest one of each face (h,) of the target, as it is mapped onto the source.
+    """For points (h, 3) of the source, the nearest point of each face (h,) of the target, mapped onto the source.
 
     Returns:
         (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.
@@ -305,7 +305,7 @@ def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integ
 
 
 def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
-    """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay within the face."""
+    """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay inside the face."""
     target = mapped.target
     start, end = target.face_start[face], target.face_start[face + 1]
     owner, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))

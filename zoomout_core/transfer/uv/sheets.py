@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sheets that each face of the target might take its UVs from.
+"""The sheets from which each face of the target might take its UVs.
 
 A sheet is a part of the source around a face that is joined without a seam, so the two sides of a seam are two sheets
-even where they are of one island. A face that might lie across a seam is sampled, and its samples vote for sheets.
+even within one island. A face that might cross a seam is sampled, and its samples vote for sheets.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import Candidates
 from zoomout_core.transfer.uv.chart import Chart
 
-# Sheets that one face may lie on, at most; more meet in one face only where it is larger than islands.
+# Maximum number of sheets per face; more meet in one face only if it is larger than islands.
 MAX_SHEETS = 4
-# Part of the way towards the middle of its face by which a corner is moved to choose its triangle, to stay on the
-# face's side of a seam.
+# Fraction of the way to the centre of its face by which a corner is moved to choose its triangle, to stay on the face's
+# side of a seam.
 INWARD_SHIFT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The sheets that each face of the target might lie on, and its corners there.
+    """The sheets that each face of the target might be on, and its corners there.
 
     Attributes:
-        candidates: k of them.
+        candidates: the k candidates.
         seed: (k,) a triangle of the source on each.
-        row: (k,) where the corners of each start in the rows.
-        uv: (rows, 2) of each corner of each candidate's face.
-        gap: (rows,) how far the corner lies beyond the sheet's border, in space.
+        row: (k,) where the corners of each begin in the rows.
+        uv: (rows, 2) UVs of each corner of each candidate's face.
+        gap: (rows,) distance in space of the corner beyond the sheet's border.
     """
 
     candidates: Candidates
@@ -46,7 +46,7 @@ class Sheets:
 
     @cached_property
     def size(self) -> Floats:
-        """(k,) the larger extent of each candidate's face in the atlas."""
+        """(k,) larger extent of each candidate's face in the atlas."""
         extent = [np.maximum.reduceat(axis, self.row) - np.minimum.reduceat(axis, self.row) for axis in self.uv.T]
         return np.maximum(*extent)
 
@@ -56,7 +56,7 @@ class Sheets:
 
 
 def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
-    """One sheet for faces that lie within a border, and for others those that their samples fall onto."""
+    """One sheet for faces within borders, and for other faces those that their samples are on."""
     target, cut = mapped.target, chart.cut
     near = mapped.near_border(cut)
     safe = np.flatnonzero(~near)
@@ -72,7 +72,7 @@ def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
 def _read(
     chart: Chart, mapped: MappedTarget, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
 ) -> Sheets:
-    """The corners of each candidate's face on its sheet: looked for where the face is near a border, else known."""
+    """The corners of each candidate's face on its sheet; they are searched only for faces near a border."""
     target, cut, face = mapped.target, chart.cut, candidates.face
     start, end = target.face_start[face], target.face_start[face + 1]
     candidate, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
@@ -91,11 +91,11 @@ def _read(
 
 
 def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tuple[Integers, Integers, Floats, Floats]:
-    """The sheets that samples of some faces of the target fall onto.
+    """The sheets that contain samples of some faces of the target.
 
     Returns:
-        For each sheet its face, a triangle and a point on it, the sample nearest to the face's middle,
-        and its share of the face's votes.
+        For each sheet its face, a triangle and a point on it, the sample nearest to the face's centre, and its share of
+        the face's votes.
     """
     samples = mapped.samples(faces)
     points = np.einsum(

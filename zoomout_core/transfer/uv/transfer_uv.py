@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps: every face of the target lies within one island of the source, on one side of each of its seams.
+"""Transfer UV maps: every face of the target is in one island of the source, on one side of each of its seams.
 
-A face that might lie across a seam is sampled. Its samples fall onto one or several sheets: parts of the
-source that are joined around the face without a seam between them, be they of different islands or the two
-sides of a seam within one. The face takes one sheet by vote, and all its corners are read there; corners
-beyond the sheet's border continue it linearly. Faces that agree about a corner share it, so the target has
-seams only where the source has one.
+A face that might cross a seam is sampled. Its samples are on one or several sheets: parts of the source that are joined
+around the face without a seam between them, of different islands or the two sides of a seam within one. The face takes
+one sheet by vote, and all its corners are read there; corners beyond the sheet's border continue it linearly. Faces
+that agree about a corner share it, so the target has seams only where the source has one.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ from zoomout_core.transfer.uv.chart import Chart, chart_of
 from zoomout_core.transfer.uv.faults import fault_notes
 from zoomout_core.transfer.uv.sheets import Sheets, sheets_of
 
-# Corners of joined faces that differ by less than this part of the UVs' range differ by rounding.
+# Smaller differences between corners of joined faces, relative to the UVs' range, are rounding.
 SAME_CORNER = 1e-9
-# Largest difference of UVs at a common edge, relative to the smaller face's UV size, of faces that continue each other.
+# Maximum difference of UVs at the common edge of continuous faces, relative to the smaller face's UV size.
 UV_TOLERANCE = 0.25
 
 
 def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """UVs (c, 2) at face corners."""
+    """Transfer UVs (c, 2) at face corners."""
     target = mapped.target
     chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
     sheets = sheets_of(chart, mapped)
@@ -54,7 +53,7 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _elect(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
-    """(f,) the candidate that each face takes, so that the seams on the target are short."""
+    """(f,) the candidate of each face, chosen so that the seams on the target are short."""
     target = mapped.target
     first, second = sheets.candidates.contested_edges(*mapped.adjacent, target.corner_face)
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
@@ -77,7 +76,7 @@ def _agree(
     first: Integers,
     second: Integers,
 ) -> Booleans:
-    """(e,) whether two candidates continue each other over their common edge."""
+    """(e,) whether two candidates are continuous across their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
     tolerance = UV_TOLERANCE * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
     agree = island[one] == island[other]
@@ -89,10 +88,10 @@ def _agree(
 
 
 def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
-    """(c, 2) UVs, where joined corners that are one, or lie beyond a border, have what the nearest of them has."""
+    """(c, 2) UVs, where joined corners that are equal, or beyond a border, share the value of the nearest of them."""
     group = label_groups(len(uv), first.ravel(), second.ravel())
     nearest = np.empty(group.max() + 1, dtype=np.int64)
-    nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each, which is the nearest if it has no gap
+    nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each group, which is the nearest if it has no gap
     others = np.flatnonzero(gap[nearest[group]] > 0)
     others = others[np.lexsort((gap[others], group[others]))]
     others = others[np.flatnonzero(np.diff(group[others], prepend=-1))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The cage of a subdivision surface that lies on the source: its limit points do, and not its vertices."""
+"""The cage of a subdivision surface on the source: its limit points are on the source, not its vertices."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from zoomout_core.transfer.wrapping.subdivision import limit_points
 
 # Rounds of projecting the limit surface onto the source.
 PROJECTION_ROUNDS = 4
-# Weights against squared distances of the limit from its projections: of differences in motion between a vertex and its
-# neighbours, which keeps what no limit point determines (such as every second vertex up and down), and of the motion.
+# Weights relative to squared distances of the limit from its projections: of differences in motion between a vertex and
+# its neighbours, which fixes patterns that no limit point determines (such as alternating vertices), and of the motion.
 FAIRNESS_WEIGHT = 3e-3
 MOTION_WEIGHT = 1e-4
 
@@ -25,17 +25,17 @@ MOTION_WEIGHT = 1e-4
 def cage_of(
     mapped: MappedTarget, positions: Floats, triangle: Integers, weight: Floats, detail: float, pins: Pins
 ) -> Floats:
-    """(n_t, 3) vertices of a cage whose limit surface lies where vertices at some positions would.
+    """(n_t, 3) vertices of a cage whose limit surface matches the given vertex positions.
 
     Least squares of distances of the limit's points at vertices, edges and faces, regularised by the cage's motion.
 
     Args:
         mapped: the target, which is the cage, on the source.
-        positions: (n_t, 3) of its vertices on the source, in the source's frame and unit.
-        triangle: (n_t,) the source's triangles beside these.
-        weight: (n_t,) how far vertices lie on the source, in [0, 1]; the others stay.
-        detail: how far from the polygons between the positions to the source the limit goes, in [0, 1].
-        pins: places of the limit, as mixtures of its points at the vertices, that must come to given positions.
+        positions: (n_t, 3) positions of its vertices on the source, in the source's frame and unit.
+        triangle: (n_t,) the source's triangles near these.
+        weight: (n_t,) how far vertices are on the source, in [0, 1]; the others stay.
+        detail: how far the limit moves from the polygons between the positions to the source, in [0, 1].
+        pins: places of the limit, as mixtures of its points at the vertices, that must reach given positions.
     """
     cage, source, n = mapped.target, mapped.source, len(positions)
     points = limit_points(cage)
@@ -52,7 +52,7 @@ def cage_of(
 
 
 def _differences(cage: Surface) -> csr_array:
-    """(n, n) the quadratic form that sums squared differences between vertices and the means of their neighbours."""
+    """(n, n) quadratic form of the sum of squared differences between vertices and the means of their neighbours."""
     graph = edge_graph(cage.vertices, cage.triangles)
     graph.data[:] = 1
     count = np.asarray(graph.sum(axis=1)).ravel()

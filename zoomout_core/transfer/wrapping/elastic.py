@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target as an elastic mesh: its edges, turned and scaled, resist the goals that attract its vertices.
+"""The target as an elastic mesh: its edges, rotated and scaled, resist the goals that attract its vertices.
 
-As-rigid-as-possible surface modelling (Sorkine and Alexa 2007), with rotations that are averaged along the surface, and
-with scales that are given. Positions are those of the target's working mesh, at unit area of the source.
+As-rigid-as-possible surface modelling (Sorkine and Alexa 2007), with rotations averaged along the surface, and given
+scales. Positions are those of the target's working mesh, at unit area of the source.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
-# Smallest weight of a goal: parts without any goal would leave the system singular.
+# Minimum weight of a goal: parts without any goal would make the system singular.
 MIN_PULL = 1e-6
 
 
@@ -29,7 +29,7 @@ class Pins:
 
     Attributes:
         matrix: (p, n) barycentric coordinates of the places.
-        positions: (p, 3) where to.
+        positions: (p, 3) positions to reach.
     """
 
     matrix: csr_array
@@ -41,7 +41,7 @@ class Pins:
         return np.unique(self.matrix.indices)
 
     def enforce(self, positions: Floats) -> Floats:
-        """(n, 3) positions that meet the pins: only corners of the places move, as little as possible."""
+        """(n, 3) positions that satisfy the pins: only corners of the places move, as little as possible."""
         if not len(self.positions):
             return positions
         missing = self.positions - self.matrix @ positions
@@ -50,21 +50,21 @@ class Pins:
 
 
 def no_pins(n: int) -> Pins:
-    """Pins of a working mesh of n vertices without any."""
+    """Empty pins of a working mesh of n vertices."""
     return Pins(csr_array((0, n)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
 class RestMesh:
-    """The target's working mesh at rest, and how it is to be scaled.
+    """The target's working mesh at rest, and its scales.
 
     Attributes:
-        rest: (n, 3) its vertices,
-        normals: (n, 3) and their normals.
+        rest: (n, 3) its vertices.
+        normals: (n, 3) their normals.
         corners: (m, 3) its triangles, wound outwards.
-        stiffness: (n, n) of its edges.
-        areas: (n,) of its vertices.
-        scales: (n,) how long its edges should be, over what they are at rest.
+        stiffness: (n, n) stiffness of its edges.
+        areas: (n,) areas of its vertices.
+        scales: (n,) target length of its edges, relative to rest.
         handedness: (n,) -1 where the map mirrors it, else 1.
         averaging: averages values along the surface by area, over a length at unit area.
     """
@@ -80,10 +80,10 @@ class RestMesh:
 
     @classmethod
     def of(cls, frames: Frames, averaged_over: float) -> RestMesh:
-        """The rest mesh of a target with frames at all vertices.
+        """Make the rest mesh of a target with frames at all vertices.
 
         Args:
-            frames: of the target's working mesh.
+            frames: frames of the target's working mesh.
             averaged_over: length over which values are averaged, at unit area.
         """
         working, areas, stiffness = frames.mapped.target.working, frames.areas, frames.stiffness
@@ -94,8 +94,8 @@ class RestMesh:
         return cls(*shape, stiffness, areas, scales, np.sign(turns), averaging)
 
     def loads(self, rotations: Floats) -> Floats:
-        """(n, 3) the stiffness applied to positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
-        # The same as `turn_gradients`, without the assembly of its matrix, which takes many times as long.
+        """(n, 3) stiffness applied to positions with the edges at rest, rotated (n, 3, 3) and scaled."""
+        # The same as `turn_gradients` without assembling its matrix, which takes many times as long.
         turns = self.scales[:, None, None] * rotations
         turned = np.einsum("nij,nj->ni", turns, self.rest)
         around = (self.stiffness @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
@@ -107,7 +107,7 @@ class PinnedSystem:
     """A sparse symmetric positive definite system whose solutions satisfy pins.
 
     Args:
-        factors: of its (n, n) matrix.
+        factors: factors of its (n, n) matrix.
         pins: hard constraints of the solutions.
     """
 
@@ -119,11 +119,11 @@ class PinnedSystem:
             self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
 
     def _free(self, loads: Floats) -> Floats:
-        """(n, d) solutions for loads (n, d), without the pins."""
+        """(n, d) solutions for loads (n, d), ignoring the pins."""
         return np.asarray(self._factors.solve(np.asfortranarray(loads)))
 
     def solve(self, loads: Floats) -> Floats:
-        """(n, 3) solutions for loads (n, 3) that meet the pins with the least energy."""
+        """(n, 3) solutions for loads (n, 3) that satisfy the pins with minimum energy."""
         free = self._free(loads)
         return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
 
@@ -134,7 +134,7 @@ class Elastic:
     Args:
         rest_mesh: the mesh at rest.
         pull: (n,) the weight of each vertex's goal, in [0, 1].
-        length: over which edges resist that, at unit area.
+        length: length over which edges resist the goals, at unit area.
         pins: hard constraints.
     """
 
@@ -147,14 +147,14 @@ class Elastic:
         self._averaging = self._smoothing if length > rest_mesh.averaging.length else rest_mesh.averaging
 
     def solve(self, goals: Floats, loads: Floats) -> Floats:
-        """(n, 3) positions attracted by goals (n, 3), with edges that resist, see `RestMesh.loads`."""
+        """(n, 3) positions attracted by goals (n, 3), with resisting edges, see `RestMesh.loads`."""
         return self._system.solve(self._smoothing.loads(goals, loads))
 
     def turns(self, positions: Floats) -> Floats:
         """(n, 3, 3) rotations from rest to positions (n, 3), averaged around each vertex."""
         rest_mesh = self._rest_mesh
         products = products_of_gradients(rest_mesh.stiffness, positions, rest_mesh.rest)
-        # Edges of a flat patch do not determine the rotation of its normals, so these are added.
+        # Edges of a flat patch do not determine the rotation of its normals, so add these.
         size = rest_mesh.areas * rest_mesh.scales * rest_mesh.handedness
         normals = vertex_normals(positions, rest_mesh.corners)
         products += size[:, None, None] * normals[:, :, None] * rest_mesh.normals[:, None, :]

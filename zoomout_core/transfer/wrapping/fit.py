@@ -2,10 +2,10 @@
 """Fit the target to the source, from stiff to soft.
 
 The images of the target's vertices are noisy, folded in places, and as uneven as the map. The target's own edges,
-turned as the map turns their surroundings, regularise them. Each round updates the rotations, then solves for positions
+rotated with their surroundings by the map, regularise them. Each round updates the rotations, then solves for positions
 near the goals of the vertices: closest points with similar normals, source vertices that no vertex would reach, and
-images where the map is sound. The matrix is the same for all rounds of a stage, which share one factorisation (as in
-projective dynamics, Bouaziz et al. 2014).
+images where the map is sound. All rounds of a stage have the same matrix and share one factorisation (as in projective
+dynamics, Bouaziz et al. 2014).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class FitTuning(Tuning, set_by="wrap"):
-    """How stiff the target is, and how many rounds of projection are computed.
+    """The stiffness of the target, and the number of rounds of projection.
 
     Attributes:
         coarse: length over which edges resist in the first stage, and in the form at detail zero.
-        softest: the same of the last stage, where smoothness is zero.
-        stiffest: the same where it is one.
-        stages: from coarse to the last one.
-        rounds: of each.
+        softest: the same in the last stage, at smoothness zero.
+        stiffest: the same in the last stage, at smoothness one.
+        stages: number of stages from coarse to the last one.
+        rounds: rounds of each stage.
         last_rounds: further rounds, in which projections move along the source.
         averaged_over: length over which rotations and errors of the map are averaged.
-        scales_over: the same of scales.
-        max_growth: of a face by the map, relative to its surroundings; beyond it the map is wrong there.
-        max_stretch: of a face by the map, in one direction relative to another.
-        image_pull: weight of images relative to projections at smoothness zero; it falls to zero at one.
+        scales_over: length over which scales are averaged.
+        max_growth: maximum growth of a face by the map, relative to its surroundings; beyond it the map is wrong there.
+        max_stretch: maximum stretch of a face by the map, in one direction relative to another.
+        image_pull: weight of images relative to projections at smoothness zero; decreases to zero at one.
     """
 
     coarse: float = tuned(0.1, "at unit area", 1e-6, 1)
@@ -59,28 +59,28 @@ class FitTuning(Tuning, set_by="wrap"):
 FIT = FitTuning()
 # Guard against division by zero.
 SMALLEST = 1e-300
-# Weight of a vertex whose surroundings are mapped wrongly.
+# Weight of a vertex whose surroundings are wrongly mapped.
 MIN_SOUNDNESS = 1e-4
 
 
 class Fit:
-    """The target on its way onto the source; positions are those of its working mesh, at unit area of the source.
+    """The target being fitted to the source; positions are those of its working mesh, at unit area of the source.
 
     Args:
-        mapped: the target on the source; of no confidence where it is not to follow the map.
-        weight: (n_t,) how far each vertex goes onto the source, in [0, 1].
+        mapped: the target on the source; without confidence where it should not follow the map.
+        weight: (n_t,) how far each vertex moves to the source, in [0, 1].
         given: (n_s,) which vertices of the source have a counterpart on the target.
-        pins: places of the working mesh that must come to given positions.
+        pins: places of the working mesh that must reach given positions.
         smoothness: how evenly edges flow, in [0, 1].
 
     Attributes:
-        weight: the same of the working mesh's vertices (n,).
+        weight: (n,) the same for the working mesh's vertices.
         rest_mesh: the target at rest.
-        projections: of its vertices on the source.
-        turns: (n, 3, 3) of its vertices.
-        pins: as given.
+        projections: projections of its vertices onto the source.
+        turns: (n, 3, 3) rotations of its vertices.
+        pins: the given pins.
         trust: (n,) how far the map is followed.
-        length: over which edges hold in the end, at unit area.
+        length: length over which edges resist in the last stage, at unit area.
     """
 
     def __init__(self, mapped: MappedTarget, weight: Floats, given: Booleans, pins: Pins, smoothness: float) -> None:
@@ -96,7 +96,7 @@ class Fit:
         self._image_pull = FIT.image_pull * (1 - smoothness) ** 2 * self.trust
 
     def run(self) -> Floats:
-        """(n, 3) positions near the source: stages from stiff to soft."""
+        """(n, 3) positions near the source, after stages from stiff to soft."""
         lengths = np.geomspace(FIT.coarse, self.length, FIT.stages)
         positions, done, rounds = self.projections.images, 0, FIT.stages * FIT.rounds + FIT.last_rounds
         for stage, length in enumerate(lengths):
@@ -126,7 +126,7 @@ class Fit:
         )
 
     def turn_normals(self, normals: Floats, turns: Floats) -> Floats:
-        """(q, 3) normals (q, 3) of the working mesh, turned (q, 3, 3)."""
+        """(q, 3) normals (q, 3) of the working mesh, rotated by (q, 3, 3)."""
         return np.asarray(np.linalg.det(turns)[:, None] * np.einsum("qij,qj->qi", turns, normals))
 
     def _project(self, positions: Floats) -> Floats:
@@ -134,7 +134,7 @@ class Fit:
         return self.projections.goals(positions, self._image_pull)
 
     def _soundness(self) -> Floats:
-        """(n,) how sound the map is around each vertex, in (0, 1]: the area there without folded or distorted faces."""
+        """(n,) soundness of the map around each vertex, in (0, 1]: the share of area of sound faces."""
         corners, images, scale = (
             self.working.oriented_triangles,
             self.projections.images,
@@ -154,7 +154,7 @@ class Fit:
         return np.asarray(np.clip(1 - 2 * self.rest_mesh.averaging.smooth(share[:, None])[:, 0], MIN_SOUNDNESS, 1) ** 2)
 
     def _smooth_scales(self) -> Floats:
-        """(n,) scales of the mesh, averaged over long distances where the map can be trusted."""
+        """(n,) scales of the mesh, averaged over long distances where the map is trusted."""
         middle = float(np.median(self.rest_mesh.scales))
         scales = np.log(np.clip(self.rest_mesh.scales / middle, 1 / FIT.max_stretch, FIT.max_stretch))
         elastic = Elastic(self.rest_mesh, self.trust, FIT.scales_over, no_pins(len(scales)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts, such as eyes and teeth, follow their surroundings as similar images of themselves."""
+"""Loose parts, such as eyes and teeth, follow their surroundings by similarities."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.transfer.inpaint import SMALL_PART
 from zoomout_core.transfer.wrapping.fit import Fit
 
-# Vertices of larger parts near each vertex of a loose part that determine its motion.
+# Number of vertices of larger parts near each vertex of a loose part that determine its motion.
 NEIGHBOURS = 8
-# Smallest share of a part's area with trusted images at which the part is placed by them.
+# Minimum share of a part's area with trusted images for placing the part by them.
 MIN_TRUSTED_SHARE = 0.5
 
 
 def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
-    """(n,) vertices of parts that are small, or of which no vertex has a weight (n,)."""
+    """(n,) vertices of parts that are small, or without any weight (n,)."""
     areas = triangle_areas(working.vertices, working.triangles)
     small = np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
     return np.asarray((small | (np.bincount(working.component, weight) == 0))[working.component])
@@ -29,7 +29,7 @@ def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
 def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
     """(n, 3) positions in which loose parts follow their surroundings, at unit area of the source.
 
-    A part turns as its surroundings do, because images do not determine the rotation of a ball. Trusted images
+    A part rotates with its surroundings, because images do not determine the rotation of a ball. Trusted images
     determine its place and size.
     """
     working, rest = fit.working, fit.working.vertices
@@ -54,7 +54,7 @@ def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
 
 
 def _place(motion: Similarities, own: Moments, images: Floats) -> Similarities:
-    """A motion with its own turn that brings a part to the middle of its images, and to their size."""
+    """A motion with the same rotation that moves a part to the centre of its images, and scales it to their size."""
     spread = np.einsum("nx,nx->", images - own.image, images - own.image) / len(images)
     scale = np.sqrt(spread / np.maximum(own.spread, 1e-300))
     return Similarities(scale, motion.rotation, own.image - scale * motion.rotation @ own.place)

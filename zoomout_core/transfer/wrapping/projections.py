@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Projections of the target's vertices onto the source while it is wrapped."""
+"""Projections of the target's vertices onto the source during wrapping."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ class ProjectionTuning(Tuning, set_by="wrap"):
     """How vertices are projected, and the weights of their projections.
 
     Attributes:
-        normal_weight: the distance that is equivalent to normals that differ by a unit vector.
-        robust_scale: of the weight 1 / (1 + (r / scale)^2)^2 of a projection at distance r (Geman and McClure 1987).
-        max_points: the largest number of source vertices that attract the nearest vertex of the target.
-        facing: the smallest cosine between normals at which a vertex moves all the way to its projection.
+        normal_weight: the distance that counts as much as a unit difference of normals.
+        robust_scale: scale of the weight 1 / (1 + (r / scale)^2)^2 of a projection at distance r (Geman and McClure
+            1987).
+        max_points: maximum number of source vertices that attract the nearest vertex of the target.
+        facing: minimum cosine between normals for moving a vertex all the way to its projection.
     """
 
     normal_weight: float = tuned(0.03, "at unit area", 0, 10)
@@ -47,10 +48,10 @@ class Projections:
         given: (n_s,) which vertices of the source have a counterpart on the target.
 
     Attributes:
-        images: (n, 3) where the map sends the vertices.
+        images: (n, 3) images of the vertices by the map.
         places: (n, 3) their projections.
         triangle: (n,) the source's triangle that contains each projection.
-        outwards: (n,) 1 where normals of the source and of the target, as the map turns it, agree, else -1.
+        outwards: (n,) 1 where normals of the source and of the target, rotated by the map, agree, else -1.
     """
 
     def __init__(self, mapped: MappedTarget, given: Booleans, turned_normals: Floats) -> None:
@@ -81,18 +82,18 @@ class Projections:
         return unit_vectors(self._interpolate(self._normals))
 
     def walk(self, positions: Floats, some: Integers | slice = slice(None)) -> None:
-        """Project positions (s, 3) of some vertices (s,) by a descent along the source, from their last projections."""
+        """Project positions (s, 3) of some vertices (s,) by descent along the source from their last projections."""
         self._place(*self._surface.walk(self.triangle[some], self._unit * positions)[:2], some)
 
     def jump(self, positions: Floats) -> None:
-        """Project positions (n, 3) onto the closest points of the source whose normals agree."""
+        """Project positions (n, 3) to the closest points of the source with agreeing normals."""
         self._place(*self._search.closest(positions, self._outward_normals(positions))[:2])
 
     def goals(self, positions: Floats, image_pull: Floats) -> Floats:
         """(n, 3) goals of vertices at positions (n, 3).
 
         A goal is a weighted mean of the vertex's projection, of the source vertices to which it is the nearest, and of
-        its image. Projections and source vertices weigh less with distance, and where normals differ.
+        its image. Weights of projections and source vertices decrease with distance and difference of normals.
 
         Args:
             positions: (n, 3) of the vertices.
@@ -113,7 +114,7 @@ class Projections:
         return np.asarray(positions + total / (count + image_pull)[:, None])
 
     def with_images(self, image_pull: Floats) -> Floats:
-        """(n, 3) means of projections, of weight 1, and images, of weights (n,)."""
+        """(n, 3) means of projections, with weight 1, and images, with weights (n,)."""
         return np.asarray((self.places + image_pull[:, None] * self.images) / (1 + image_pull)[:, None])
 
     def facing(self, normals: Floats) -> Floats:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subdivision surfaces (Catmull and Clark 1978): the points of the surface that a cage of polygons tends to.
+"""Subdivision surfaces (Catmull and Clark 1978): points of the limit surface of a cage of polygons.
 
-The points of the limit follow from a subdivided mesh by fixed masks (Halstead, Kass and DeRose, Efficient, fair
-interpolation using Catmull-Clark surfaces, 1993).
+They follow from a subdivided mesh by fixed masks (Halstead, Kass and DeRose, Efficient, fair interpolation using
+Catmull-Clark surfaces, 1993).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class LimitPoints(NamedTuple):
 
     Attributes:
         limit: (n + e + f, n) the points, as mixtures of the cage's vertices; rows sum to one.
-        flat: (n + e + f, n) the vertices themselves, the middles of edges, and those of faces.
-        near: (n + e + f,) a vertex beside each.
+        flat: (n + e + f, n) the vertices, the middles of edges, and those of faces.
+        near: (n + e + f,) a vertex next to each.
     """
 
     limit: csr_array
@@ -34,7 +34,7 @@ class LimitPoints(NamedTuple):
 def limit_points(cage: Surface) -> LimitPoints:
     """Points of the limit surface of a cage.
 
-    Borders are smooth curves; creases are not regarded. A vertex of no face stays where it is.
+    Borders are smooth curves; creases are ignored. A vertex without a face stays in place.
     """
     flat, subdivided, quads = _subdivide(cage)
     near = np.arange(flat.shape[0])
@@ -46,8 +46,8 @@ def _subdivide(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
     """Subdivide once.
 
     Returns:
-        Matrices of the vertices, middles of edges and middles of faces, before and after, and quads (c, 4), one for
-        each corner.
+        Matrices of the vertices, middles of edges and middles of faces, before and after, and quads (c, 4), one per
+        corner.
     """
     n, corners, f = len(cage.vertices), cage.corner_vertex, len(cage.face_start) - 1
     count = len(corners)
@@ -87,7 +87,7 @@ def _subdivide(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
 
 
 def _limit(quads: Integers, count: int) -> csr_array:
-    """(count, count) the matrix that moves the vertices of a mesh of quads (q, 4) onto the limit surface."""
+    """(count, count) matrix that moves the vertices of a mesh of quads (q, 4) to the limit surface."""
     sides = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
     edges, edge_of = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     on_border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) != 2]
@@ -112,14 +112,14 @@ def _limit(quads: Integers, count: int) -> csr_array:
 
 
 def _previous(following: Integers) -> Integers:
-    """(c,) the corner before each one in its face."""
+    """(c,) the preceding corner of each in its face."""
     before = np.empty_like(following)
     before[following] = np.arange(len(following))
     return before
 
 
 def _means(matrix: csr_array) -> csr_array:
-    """A matrix whose rows sum to one, except empty ones."""
+    """Scale the rows of a matrix to sum to one; empty rows stay."""
     sums = np.asarray(matrix.sum(axis=1)).ravel()
     used: Booleans = sums != 0
     return csr_array(diags_array(np.where(used, 1 / np.where(used, sums, 1), 0)) @ matrix)

@@ -18,14 +18,14 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class UnfoldTuning(Tuning, set_by="wrap"):
-    """How folded faces are repaired.
+    """How to repair folded faces.
 
     Attributes:
-        relaxations: the most rounds that relax the surroundings of folded faces along the source.
-        averagings: of a vertex with its neighbours in each of these rounds.
-        retreats: the most rounds in which vertices retreat half the way from the source.
-        min_area: area of a face, over its scaled area at rest, below which it counts as folded.
-        releases: the most rounds that release vertices from the source, so that they keep their own form.
+        relaxations: maximum number of rounds that relax the surroundings of folded faces along the source.
+        averagings: number of averagings of a vertex with its neighbours in each of these rounds.
+        retreats: maximum number of rounds in which vertices retreat half the way from the source.
+        min_area: area of a face, relative to its scaled area at rest, below which it counts as folded.
+        releases: maximum number of rounds that release vertices from the source, so that they keep their own form.
     """
 
     relaxations: int = tuned(5, "rounds", 0, 100)
@@ -39,13 +39,13 @@ UNFOLD = UnfoldTuning()
 
 
 class Unfolding:
-    """Moves a fitted target onto the source, and repairs faces that fold.
+    """Moves a fitted target to the source, and repairs faces that fold.
 
-    Folded faces are relaxed along the source first. Vertices of those that stay folded retreat to their elastic
+    Folded faces are relaxed along the source first. Vertices of faces that stay folded retreat to their elastic
     positions. Where these are folded as well, vertices are released from the source.
 
     Args:
-        fit: of the target, which has run.
+        fit: the completed fit of the target.
     """
 
     def __init__(self, fit: Fit) -> None:
@@ -70,7 +70,7 @@ class Unfolding:
         for release in range(UNFOLD.releases):
             elastic = Elastic(fit.rest_mesh, pull, fit.length, fit.pins)
             elastic_positions = elastic.solve(fit.projections.places, fit.rest_mesh.loads(turns))
-            if release:  # released vertices turn with their surroundings
+            if release:  # released vertices rotate with their surroundings
                 turns = elastic.turns(elastic_positions)
                 elastic_positions = elastic.solve(fit.projections.places, fit.rest_mesh.loads(turns))
                 self._expected = self._turn_normals(turns)
@@ -89,7 +89,7 @@ class Unfolding:
         return self._flatten(positions)
 
     def _flatten(self, positions: Floats) -> Floats:
-        """(n, 3) positions, averaged around faces that are still folded; those of the round with the fewest."""
+        """(n, 3) positions, averaged around faces that are still folded; from the round with the fewest of these."""
         best, least = positions, int(self.turned_triangles(positions).sum())
         for number in range(UNFOLD.releases):
             turned = self.turned_triangles(positions)
@@ -107,12 +107,12 @@ class Unfolding:
         return best
 
     def turned_triangles(self, positions: Floats) -> Booleans:
-        """(m,) which triangles of the working mesh face against their turned surroundings, or have no area."""
+        """(m,) which triangles of the working mesh face against their rotated surroundings, or have no area."""
         facing = np.einsum("mx,mx->m", area_normals(positions, self._corners), self._expected)
         return np.asarray(facing <= UNFOLD.min_area * self._area)
 
     def _turn_normals(self, turns: Floats) -> Floats:
-        """(m, 3) normals of the triangles, turned by the mean of the rotations (n, 3, 3) of their corners."""
+        """(m, 3) normals of the triangles, rotated by the mean of the rotations (n, 3, 3) of their corners."""
         return self._fit.turn_normals(self._normals, turns[self._corners].mean(axis=1))
 
     def _relax(self, elastic_positions: Floats, onto: Floats) -> tuple[Floats, Floats]:

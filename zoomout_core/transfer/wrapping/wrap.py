@@ -30,9 +30,9 @@ from zoomout_core.transfer.wrapping.loose_parts import moves_as_a_whole, with_lo
 from zoomout_core.transfer.wrapping.projections import PROJECTION
 from zoomout_core.transfer.wrapping.unfold import Unfolding
 
-# Parts of the progress that reading the map, fitting and unfolding take, in [0, 1].
+# Fractions of the progress at the end of reading the map, fitting and unfolding.
 READ, FITTED, UNFOLDED = 0.15, 0.75, 0.97
-# Part of the progress of `reverse_match` that wrapping takes.
+# Fraction of the progress of `reverse_match` at the end of wrapping.
 TURNED_ROUND = 0.9
 STAGE = "Wrapping"
 
@@ -43,7 +43,7 @@ class Wrapped:
 
     Attributes:
         vertices: (n_t, 3) positions of its vertices, in the source's frame and unit.
-        turned_over: number of its triangles that face against the way that their surroundings have turned.
+        turned_over: number of its triangles that face against their rotated surroundings.
         notes: sentences for the user.
 
     Example:
@@ -71,27 +71,27 @@ def wrap(
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
-    Vertices lie on the source, edges flow evenly, and no face turns over. Parts without a counterpart on the source
-    keep their form and follow their surroundings; loose parts, such as eyes and teeth, turn and grow as a whole.
+    Vertices are on the source, edges flow evenly, and no face flips. Parts without a counterpart on the source keep
+    their form and follow their surroundings; loose parts, such as eyes and teeth, rotate and scale as a whole.
 
     Args:
         result: the match, or only its map, of each target vertex to a point of the source.
-        source: the surface whose shape is given.
+        source: the surface with the shape.
         target: the surface that receives it.
         smoothness: how evenly edges flow, from 0, where vertices stay near their images by the map, to 1, where faces
-            keep their form as far as the source's surface lets them.
-        detail: how far the source's detail is followed, from 0 for its coarse form alone, with the target's own detail,
-            to 1 for its surface.
+            keep their form as far as the source's surface allows.
+        detail: how far to follow the source's detail, from 0 for its coarse form only, with the target's own detail, to
+            1 for its surface.
         mask: (n_t,) how far each vertex is wrapped, in [0, 1]; the others keep their form and move along. All, when not
             given.
-        landmarks: for the source and for the target either vertex numbers (m,) or points (m, 3), which stand for the
-            closest point of the surface; those of the target come to lie exactly on those of the source.
-        subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978): then the surface
-            that it tends to comes to lie on the source, and landmarks are places of that.
-        progress: called with the progress, see `zoomout_core.progress`.
+        landmarks: for the source and the target either vertex numbers (m,) or points (m, 3), which are projected to the
+            surface; the target's are placed exactly on the source's.
+        subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978): then its limit
+            surface is fitted to the source, and landmarks are places on that.
+        progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
-        MeshError: the map is of other surfaces, or nothing of the target would be wrapped.
+        MeshError: the map is of other surfaces, or no part of the target would be wrapped.
         ValueError: a number is out of its range, or landmarks do not come in pairs.
 
     Example:
@@ -113,7 +113,7 @@ def wrap(
             "No part of the target can be wrapped, because no vertex has both a partner and a weight in the mask: "
             "change the mask, or match again."
         )
-    # A bare map does not have it.
+    # A bare map lacks it.
     given: Booleans | None = getattr(result, "source_has_partner", None)
     given = np.ones(len(source.vertices), dtype=bool) if given is None else given
     places = _places_of_landmarks(landmarks, source, target)
@@ -155,7 +155,7 @@ class ReversedMatch:
 def reverse_match(result: Match | SurfaceMap, source: Surface, target: Surface) -> ReversedMatch:
     """Invert a match: the map from the source to the target.
 
-    Each vertex of the source takes the closest point of the target, wrapped onto it, next to normals that agree.
+    Each vertex of the source takes the closest point of the wrapped target with an agreeing normal.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
@@ -171,7 +171,7 @@ def reverse_match(result: Match | SurfaceMap, source: Surface, target: Surface) 
 
 
 def _nearest_on(wrapped: Floats, result: Match | SurfaceMap, source: Surface, target: Surface) -> SurfaceMap:
-    """The map of source vertices to the target, of which vertices at positions (n_t, 3) lie on the source."""
+    """The map of source vertices to the target, wrapped onto the source at positions (n_t, 3)."""
     surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
     outwards = surface_map.interpolate(_vertex_normals(source))
     working = target.working
@@ -243,7 +243,7 @@ def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Fl
 
 
 def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
-    """(n_t, 3) positions of all vertices of the target; a vertex of no face follows the nearest other one."""
+    """(n_t, 3) positions of all vertices of the target; a vertex without a face follows the nearest other one."""
     number = target.working.vertex_of
     found = positions[number]
     unused = np.flatnonzero(number < 0)
