@@ -19,7 +19,7 @@ from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle processed together; bounds the memory.
 BLOCK = 1 << 17
-# Most triangles tested for a query, which bounds the time: one with more rivals is very far from the surface.
+# Most triangles tested for a query, to bound the time: with more rivals it is as far off the surface as these are wide.
 MAX_CANDIDATES = 256
 # Triangles at a vertex of a regular mesh, which determines the size of a block.
 RING = 6

@@ -2,9 +2,9 @@
 """Mesh files: surfaces and point clouds from OFF, PLY, OBJ, STL, glTF and all other formats that trimesh reads.
 
 Vertices keep their number and order, since landmarks and maps refer to them by number. Formats with polygons are read
-here, because trimesh splits the vertices of OBJ where texture coordinates or normals differ and regroups them by
-material, assumes that all faces of a binary PLY are as large as the first, and rejects OFF with faces of several sizes.
-Trimesh reads the other formats; it keeps their vertices with processing switched off.
+here, because trimesh alters them. It splits the vertices of OBJ where texture coordinates or normals differ, and
+regroups them by material. It assumes that all faces of a binary PLY are as large as the first, and rejects OFF with
+faces of several sizes. Trimesh reads the other formats; it keeps their vertices with processing switched off.
 """
 
 from __future__ import annotations

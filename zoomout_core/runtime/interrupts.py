@@ -41,7 +41,8 @@ def handle_interrupts() -> Iterator[None]:
             unraisable_before(unraisable)
 
     unraisable_before, sys.unraisablehook = sys.unraisablehook, hook
-    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not ignored, as in background
+    # Neither another handler nor ignored, as in background.
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if ours:
         signal.signal(signal.SIGINT, handler)
     try:

@@ -23,8 +23,8 @@ MIDST = re.compile(r"(?<=[. _:-])[lrLR](?=[. _:-])|left|right|Left|Right|LEFT|RI
 def flip_name(name: str, strip_digits: bool = False) -> str:
     """The name of the counterpart on the other side; the same name if it has no side.
 
-    The side is at the beginning or end: a letter separated by one of ". -_", or the word in any spelling.
-    A number at the end, such as .001, does not count as a part of the name.
+    The side is at the beginning or end: a letter separated by one of ". -_", or the word in any spelling. A number at
+    the end, such as .001, does not count as a part of the name.
 
     Args:
         name: name of a vertex group, a bone or a shape key.

@@ -16,7 +16,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, label_groups
 from zoomout_core.transfer.potts import Candidates
 
-# Minimum area of a lost island on a face, relative to the face, for the face to receive it.
+# Minimum area covered by an island that no face elected, relative to a face, for the face to receive it.
 MIN_COVER = 0.5
 
 
