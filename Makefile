@@ -8,7 +8,7 @@ FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 .DEFAULT_GOAL := help
 # One BLAS thread: the matrices are small, and threads that wait for a taken core cost thirtyfold.
 # Files of tests run side by side, one at a time on each core; the last -n counts, such as in ARGS="-n 0 --pdb".
-# Compiled tests are kept, whatever the environment says: collecting them takes half of the time then.
+# Keep compiled tests even if the environment says not to: collecting them then takes half the time.
 PYTEST := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest -n auto --dist loadfile
 
 .PHONY: help setup test test-core test-all test-blender-versions mutants fuzz extension docs release page demo demo-oldest lint format benchmarks clean

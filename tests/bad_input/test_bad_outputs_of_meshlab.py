@@ -81,7 +81,6 @@ def test_a_limit_leaves_the_former_file(
     assert contents(tmp_path) == before
 
 
-@pytest.mark.slow
 def test_a_report_that_cannot_be_written_leaves_the_former_one(
     coloured: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

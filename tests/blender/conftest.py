@@ -29,7 +29,7 @@ def _factory_settings():
 
 @pytest.fixture(autouse=True)
 def empty_scene(_factory_settings):
-    """An empty factory scene, with the add-on; preferences are reset once a module, which takes six times longer."""
+    """An empty factory scene with the add-on. Preferences are reset per module, which takes six times longer."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     blender_addon.register()
     yield bpy.context.scene

@@ -242,7 +242,6 @@ def test_wrapping(result):
     fails_nowhere_halfway(cancels_anywhere(prepared), 40)
 
 
-@pytest.mark.slow
 def test_dressing_anew():
     ellipsoid("Source", 3), ellipsoid("Target", 3)
     hats = [ellipsoid(name, 1) for name in ("Hat", "Cap")]
@@ -284,7 +283,6 @@ def test_symmetry(body):
     fails_nowhere_halfway(lambda: name_sides(body, 0.01), 8)
 
 
-@pytest.mark.slow
 def test_a_mirrored_sculpt(body):
     moved = positions(body.data) + bumps(LEFT * 1.0)
     body.data.vertices.foreach_set("co", moved.ravel().astype(np.float32))

@@ -39,7 +39,6 @@ def errors(match, source, half):
     return (np.linalg.norm(images * [sign, 1, 1] - places, axis=1) for sign in (1, -1))
 
 
-@pytest.mark.slow
 def test_a_half_is_matched_as_the_whole_that_is_seen_and_keeps_its_own_part():
     source, rig = character()
     half = half_of(source)

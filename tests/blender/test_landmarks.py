@@ -451,7 +451,6 @@ def test_a_start_from_landmarks_without_a_pair_is_one_sentence(source, target):
     assert "initial" not in stored_match.description(target.data)["settings"]
 
 
-@pytest.mark.slow
 def test_a_landmark_off_the_main_part_is_named_by_the_number_that_the_user_sees(source, target):
     editable = bmesh.new()
     editable.from_mesh(source.data)
@@ -468,7 +467,6 @@ def test_a_landmark_off_the_main_part_is_named_by_the_number_that_the_user_sees(
         match_objects(bpy.context, source, target, initial="landmarks")
 
 
-@pytest.mark.slow
 def test_the_option_to_use_landmarks_can_be_turned_off(source, target):
     for obj in (source, target):
         add(obj, 1, 1, 0, 0)

@@ -182,7 +182,6 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     assert stored_match.description(target.data)["notes"][0] == result.notes[0]
 
 
-@pytest.mark.slow
 def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, target):
     for obj, sign in ((source, 1), (target, -1)):
         name_a_region(obj, (sign, 0, 0), "Nose")
@@ -193,7 +192,6 @@ def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, ta
     assert any("names or sides are swapped" in note for note in result.notes)
 
 
-@pytest.mark.slow
 def test_names_from_an_earlier_transfer_prove_nothing(source, target):
     name_a_region(source, (1, 0, 0), "Nose")
     for obj in (source, target):

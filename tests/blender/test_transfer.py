@@ -448,7 +448,6 @@ def test_only_what_can_be_adjusted_is_drawn_and_no_match(target):
     assert not names & MatchOptions.__annotations__.keys()
 
 
-@pytest.mark.slow
 def test_several_targets_keep_their_own_sources_where_none_is_chosen(source, target):
     first, second = target, ellipsoid("Second", 3)
     other = ellipsoid("Other", 3)

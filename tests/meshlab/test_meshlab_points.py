@@ -45,7 +45,6 @@ def test_points_take_what_points_have(clouds):
     assert np.mean(new.vertex_selection_array() == (TARGET.rest[:, 0] > 0.5)) > 0.95
 
 
-@pytest.mark.slow
 def test_points_and_faces_mix(clouds):
     """Faces receive from points; points receive from faces what vertices have, and are told of the rest."""
     ms, _ = clouds

@@ -39,7 +39,7 @@ ROUND_BEAM_WIDTH = 12
 BEAM_WIDTH = 8
 # Relative Frobenius norm of the difference below which two maps are the same.
 SAME_MAP_DIFFERENCE = 0.5
-# A shape may be round if the second number of groups among its leading eigenvalues are repeated.
+# Leading eigenvalues that are examined, and the minimum number of repeated groups among them for a round shape.
 LEADING_EIGENVALUES = 12
 MIN_REPEATED_GROUPS = 2
 

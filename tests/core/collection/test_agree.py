@@ -53,7 +53,6 @@ def test_sure_matches_are_left_as_they_are(results: dict[str, zo.MatchResult]) -
     assert agree(results, FAST) == results
 
 
-@pytest.mark.slow
 def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
     results: dict[str, zo.MatchResult],
 ) -> None:

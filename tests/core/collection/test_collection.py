@@ -30,8 +30,6 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.surface import MeshError, PointCloud
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 # Seeds and poses of four creatures that are one.
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
@@ -97,7 +95,6 @@ def test_what_was_lost_or_damaged_is_made_again(matched: zo.CollectionResult, fo
     assert np.array_equal(np.load(lost)["barycentric"], whole)
 
 
-@pytest.mark.slow
 def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
     matched: zo.CollectionResult, folder: Path, tmp_path: Path
 ) -> None:
@@ -193,7 +190,6 @@ def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     assert match_collection(files, tmp_path, pairs="all", options=FAST).matched == 0
 
 
-@pytest.mark.slow
 def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
     shapes = {"body": made("a").surface, "cloud": PointCloud(made("b", 900).surface.vertices)}
     found = match_collection(shapes, template="body", options=FAST)

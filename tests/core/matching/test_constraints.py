@@ -35,7 +35,6 @@ def test_a_common_up_axis_and_regions_speak_for_the_right_map(pair) -> None:
     assert result.candidates[0].anchors is not None
 
 
-@pytest.mark.slow
 def test_an_earlier_map_is_a_hypothesis_and_evidence(pair) -> None:
     source, target = pair
     earlier = true_vertex(source, target)

@@ -249,7 +249,6 @@ def test_proximity_follows_what_lies_nearest(coarse: tuple[Creature, Creature]) 
     assert mean_error(flipped, resting.surface, mirrored_vertex(resting, same_pose)) < RIGHT
 
 
-@pytest.mark.slow
 def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature]) -> None:
     resting, bent = coarse
     truth = true_vertex(resting, bent)

@@ -97,7 +97,6 @@ def test_a_mesh_with_a_hole_is_filled() -> None:
     assert triangle_areas(*skin).sum() < 7
 
 
-@pytest.mark.slow
 def test_units_and_place_change_nothing_but_the_frame() -> None:
     points, triangles = ball((0, 0, 0), 1, 3)
     here = voxel_remesh(points, triangles, 128)

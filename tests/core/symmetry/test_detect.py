@@ -136,7 +136,6 @@ def test_the_reflection_of_a_coarse_mesh_with_thin_limbs_is_known_to_lead_back(s
     assert found.has_sides
 
 
-@pytest.mark.slow
 def test_a_half_turn_alone_has_no_sides() -> None:
     found = zo.detect_symmetry(shape(S_SHAPE, 2000, seed=1).surface)
     assert not found[0].reverses_orientation
