@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
-from types import FrameType
+from types import FrameType, TracebackType
 
 # The exit code after an interrupt by the user: 128 and the signal's number, as in shells.
 INTERRUPTED = 130
@@ -24,8 +24,8 @@ def handle_interrupts() -> Iterator[None]:
     """A context of the main thread that always ends with a KeyboardInterrupt after an interrupt.
 
     Python only prints exceptions in callbacks of weak references and in finalizers: such an interrupt is raised again.
-    Compiled modules that are being imported turn it into an ImportError, and code that catches this may end with an
-    exit code of failure: any failure after an interrupt becomes a KeyboardInterrupt.
+    Compiled modules that are being imported print it, which is suppressed, and turn it into an ImportError. Code that
+    catches this may end with an exit code of failure: any failure after an interrupt becomes a KeyboardInterrupt.
     """
     arrived = False
 
@@ -40,7 +40,12 @@ def handle_interrupts() -> Iterator[None]:
         else:
             unraisable_before(unraisable)
 
+    def print_others(kind: type[BaseException], error: BaseException, trace: TracebackType | None, /) -> None:
+        if not issubclass(kind, KeyboardInterrupt):
+            print_before(kind, error, trace)
+
     unraisable_before, sys.unraisablehook = sys.unraisablehook, hook
+    print_before, sys.excepthook = sys.excepthook, print_others
     # Neither another handler nor ignored, as in background.
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if ours:
@@ -53,6 +58,6 @@ def handle_interrupts() -> Iterator[None]:
             raise KeyboardInterrupt from error
         raise
     finally:
-        sys.unraisablehook = unraisable_before
+        sys.unraisablehook, sys.excepthook = unraisable_before, print_before
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)

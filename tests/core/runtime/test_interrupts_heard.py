@@ -90,3 +90,14 @@ def test_other_exceptions_are_told_as_before(monkeypatch: pytest.MonkeyPatch) ->
         del thing
     assert reference() is None
     assert told == [ValueError]
+
+
+def test_compiled_modules_do_not_print_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = []
+    monkeypatch.setattr(sys, "excepthook", lambda kind, *_: told.append(kind))
+    before = sys.excepthook
+    with handle_interrupts():
+        for error in (KeyboardInterrupt(), ValueError()):
+            sys.excepthook(type(error), error, None)  # as PyErr_Print does, which numpy's import_array calls
+    assert told == [ValueError]
+    assert sys.excepthook is before
