@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
+
+import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
@@ -21,8 +24,11 @@ from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.repair import repair
+from zoomout_core.matching.verdict import VERDICT, Verdict, judge
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.object_files import fields_of, load_object, save_object
@@ -51,6 +57,8 @@ class MatchResult(Summary):
         notes: sentences for the user.
         pair: what other candidates are made from.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
+        filled: (n_t,) vertices at which the map was torn, and whose images were filled in from their surroundings.
+        torn: (n_t,) vertices at which the map is torn still.
 
     Example:
         >>> result.surface_map.interpolate(source.vertices).shape == target.vertices.shape
@@ -67,6 +75,8 @@ class MatchResult(Summary):
     notes: tuple[str, ...]
     pair: Pair
     placed: float
+    filled: Booleans
+    torn: Booleans
 
     @property
     def source(self) -> Surface:
@@ -96,12 +106,36 @@ class MatchResult(Summary):
         """The part of the source's area, in [0, 1], to which nothing on the target corresponds."""
         return self.pair.source.share_of_area(~self.source_has_partner)
 
+    @property
+    def arrived(self) -> Floats:
+        """(c,) the part of the target's area that receives from each component of the source."""
+        component = self.source.components[self.surface_map.vertex]
+        shares = np.bincount(component, vertex_areas(self.target.vertices, self.target.triangles))
+        return np.pad(shares / shares.sum(), (0, max(0, len(self.pair.shares) - len(shares))))
+
+    @property
+    def silent(self) -> Integers:
+        """(s,) the components of the source that its outside shows, but from which the target hardly receives."""
+        visible, arrived = self.pair.shares, self.arrived[: len(self.pair.shares)]
+        return np.flatnonzero((visible >= VERDICT.visible) & (arrived < VERDICT.arrived * visible))
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether to use the map, to look at a place of it, or to try another one."""
+        return judge(
+            self.certainty,
+            self.target.share_of_area(self.torn),
+            float(self.pair.shares[self.silent].sum()),
+            self.share_without_partner,
+        )
+
     def _summary(self) -> dict[str, str]:
         candidate, without = self.candidates[self.chosen], self.share_without_partner
         mean, low = self.confidence.mean(), (self.confidence < LOW).mean()
         return {
             "source": f"{len(self.pair.source.vertices):,} vertices",
             "target": f"{len(self.pair.target.vertices):,} vertices, {without:.1%} of its area without a partner",
+            "verdict": " ".join((f"{self.verdict.level}:", self.verdict.sentence, self.verdict.advice)).strip(),
             "certainty": f"{self.certainty:.0%}",
             "confidence": f"{mean:.2f} on average, below {LOW} at {low:.1%} of the vertices",
             "candidate": f"{self.chosen} of {len(self.candidates)}, from {candidate.origin}",
@@ -187,11 +221,13 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     """Refine a candidate, by its number, and carry its map over to the whole surfaces."""
     with stage("Refining", 0.0, 0.8):
         dense = dense_map(pair, candidates[chosen])
-    with stage("Extending to all vertices", 0.8, 1.0):
+    with stage("Extending to all vertices", 0.8, 0.95):
         whole = lift(pair, dense.fit, dense.confidence, dense.counterparts)
+    with stage("Repairing torn places", 0.95, 1.0):
+        repaired = repair(pair, whole.surface_map)
     doubts = notes_on_map(candidates, chosen, whole.placed, dense.folded)
     return MatchResult(
-        surface_map=whole.surface_map,
+        surface_map=repaired.surface_map,
         confidence=whole.confidence,
         has_partner=whole.counterparts.target,
         source_has_partner=whole.counterparts.source,
@@ -201,4 +237,6 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         notes=(*doubts, *notes_on_rest(pair, whole.counterparts), *whole.notes, *pair.notes),
         pair=pair,
         placed=whole.placed,
+        filled=repaired.filled,
+        torn=repaired.torn,
     )

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Torn places of a finished map are found, filled in from their surroundings, and reported where they remain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import LIMBS, Creature, mirrored_vertex, on_limb, true_vertex
+from scipy.spatial import cKDTree
+
+import zoomout_core as zo
+from zoomout_core.matching.analysis import analyse
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.repair import REPAIR, Repair, repair
+
+# Mean distance at unit area within which filled places are right: some edges.
+NEAR = 0.08
+
+
+@pytest.fixture(scope="module")
+def pair(resting: Creature, bent: Creature) -> Pair:
+    shapes = [analyse(made.surface.working, 40, 200, 0) for made in (resting, bent)]
+    return Pair(resting.surface, bent.surface, *shapes, 40, 5)
+
+
+@pytest.fixture(scope="module")
+def truth(resting: Creature, bent: Creature) -> zo.SurfaceMap:
+    return zo.SurfaceMap.from_vertices(true_vertex(resting, bent), resting.surface)
+
+
+def patch_around(pair: Pair, vertex: int, radius: float) -> np.ndarray:
+    """Vertices of the target near one of them, at unit area."""
+    mesh = pair.target.working
+    return np.flatnonzero(np.linalg.norm(mesh.vertices - mesh.vertices[vertex], axis=1) < radius)
+
+
+def send(surface_map: zo.SurfaceMap, vertices: np.ndarray, images: np.ndarray, pair: Pair) -> zo.SurfaceMap:
+    """The map with other source vertices as images of some vertices."""
+    vertex = surface_map.vertex.copy()
+    vertex[vertices] = images
+    return zo.SurfaceMap.from_vertices(vertex, pair.source)
+
+
+def misses(pair: Pair, found: zo.SurfaceMap, truth: zo.SurfaceMap, vertices: np.ndarray) -> np.ndarray:
+    """Distances at unit area between images and true ones."""
+    off = found.interpolate(pair.source.vertices) - truth.interpolate(pair.source.vertices)
+    return np.linalg.norm(off[vertices], axis=1) / np.sqrt(pair.source.area)
+
+
+def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, bent) -> None:
+    # Limbs of these creatures have few vertices, so the patch is on the body's side.
+    on_body = ~np.any([on_limb(bent, limb) for limb in range(len(LIMBS))], axis=0)
+    patch = patch_around(pair, int(np.argmax(pair.target.vertices[:, 0] * on_body)), 0.06)
+    torn = send(truth, patch, mirrored_vertex(resting, bent)[patch], pair)
+    assert misses(pair, torn, truth, patch).min() > 3 * NEAR
+    found = repair(pair, torn)
+    assert misses(pair, found.surface_map, truth, patch).mean() < NEAR
+    assert found.filled[patch].all()
+
+
+def test_a_map_without_tears_stays_as_it_is(pair, truth) -> None:
+    found = repair(pair, truth)
+    untouched = ~found.filled
+    assert untouched.mean() > 0.97
+    np.testing.assert_array_equal(found.surface_map.triangle[untouched], truth.triangle[untouched])
+    np.testing.assert_array_equal(found.surface_map.barycentric[untouched], truth.barycentric[untouched])
+
+
+def test_single_vertices_that_are_flung_far_off_are_filled_in(pair, truth) -> None:
+    flung = np.arange(0, len(pair.target.vertices), 97)
+    far = np.full(len(flung), int(np.argmax(pair.source.vertices[:, 2])))
+    found = repair(pair, send(truth, flung, far, pair))
+    assert misses(pair, found.surface_map, truth, flung).mean() < NEAR
+
+
+def test_a_large_patch_is_left_and_its_border_is_reported(pair, truth, resting, bent) -> None:
+    # Which of two halves is right is not for a repair to decide.
+    half = np.flatnonzero(pair.target.vertices[:, 0] > 0)
+    torn = send(truth, half, mirrored_vertex(resting, bent)[half], pair)
+    found = repair(pair, torn)
+    inner = half[pair.target.vertices[half, 0] > np.quantile(pair.target.vertices[half, 0], 0.5)]
+    assert (~found.filled[inner]).mean() > 0.9
+
+
+def test_exact_landmarks_keep_their_images(pair, truth) -> None:
+    vertex, image = 100, int(np.argmax(pair.source.vertices[:, 2]))
+    torn = send(truth, np.array([vertex]), np.array([image]), pair)
+    pinned = replace(pair, exact_landmarks=(np.array([image]), np.array([vertex])))
+    assert repair(pair, torn).surface_map.vertex[vertex] != image
+    assert repair(pinned, torn).surface_map.vertex[vertex] == image
+
+
+def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
+    """A strip folded so that its two ends face each other closely, and the strip as target, unfolded."""
+    n = 60
+    u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 0.3, 18), indexing="ij")
+    angle = np.clip((u - 0.45) / 0.1, 0, 1) * np.pi
+    gap = 0.01
+    along = np.where(u < 0.45, u, np.where(u > 0.55, 1 - u, 0.45 + 0.03 * np.sin(angle)))
+    height = np.where(u < 0.45, 0.0, np.where(u > 0.55, gap, gap * (1 - np.cos(angle)) / 2))
+    number = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = (x.ravel() for x in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    folded = zo.Surface(np.stack([along, v, height], axis=2).reshape(-1, 3), faces)
+    flat = zo.Surface(np.stack([u, v, 0 * u], axis=2).reshape(-1, 3), faces)
+    shapes = [analyse(surface.working, 40, 200, 0) for surface in (folded, flat)]
+    return Pair(folded, flat, *shapes, 40, 5), zo.SurfaceMap.from_vertices(np.arange(u.size), folded), u.ravel()
+
+
+def test_a_patch_on_the_surface_that_faces_it_is_found_by_geodesic_distance() -> None:
+    pair, truth, u = facing_plates()
+    places = pair.source.vertices
+    patch = np.flatnonzero((np.abs(u - 0.2) < 0.03) & (np.abs(places[:, 1] - 0.15) < 0.03))
+    other_end = np.flatnonzero(u > 0.6)
+    across = other_end[cKDTree(places[other_end]).query(places[patch])[1]]
+    torn = send(truth, patch, across, pair)
+    apart = np.linalg.norm(places[across] - places[patch], axis=1) / np.sqrt(pair.source.area)
+    assert apart.max() < REPAIR.min_length * 3  # no edge is long in space
+    found: Repair = repair(pair, torn)
+    assert (u[found.surface_map.vertex[patch]] < 0.5).all()

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find where a finished map tears the target apart, and fill these places in from their surroundings.
+
+A map that is right as a whole may still send a patch of the target to another limb, finger or lip, where the source's
+surfaces face each other. Closest points cannot tell the two sides apart, but geodesic distances can: the images of two
+neighbours are close in space and far apart along the surface. Such patches, and edges whose images are far too long,
+are filled in harmonically from the rest, as weights are inpainted (Abdrashitov et al. 2023), and projected to points
+of the source that are nearby along its surface as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
+from zoomout_core.geometry.closest_points import closest_on_triangles
+from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.geometry.sparse_solve import factorise
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.pair import Pair, landmark_points
+from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES, MAX_GEODESIC_DISTANCE
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_areas
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.tuning import Tuning, tuned
+
+# Edges, and places to project, that are compared at once; bounds the memory.
+BLOCK = 1 << 16
+# Multiple by which a geodesic distance beyond the limit counts: only if all candidates are beyond it one is taken.
+BEYOND = 1e3
+
+
+@dataclass(frozen=True)
+class RepairTuning(Tuning, set_by="everywhere"):
+    """Which edges are torn, and how their surroundings are projected to the source.
+
+    Attributes:
+        max_stretch: an edge is torn if its image is longer than this multiple of the median ratio of all edges,
+        min_length: and longer than this.
+        small_patch: a patch that torn edges cut off is filled in if it is smaller than this fraction of its component.
+        min_trusted: a component is repaired only if this fraction of its area is not torn.
+        samples: points on the source to which places are projected; at least one for each triangle.
+        candidates: nearest samples that are compared.
+        normal_weight: the distance that counts as much as a unit difference of normals.
+        geodesic_weight: the distance that counts as much as a unit of geodesic distance.
+    """
+
+    max_stretch: float = tuned(4.0, "1", 1, 100)
+    min_length: float = tuned(0.02, "at unit area", 0, 1)
+    small_patch: float = tuned(0.02, "1", 0, 1)
+    min_trusted: float = tuned(0.5, "1", 0, 1)
+    samples: int = tuned(120_000, "points", 1, 10_000_000)
+    candidates: int = tuned(48, "points", 2, 1000)
+    normal_weight: float = tuned(0.02, "at unit area", 0, 10)
+    geodesic_weight: float = tuned(0.3, "1", 0, 10)
+
+
+REPAIR = RepairTuning()
+
+
+class Repair(NamedTuple):
+    """A repaired map.
+
+    Attributes:
+        surface_map: from the target to the source.
+        filled: (n_t,) vertices whose images were filled in from their surroundings.
+        torn: (n_t,) vertices at edges that are torn still.
+    """
+
+    surface_map: SurfaceMap
+    filled: Booleans
+    torn: Booleans
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """The images of the working vertices of a target.
+
+    Attributes:
+        triangle: (n,) of the source's working mesh.
+        barycentric: (n, 3).
+        features: (n, 6 + d) positions, normals, and geodesic distances to some samples of the source, at unit area.
+    """
+
+    triangle: Integers
+    barycentric: Floats
+    features: SingleFloats
+
+
+def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
+    """Fill in the places at which a map is torn; exact landmarks keep their images.
+
+    Args:
+        pair: the surfaces, and the source's geodesic distances.
+        surface_map: from the target to the source.
+    """
+    source, target = pair.source, pair.target
+    mesh, vertex_of = target.working, target.working.vertex_of
+    used = np.flatnonzero(vertex_of >= 0)
+    member = np.empty(len(mesh.vertices), dtype=np.int64)
+    member[vertex_of[used]] = used
+    corners = np.concatenate(
+        [source.working.vertices, source.working.vertex_normals, _marks(source, pair.source_shape)], 1
+    )
+    number = np.zeros(len(source.triangles), dtype=np.int64)
+    number[source.working.triangle_of] = np.arange(len(source.working.triangles))
+    triangle, barycentric = number[surface_map.triangle[member]], surface_map.barycentric[member]
+    images = _Images(triangle, barycentric, _interpolate(corners, source.working.triangles[triangle], barycentric))
+    fixed = np.zeros(len(member), dtype=bool)
+    if pair.exact_landmarks is not None:
+        fixed[
+            vertex_of[used[cKDTree(target.vertices[used]).query(landmark_points(pair, pair.exact_landmarks)[1])[1]]]
+        ] = True
+
+    edges, _ = unique_edges(mesh.triangles)
+    own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    torn, limit = _torn(images.features, edges, own)
+    filled = _to_fill(mesh, edges, torn) & ~fixed
+    if filled.any():
+        images = _fill(images, filled, edges, mesh.component, source.working, corners)
+        torn, _ = _torn(images.features, edges, own, limit)
+    at_torn = np.zeros(len(filled), dtype=bool)
+    at_torn[edges[torn]] = True
+    changed = used[filled[vertex_of[used]]]
+    new_triangle, new_barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
+    new_triangle[changed] = source.working.triangle_of[images.triangle[vertex_of[changed]]]
+    new_barycentric[changed] = images.barycentric[vertex_of[changed]]
+    return Repair(
+        SurfaceMap(new_triangle, new_barycentric, surface_map.source_triangles),
+        _on_surface(filled, vertex_of),
+        _on_surface(at_torn & ~fixed, vertex_of),
+    )
+
+
+def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
+    """(n, d) geodesic distances from some samples of a shape to the working vertices of its surface.
+
+    The largest difference of two rows bounds the geodesic distance from below. Distances on a hull do not tell the two
+    sides of a wing apart, nor parts that touch: then all are zero, and edges are judged by their lengths in space.
+    """
+    working, body = source.working, shape.proxy.full
+    if body.is_hull:
+        return np.zeros((len(working.vertices), 1))
+    of_body = np.full(len(working.vertices), -1)
+    used = working.vertex_of >= 0
+    of_body[working.vertex_of[used]] = body.vertex_of[used]
+    beside = np.flatnonzero(of_body < 0)
+    if len(beside):  # loose parts are where the body is next to them
+        places = body.from_surface(working.to_surface(working.vertices[beside]))
+        of_body[beside] = cKDTree(body.vertices).query(places)[1]
+    return np.asarray(shape.proxy.place.interpolate(shape.distances[:BOUND_SAMPLES].T)[of_body])
+
+
+def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | None = None) -> tuple[Booleans, float]:
+    """Which edges (e,) have images that are far too long in space or along the surface, and the ratio from which on.
+
+    Args:
+        features: (n, 6 + d) of the images.
+        edges: (e, 2) vertex numbers.
+        own: (e,) lengths on the target.
+        limit: the ratio, if it is known.
+    """
+    length = np.empty(len(edges))
+    for first in range(0, len(edges), BLOCK):
+        some = edges[first : first + BLOCK]
+        apart = features[some[:, 0]] - features[some[:, 1]]
+        space = np.linalg.norm(apart[:, :3], axis=1)
+        length[first : first + BLOCK] = np.maximum(space, np.abs(apart[:, 6:]).max(axis=1))
+    ratio = length / np.maximum(own, 1e-300)
+    if limit is None:
+        limit = REPAIR.max_stretch * float(np.median(ratio))
+    return (ratio > limit) & (length > REPAIR.min_length), limit
+
+
+def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
+    """(n,) the vertices near torn edges, and the small patches that these cut off, on components that are mostly whole.
+
+    Args:
+        mesh: of the target.
+        edges: (e, 2) its edges.
+        torn: (e,) which of them are torn.
+    """
+    n, areas = len(mesh.vertices), vertex_areas(mesh.vertices, mesh.triangles)
+    patch = connected_components(_graph(edges[~torn], n), directed=False)[1]
+    component_area = np.bincount(mesh.component, areas)[mesh.component]
+    chosen = np.bincount(patch, areas)[patch] < REPAIR.small_patch * component_area
+    chosen &= np.isin(patch, patch[edges[torn]])
+    chosen[edges[torn]] = True
+    chosen[edges[chosen[edges].any(axis=1)]] = True
+    whole = np.bincount(mesh.component, areas * ~chosen)[mesh.component]
+    return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))
+
+
+def _fill(
+    images: _Images, filled: Booleans, edges: Integers, component: Integers, source: WorkingMesh, corners: Floats
+) -> _Images:
+    """Images of which some were filled in harmonically from the others, and projected to the source.
+
+    A part of the target stays on the parts of the source that its trusted images are on: a shirt does not land on the
+    body below it.
+
+    Args:
+        images: of all vertices.
+        filled: (n,) which vertices to fill in.
+        edges: (e, 2) of the target.
+        component: (n,) of the target.
+        source: the mesh that images lie on.
+        corners: (n_s, 6 + d) features of its vertices.
+    """
+    graph = csr_array(_graph(edges, len(filled)))
+    vertices = np.flatnonzero(filled)
+    laplacian = csr_array(diags_array(graph.sum(axis=1)) - graph)[vertices]
+    known = images.features.astype(np.float64)
+    known[vertices] = 0
+    goals = factorise(laplacian[:, vertices].tocsc()).solve(np.asfortranarray(-(laplacian @ known)))
+    goals[:, 3:6] /= np.maximum(np.linalg.norm(goals[:, 3:6], axis=1, keepdims=True), 1e-300)
+    source_component = source.component[source.triangles[:, 0]]
+    stride = int(source_component.max()) + 1
+    allowed = np.unique(component[~filled] * stride + source_component[images.triangle[~filled]])
+    found = _project(goals, source, corners, allowed, component[vertices] * stride)
+    triangle, barycentric, features = images.triangle.copy(), images.barycentric.copy(), images.features.copy()
+    on = found[0] >= 0
+    vertices = vertices[on]
+    triangle[vertices], barycentric[vertices] = found[0][on], found[1][on]
+    features[vertices] = _interpolate(corners, source.triangles[triangle[vertices]], barycentric[vertices])
+    return _Images(triangle, barycentric, features)
+
+
+def _project(
+    goals: Floats, source: WorkingMesh, corners: Floats, allowed: Integers, first_key: Integers
+) -> tuple[Integers, Floats]:
+    """The points of a source closest to goals (q, 6 + d), in space, in direction and along the surface.
+
+    Args:
+        goals: positions, normals, and geodesic distances to some samples.
+        source: the mesh.
+        corners: (n_s, 6 + d) the same of its vertices.
+        allowed: (a,) sorted; the keys of a part of the target and a component of the source that it lands on.
+        first_key: (q,) the key of each goal's part and the first component; the others follow.
+
+    Returns:
+        (q,) triangle numbers, -1 where no point near a goal is allowed, and (q, 3) barycentric coordinates.
+    """
+    count = max(REPAIR.samples, len(source.triangles))
+    points, on = surface_samples(source.vertices, source.triangles, count)
+    normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
+    tree = cKDTree(np.hstack([points, REPAIR.normal_weight * normals]), balanced_tree=False, compact_nodes=False)
+    marks, component = corners[:, 6:].astype(np.float32), source.component[source.triangles[:, 0]]
+    triangle = np.empty(len(goals), dtype=np.int64)
+    block = max(1, BLOCK // REPAIR.candidates)
+    for first in range(0, len(goals), block):
+        some, keys = goals[first : first + block], first_key[first : first + block]
+        rows = np.hstack([some[:, :3], REPAIR.normal_weight * some[:, 3:6]])
+        apart, near = map(np.asarray, tree.query(rows, min(REPAIR.candidates, count)))
+        candidate = on[near]
+        along = np.abs(marks[source.triangles[candidate, 0]] - some[:, None, 6:].astype(np.float32)).max(axis=2)
+        key = keys[:, None] + component[candidate]
+        elsewhere = allowed[np.minimum(np.searchsorted(allowed, key), len(allowed) - 1)] != key
+        beyond = np.where(along > MAX_GEODESIC_DISTANCE, along, 0) + elsewhere
+        best = np.argmin(apart + REPAIR.geodesic_weight * along + BEYOND * beyond, axis=1)
+        row = np.arange(len(some))
+        triangle[first : first + block] = np.where(elsewhere[row, best], -1, candidate[row, best])
+    a, b, c = (source.vertices[source.triangles[triangle, i]] for i in range(3))
+    return triangle, closest_on_triangles(goals[:, :3], a, b, c)[0]
+
+
+def _graph(edges: Integers, n: int) -> coo_array:
+    """(n, n) adjacency of vertices."""
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    return coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+
+
+def _interpolate(values: Floats, corners: Integers, barycentric: Floats) -> SingleFloats:
+    """(q, d) values (n, d) at points given by their corners (q, 3) and barycentric coordinates (q, 3)."""
+    found = sum(barycentric[:, i, None].astype(np.float32) * values[corners[:, i]].astype(np.float32) for i in range(3))
+    return np.asarray(found, dtype=np.float32)
+
+
+def _on_surface(chosen: Booleans, vertex_of: Integers) -> Booleans:
+    """(n_surface,) which vertices of a surface belong to some vertices (n,) of its working mesh."""
+    return np.asarray((vertex_of >= 0) & chosen[vertex_of])
