@@ -165,6 +165,18 @@ def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: 
 
 @main.command()
 @common_options
+@click.option(
+    "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
+)
+def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """Lost parts, limbs of the other side and torn edges of maps, and whether the verdict knows; Data Transfer too."""
+    from benchmarks import everywhere as everywhere_tables  # it starts Blender
+
+    report(everywhere_tables.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
+@common_options
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each character here.")
 def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
     """How exactly posed characters, bound to a rig, follow it into other poses, beside the true weights."""

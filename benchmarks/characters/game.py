@@ -112,14 +112,19 @@ def read_character(path: Path) -> Character:
     )
 
 
-def one_skin(body: Body) -> Body:
-    """A character rebuilt from voxels, so that its parts become one skin; weights from the closest points."""
+def one_skin(body: Body, voxel: float = VOXEL) -> Body:
+    """A character rebuilt from voxels, so that its parts become one skin; weights from the closest points.
+
+    Args:
+        body: the character.
+        voxel: width of a voxel over the extent.
+    """
     mesh = bpy.data.meshes.new("Skin")
     mesh.from_pydata(body.vertices, [], body.triangles)
     obj = bpy.data.objects.new("Skin", mesh)
     bpy.context.scene.collection.objects.link(obj)
     remesh = obj.modifiers.new("Skin", "REMESH")
-    remesh.mode, remesh.voxel_size = "VOXEL", VOXEL * _extent(body)
+    remesh.mode, remesh.voxel_size = "VOXEL", voxel * _extent(body)
     with mesh_data.evaluated_mesh(obj, bpy.context.evaluated_depsgraph_get()) as (_, evaluated):
         vertices, triangles = _arrays(evaluated)
     bpy.data.meshes.remove(mesh)

@@ -12,6 +12,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.verdict import Verdict
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -34,20 +35,38 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
 def match_figures(result: MatchResult) -> dict[str, Any]:
     """Figures of a match for programs."""
     return {
+        "verdict": verdict_figures(result.verdict),
         "certainty": result.certainty,
         "mean_confidence": float(result.confidence.mean()),
         "low_confidence": float((result.confidence < LOW).mean()),
         "share_without_partner": result.share_without_partner,
         "source_share_without_partner": result.source_share_without_partner,
+        "torn": result.target.share_of_area(result.torn),
+        "filled": result.target.share_of_area(result.filled),
+        "parts": part_figures(result),
         "candidates": len(result.candidates),
     }
+
+
+def verdict_figures(verdict: Verdict) -> dict[str, str]:
+    """A verdict for programs."""
+    return {"level": verdict.level, "sentence": verdict.sentence, "advice": verdict.advice}
+
+
+def part_figures(result: MatchResult) -> list[dict[str, float]]:
+    """For each component of the source the visible share of the source, and the share of the target that receives."""
+    return [
+        {"part": number, "visible": float(visible), "arrived": float(arrived)}
+        for number, (visible, arrived) in enumerate(zip(result.pair.shares, result.arrived, strict=True))
+    ]
 
 
 def match_lines(result: MatchResult) -> list[str]:
     """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
+    verdict = result.verdict
     return [
-        f"Correct with a probability of {result.certainty:.0%}, judged by its lead over the other candidates.",
+        " ".join((f"{verdict.level.capitalize()}:", verdict.sentence, verdict.advice)).strip(),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
@@ -49,6 +49,7 @@ class Pair:
         exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
         regions: source vertices and target vertices that belong together.
         notes: sentences for the user about the two surfaces, whatever the map.
+        shares: (c,) the part of the source's outside, in [0, 1], that each of its components makes up.
     """
 
     source: Surface
@@ -60,6 +61,7 @@ class Pair:
     exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
     regions: Sequence[tuple[Integers, Integers]] = ()
     notes: tuple[str, ...] = ()
+    shares: Floats = field(default_factory=lambda: np.ones(1))
 
 
 def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:

@@ -96,7 +96,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     for number, (start, end) in enumerate(pairwise(BODIES[: most + 1])):
         if number == len(bodies):
             with stage("Finding the bodies", start, start):
-                bodies.append(tight_bodies(source, target))
+                bodies.append(tight_bodies(source, target, bodies[0].shares))
         try:
             with portion(start, end):
                 attempts.append(_attempt(source, target, bodies[number], known, options, notes))
@@ -122,7 +122,7 @@ def _attempt(
     with stage("Analysing the shapes", 0.0, ANALYSING):
         shapes = side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
     exact = options.landmarks if options.exact_landmarks else None
-    pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes)
+    pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)
     with portion(ANALYSING, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
 

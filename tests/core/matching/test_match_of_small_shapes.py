@@ -285,7 +285,7 @@ def tried(
 ) -> tuple[int, float]:
     """How many of three bodies are tried, and how sure the one is that is taken; None for one without a landmark."""
     part = SOURCE.surface.working.part(0)[0]
-    bodies = [Bodies(replace(part, is_hull=skins), TARGET.surface.working.part(0)[0], 1.0)] * 2
+    bodies = [Bodies(replace(part, is_hull=skins), TARGET.surface.working.part(0)[0], 1.0, np.ones(1))] * 2
     count = 0
 
     def find_bodies(*_: Any) -> list[Bodies]:

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
-from zoomout_core.matching.components.hulls import hull_of, main_part_coverage
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.components.hulls import hull_of, main_part_coverage, shares_of_outside
 from zoomout_core.matching.components.main_parts import main_parts
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -23,12 +26,15 @@ class BodyTuning(Tuning, set_by="characters"):
     Attributes:
         all_of_body: from here on only the main part is matched: a hull adds nothing, as to a body without its eyes.
         whole_body: from here on the main part comes first, and other parts lie on it.
+        outside: where the main parts make up parts of the outsides that differ by more than this, one surface shows
+            hair, shoes or glasses that on the other are in one skin with the body: then the hulls come first.
         much_of_body: below this only the hull is matched; above, the main part may be more alike than hulls that are
             hair and skirts.
     """
 
     all_of_body: float = tuned(0.98, "1", 0, 1)
     whole_body: float = tuned(0.9, "1", 0, 1)
+    outside: float = tuned(0.02, "1", 0, 1)
     much_of_body: float = tuned(0.5, "1", 0, 1)
 
 
@@ -42,11 +48,13 @@ class Bodies(NamedTuple):
         source: a mesh.
         target: a mesh.
         coverage: the part of both bodies, in [0, 1], that they cover.
+        shares: (c,) the part of the source's outside, in [0, 1], that each of its components makes up.
     """
 
     source: WorkingMesh
     target: WorkingMesh
     coverage: float
+    shares: Floats
 
 
 def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
@@ -57,24 +65,28 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
     """
     surfaces = (source,) if source is target else (source, target)
     if all(surface.working.component.max() == 0 for surface in surfaces):
-        return [Bodies(*main_parts(source, target, seed), 1.0)]
+        return [Bodies(*main_parts(source, target, seed), 1.0, np.ones(1))]
     with portion(0.0, 0.6):
         hulls = for_each(hull_of, surfaces)
     coverage = min(main_part_coverage(*each) for each in zip(surfaces, hulls, strict=True))
-    around = Bodies(hulls[0], hulls[-1], 1.0)
+    shares = [shares_of_outside(*each) for each in zip(surfaces, hulls, strict=True)]
+    outside = [float(each[0]) for each in shares]
+    around = Bodies(hulls[0], hulls[-1], 1.0, shares[0])
     if coverage < BODIES.much_of_body:
         return [around]
     try:
         with portion(0.6, 1.0):
-            main = Bodies(*main_parts(source, target, seed), coverage)
+            main = Bodies(*main_parts(source, target, seed), coverage, shares[0])
     except MeshError:  # the hulls are not too small
         return [around]
+    if abs(outside[0] - outside[-1]) > BODIES.outside:
+        return [around, main._replace(coverage=min(outside))]
     if coverage >= BODIES.all_of_body:
         return [main]
     return [main, around] if coverage >= BODIES.whole_body else [around, main]
 
 
-def tight_bodies(source: Surface, target: Surface) -> Bodies:
-    """Hulls that part limbs which touch, for pairs that others match with doubt."""
+def tight_bodies(source: Surface, target: Surface, shares: Floats) -> Bodies:
+    """Hulls that part limbs which touch, for pairs that others match with doubt; `shares` as of the others."""
     hulls = for_each(partial(hull_of, tight=True), (source, target))
-    return Bodies(hulls[0], hulls[1], 1.0)
+    return Bodies(hulls[0], hulls[1], 1.0, shares)

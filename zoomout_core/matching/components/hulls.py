@@ -18,6 +18,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # The mean normal of a closed component is shorter than this rounding.
 CLOSED = 1e-6
+# Samples of a surface and of its hull by which it is known what is outside: glasses get some dozens.
+OUTSIDE_POINTS = 40_000
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,16 @@ def main_part_coverage(surface: Surface, hull: WorkingMesh) -> float:
     on_hull, _ = surface_samples(hull.vertices, hull.triangles, HULLS.hull_points)
     distance = cKDTree(hull.from_surface(mesh.to_surface(below))).query(on_hull)[0]
     return float(np.mean(distance < HULLS.below))
+
+
+def shares_of_outside(surface: Surface, hull: WorkingMesh) -> Floats:
+    """(c,) the part of a hull's area, in [0, 1], to which each component of its surface is nearest."""
+    mesh = surface.working
+    points, on = surface_samples(mesh.vertices, mesh.triangles, OUTSIDE_POINTS)
+    on_hull, _ = surface_samples(hull.vertices, hull.triangles, OUTSIDE_POINTS)
+    nearest = cKDTree(hull.from_surface(mesh.to_surface(points))).query(on_hull)[1]
+    component = mesh.component[mesh.triangles[on[nearest], 0]]
+    return np.bincount(component, minlength=mesh.component.max() + 1) / len(component)
 
 
 def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:

@@ -17,7 +17,13 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.components import bodies
 from zoomout_core.matching.components.bodies import find_bodies, tight_bodies
-from zoomout_core.matching.components.hulls import _principal_axes, hull_of, main_part_coverage, orient_outwards
+from zoomout_core.matching.components.hulls import (
+    _principal_axes,
+    hull_of,
+    main_part_coverage,
+    orient_outwards,
+    shares_of_outside,
+)
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -142,6 +148,7 @@ def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = Fal
 
     monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: covered)
+    monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.array([covered, 1 - covered]))
     monkeypatch.setattr(bodies, "main_parts", main_parts)
     return [str(one.source) for one in find_bodies(surface, surface, 0)]
 
@@ -153,6 +160,23 @@ def test_a_main_part_is_the_body_if_it_lies_below_nearly_all_of_the_skin(monkeyp
     assert found(monkeypatch, covered) == first
 
 
+@pytest.mark.parametrize(("one", "other", "first"), [(0.7, 0.71, "main"), (0.7, 1.0, "skin"), (1.0, 0.9, "skin")])
+def test_hulls_come_first_if_only_one_outside_shows_other_parts(monkeypatch, one, other, first) -> None:
+    pair = [Surface.joined([ball(size), ball(0.5, (1.2, 0, 0))]) for size in (1.0, 0.9)]
+    share = {id(surface): part for surface, part in zip(pair, (one, other), strict=True)}
+    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.99)
+    monkeypatch.setattr(bodies, "shares_of_outside", lambda surface, _: np.array([share[id(surface)], 0]))
+    monkeypatch.setattr(bodies, "main_parts", lambda *_: ("main", "main"))
+    assert find_bodies(pair[0], pair[1], 0)[0].source == first
+
+
+def test_each_part_makes_up_the_outside_that_it_shows() -> None:
+    both = Surface.joined([ball(), ball(0.2, (1.3, 0, 0)), ball(0.3)])
+    shares = shares_of_outside(both, hull_of(both))
+    assert shares == pytest.approx([1 / 1.04, 0, 0.04 / 1.04], abs=0.01)  # the larger of the two small ones is inside
+
+
 def test_a_main_part_that_is_too_small_leaves_the_skin(monkeypatch) -> None:
     assert found(monkeypatch, 0.95, too_small=True) == ["skin"]
 
@@ -162,6 +186,7 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
     covered = {id(surfaces[0]): 0.95, id(surfaces[1]): 0.6}
     monkeypatch.setattr(bodies, "hull_of", lambda *_: SimpleNamespace())
     monkeypatch.setattr(bodies, "main_part_coverage", lambda surface, _: covered[id(surface)])
+    monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.ones(2) / 2)
     for pair in (surfaces, surfaces[::-1]):
         tried = find_bodies(pair[0], pair[1], 0)
         assert [one.coverage for one in tried] == [1.0, 0.6]
@@ -179,9 +204,11 @@ def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) 
     pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     monkeypatch.setattr(bodies, "hull_of", lambda surface, tight=False: (surface is pair[0], tight))
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.3)
+    shares = np.ones(2) / 2
+    monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: shares)
     (around,) = find_bodies(pair[0], pair[1], 0)
-    assert around == ((True, False), (False, False), 1.0)
-    assert tight_bodies(pair[0], pair[1]) == ((True, True), (False, True), 1.0)
+    assert around == ((True, False), (False, False), 1.0, shares)
+    assert tight_bodies(pair[0], pair[1], shares) == ((True, True), (False, True), 1.0, shares)
 
 
 def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
@@ -194,6 +221,7 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
 
     monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.95)
+    monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.array([0.95, 0.05]))
     monkeypatch.setattr(bodies, "main_parts", main_parts)
     fractions = fractions_of(lambda: find_bodies(surface, surface, 0))
     assert fractions == sorted(fractions)

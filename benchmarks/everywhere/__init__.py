@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Maps in the small, where artists look first: lost parts, limbs of the other side, torn edges, and the verdict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, Case, cases
+from benchmarks.everywhere.measures import Row, is_wrong, measure
+from benchmarks.everywhere.pictures import draw
+from benchmarks.tables import Tables
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.verdict import AMBER, GREEN, RED
+
+# Number of the worst cases of each kind that are drawn.
+WORST = 4
+KINDS = SKIN, LEGS, OTHER
+BASELINE = "DT "
+
+
+def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
+    """Match each case with nothing given, and look at the worst places of the map.
+
+    `rows`, for each case: the figures of `measure`, those of Blender's Data Transfer (DT), certainty, verdict, whether
+    the map is wrong, and seconds of a cold match. `summary`: the worst of each kind, and how often the verdict was
+    green though the map was wrong, or red though it was right.
+
+    Args:
+        data: the folder of the sets, with characters and clothes among them.
+        pairs: approximate number of cases of each kind, evenly spread.
+        picture_folder: where to draw the worst cases of each kind.
+    """
+    rows: list[Row] = []
+    worst: dict[str, list[tuple[float, Row, Case, zo.SurfaceMap]]] = {}
+    for case in tqdm(cases(data, pairs), desc="everywhere", leave=False):
+        zo.forget_shapes()
+        begin = perf_counter()
+        result = zo.match(case.source, case.target)
+        seconds = perf_counter() - begin
+        figures = measure(case, result.surface_map)
+        baseline = {f"{BASELINE}{name}": value for name, value in measure(case, _nearest(case)).items()}
+        row = {
+            "kind": case.kind,
+            "case": case.name,
+            **figures,
+            **baseline,
+            "certainty": result.certainty,
+            "verdict": result.verdict.level,
+            "wrong": is_wrong(figures),
+            "seconds": seconds,
+        }
+        rows.append(row)
+        if picture_folder is not None:
+            of_kind = [*worst.get(case.kind, []), (_badness(row), row, case, result.surface_map)]
+            worst[case.kind] = sorted(of_kind, key=lambda entry: -entry[0])[:WORST]
+    for kind, entries in worst.items():
+        if picture_folder is not None:
+            draw(picture_folder / f"{kind}.png", [entry[1:] for entry in entries])
+    return {"rows": rows, "summary": [_sum_up(kind, [row for row in rows if row["kind"] == kind]) for kind in KINDS]}
+
+
+def _nearest(case: Case) -> zo.SurfaceMap:
+    """The map by which Data Transfer goes, both objects as they are."""
+    source = case.source
+    return zo.SurfaceMap(*closest_points(case.target.vertices, source.vertices, source.triangles), source.triangles)
+
+
+def _badness(row: Row) -> float:
+    return (1 - (row["part"] or 1)) + (row["side"] or 0) + 10 * row["torn"]
+
+
+def _sum_up(kind: str, rows: list[Row]) -> Row:
+    def values(name: str) -> list[float]:
+        return [row[name] for row in rows if row[name] is not None]
+
+    levels = [row["verdict"] for row in rows]
+    return {
+        "kind": kind,
+        "cases": len(rows),
+        "least part": min(values("part"), default=None),
+        "lost": sum(values("lost")),
+        "visible": sum(values("visible")),
+        "most side": max(values("side"), default=None),
+        "most torn": max(values("torn"), default=None),
+        "wrong": sum(row["wrong"] for row in rows),
+        **{level: levels.count(level) for level in (GREEN, AMBER, RED)},
+        "green but wrong": sum(row["wrong"] and row["verdict"] == GREEN for row in rows),
+        "red but right": sum(not row["wrong"] and row["verdict"] == RED for row in rows),
+    }

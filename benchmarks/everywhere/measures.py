@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a map gets wrong in the small: parts, sides and torn edges."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+import zoomout_core as zo
+from benchmarks.everywhere.cases import Case
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+
+Row: TypeAlias = dict[str, Any]
+
+# An edge is torn if its image is longer than this multiple of the median ratio, and than this fraction of the height.
+TORN_RATIO, TORN_LENGTH = 5.0, 0.02
+# A map is wrong in the small if less arrives from the right part, more on the other side, or more edges are torn.
+RIGHT_PART, WRONG_SIDE, TORN = 0.97, 0.01, 0.01
+# A part counts as visible if it is this share of the target's area, and as lost if less of that receives from it.
+VISIBLE, LOST = 0.001, 0.5
+
+
+def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
+    """The figures of a map; None for what the truth of the case does not include.
+
+    `part`: share of the target's area that receives from the right part; `lost`: how many of `visible` parts are;
+    `side`: share of limb vertices that land on the other side; `torn`: share of edges.
+    """
+    arrived = case.source_part[surface_map.vertex]
+    known = case.target_part >= 0
+    areas = vertex_areas(case.target.vertices, case.target.triangles)
+    lost, visible = _lost(case.target_part, arrived, areas)
+    sided = (case.target_side != 0) & np.isin(case.target_side, case.source_side)
+    return {
+        "part": float(areas[known & (arrived == case.target_part)].sum() / areas[known].sum()) if known.any() else None,
+        "lost": lost if known.any() else None,
+        "visible": visible if known.any() else None,
+        "side": float(np.mean(wrong_side(case, surface_map)[sided])) if sided.any() else None,
+        "torn": float(torn_edges(case, surface_map).mean()),
+    }
+
+
+def is_wrong(figures: Row) -> bool:
+    """Whether an artist would reject a map by its figures: a visible part is lost, or a limb, or it is torn."""
+    part, side = figures["part"], figures["side"]
+    lost = part is not None and (part < RIGHT_PART or figures["lost"] > 0)
+    return lost or (side is not None and side > WRONG_SIDE) or figures["torn"] > TORN
+
+
+def wrong_side(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
+    """(n_t,) which target vertices on a limb land on a limb of the other side."""
+    return (case.target_side != 0) & (case.source_side[surface_map.vertex] == -case.target_side)
+
+
+def torn_edges(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
+    """(e,) which edges of the target, as `unique_edges` orders them, have images that are far too long."""
+    edges, _ = unique_edges(case.target.triangles)
+    images = surface_map.interpolate(case.source.vertices)
+    own, image = (np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) for x in (case.target.vertices, images))
+    ratio = image / np.maximum(own, 1e-300)
+    height = np.ptp(case.source.vertices, axis=0).max()
+    return np.asarray((ratio > TORN_RATIO * np.median(ratio)) & (image > TORN_LENGTH * height))
+
+
+def _lost(right: Integers, arrived: Integers, areas: Floats) -> tuple[int, int]:
+    """How many visible parts are mostly lost, and how many are visible."""
+    lost = visible = 0
+    for part in np.unique(right[right >= 0]).tolist():
+        here = right == part
+        if areas[here].sum() >= VISIBLE * areas.sum():
+            visible += 1
+            lost += bool(areas[here & (arrived == part)].sum() < LOST * areas[here].sum())
+    return lost, visible

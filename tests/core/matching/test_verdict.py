@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One verdict on a map: its level, its reason, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, judge, worst
+
+FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "alone": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("changed", "level", "reason"),
+    [
+        ({}, GREEN, "correct with a probability of 99%"),
+        ({"certainty": 0.7}, AMBER, "may be wrong"),
+        ({"certainty": 0.1}, RED, "probably wrong"),
+        ({"torn": 0.01}, GREEN, "correct"),
+        ({"torn": 0.05}, AMBER, "tears apart 5.0%"),
+        ({"torn": 0.3}, RED, "tears apart 30%"),
+        ({"silent": 0.02}, AMBER, "receives almost nothing"),
+        ({"alone": 0.05}, GREEN, "correct"),
+        ({"alone": 0.4}, AMBER, "no counterpart"),
+    ],
+)
+def test_the_worst_of_what_is_known_decides(changed: dict[str, float], level: str, reason: str) -> None:
+    verdict = judge(**{**FINE, **changed})
+    assert verdict.level == level
+    assert reason in verdict.sentence
+    assert bool(verdict.advice) == (level != GREEN)
+
+
+def test_of_several_verdicts_the_worst_counts() -> None:
+    verdicts = [judge(**FINE), judge(**{**FINE, "certainty": 0.1}), judge(**{**FINE, "torn": 0.05})]
+    assert worst(verdicts) is verdicts[1]
+    assert worst(verdicts[::2]) is verdicts[2]
+
+
+def test_a_part_that_nothing_lands_on_is_named_and_makes_the_verdict_amber() -> None:
+    made = creature(400)
+    top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
+    lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
+    result = zo.match(zo.Surface.joined([made.surface, lump]), made.surface, k_final=30, samples=120)
+    assert 0.03 < result.pair.shares[1] < 0.12
+    assert result.arrived[0] > 0.9
+    np.testing.assert_array_equal(result.silent, [1])
+    assert result.verdict.level != GREEN
+
+
+def test_a_match_of_a_shape_with_itself_is_green() -> None:
+    surface = creature(400).surface
+    result = zo.match(surface, zo.Surface(surface.vertices, surface.triangles), k_final=30, samples=120)
+    assert result.verdict.level == GREEN
+    np.testing.assert_array_equal(result.arrived, [1.0])
+    assert len(result.silent) == 0

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One verdict on a finished map, from all that is known about it, with a sentence and what to do.
+
+Green: use the map. Amber: look at the place that the sentence names. Red: the map is probably wrong as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from zoomout_core.messages import message
+from zoomout_core.tuning import Tuning, tuned
+
+GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
+
+RIGHT = "The match is correct with a probability of {certainty:.0%}."
+WRONG = "The match is probably wrong: it is correct with a probability of only {certainty:.0%}."
+UNSURE = "The match may be wrong: it is correct with a probability of {certainty:.0%}."
+SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
+TORN = "The match tears apart {share:.1%} of the target."
+SILENT = "{share:.0%} of the source's visible surface is on parts from which the target receives almost nothing."
+ALONE = "{share:.0%} of the target has no counterpart on the source."
+TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
+LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
+LOOK_AT_TORN = "Select the torn vertices to see where, and add landmarks around that place."
+LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missing, or transfer their data separately."
+LOOK_AT_ALONE = "Select the vertices without a partner, and check that the target shows more than the source there."
+
+
+@dataclass(frozen=True)
+class VerdictTuning(Tuning, set_by="everywhere"):
+    """Where a verdict changes its level.
+
+    Attributes:
+        sure: smallest certainty of a green map.
+        wrong: certainty below which a map is red.
+        torn: largest part of the target's area at torn edges of a green map.
+        shattered: the part from which on a map is red.
+        silent: largest part of the source's outside on parts that do not arrive, of a green map.
+        alone: largest part of the target's area without a counterpart of a green map.
+        arrived: a part of the source arrives if the target receives this fraction of its visible share from it.
+        visible: a part that makes up less than this share of the outside is not asked for.
+    """
+
+    sure: float = tuned(0.9, "probability", 0, 1)
+    wrong: float = tuned(0.3, "probability", 0, 1)
+    torn: float = tuned(0.02, "1", 0, 1)
+    shattered: float = tuned(0.2, "1", 0, 1)
+    silent: float = tuned(0.001, "1", 0, 1)
+    alone: float = tuned(0.1, "1", 0, 1)
+    arrived: float = tuned(0.25, "1", 0, 1)
+    visible: float = tuned(0.001, "1", 0, 1)
+
+
+VERDICT = VerdictTuning()
+
+
+class Verdict(NamedTuple):
+    """What to think of a map.
+
+    Attributes:
+        level: "green", "amber" or "red".
+        sentence: the reason, for the user.
+        advice: what to do; empty when green.
+    """
+
+    level: str
+    sentence: str
+    advice: str
+
+
+def judge(certainty: float, torn: float, silent: float, alone: float) -> Verdict:
+    """The verdict on a map.
+
+    Args:
+        certainty: probability that the map is right as a whole.
+        torn: the part of the target's area at torn edges.
+        silent: the part of the source's outside on parts from which the target receives almost nothing.
+        alone: the part of the target's area without a counterpart.
+    """
+    if certainty < VERDICT.wrong:
+        return Verdict(RED, message(WRONG, certainty=certainty), message(TRY_CANDIDATES))
+    if torn > VERDICT.shattered:
+        return Verdict(RED, message(SHATTERED, share=torn), message(TRY_CANDIDATES))
+    if certainty < VERDICT.sure:
+        return Verdict(AMBER, message(UNSURE, certainty=certainty), message(LOOK_AT_SIDES))
+    if silent > VERDICT.silent:
+        return Verdict(AMBER, message(SILENT, share=silent), message(LOOK_AT_PARTS))
+    if torn > VERDICT.torn:
+        return Verdict(AMBER, message(TORN, share=torn), message(LOOK_AT_TORN))
+    if alone > VERDICT.alone:
+        return Verdict(AMBER, message(ALONE, share=alone), message(LOOK_AT_ALONE))
+    return Verdict(GREEN, message(RIGHT, certainty=certainty), "")
+
+
+def worst(verdicts: Sequence[Verdict]) -> Verdict:
+    """The first of the verdicts of the highest level, such as of several targets."""
+    return max(verdicts, key=lambda verdict: LEVELS.index(verdict.level))
