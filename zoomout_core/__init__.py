@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from zoomout_core.matching.pipeline import match
     from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
     from zoomout_core.matching.result import MatchResult, load_result
+    from zoomout_core.matching.verdict import Verdict
     from zoomout_core.mesh.files import read_point_cloud, read_surface
     from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
     from zoomout_core.runtime.progress import Cancelled, Progress, progress
@@ -86,6 +87,7 @@ __all__ = [
     "Surface",
     "SurfaceMap",
     "Symmetry",
+    "Verdict",
     "Wrapped",
     "commutativity_error",
     "conform",
@@ -167,6 +169,7 @@ _HOMES = {
         "MatchResult",
         "load_result",
     ),
+    "matching.verdict": ("Verdict",),
     "mesh.files": (
         "read_point_cloud",
         "read_surface",

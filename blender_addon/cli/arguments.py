@@ -66,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
     _add_pair(transfer)
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
+    transfer.add_argument("--force", action="store_true", help="transfer even along a match that is probably wrong")
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(transfer, group)
     wrap = commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")

@@ -59,7 +59,9 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
+        return prepare_transfer(
+            context, source_of[target], target, options.data, settings, binding, force=options.force, **matching
+        )
 
     return _reports(source_of, work, lambda _, report: dict(report))
 
@@ -117,6 +119,7 @@ def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
         "mean_confidence": float(match.confidence.mean()),
+        "verdict": None if isinstance(match, zo.ProximityMatch) or not match.verdict else match.verdict._asdict(),
         "certainty": match.certainty if isinstance(match, zo.MatchResult) else None,
         "notes": list(match.notes),
     }

@@ -42,7 +42,15 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
 
         def work(target: str) -> Work[Write[dict[str, Any]]]:
             return prepare_transfer(
-                context, source_of[target], target, (), settings, binding, self.options.is_repeat, **options
+                context,
+                source_of[target],
+                target,
+                (),
+                settings,
+                binding,
+                self.options.is_repeat,
+                undo_step=self.adds_undo_steps and len(source_of) == 1,
+                **options,
             )
 
         outcome = await each_target(list(source_of), work)

@@ -59,16 +59,21 @@ class ModalOperator(Operator):
             cls.poll_message_set(translated(reason))
         return not reason
 
+    @property
+    def adds_undo_steps(self) -> bool:
+        """Whether the work may push undo steps of its own: what is done in another mode is one step."""
+        return self._left is None
+
     def execute(self, context: Context) -> set[str]:
         """Run the work at once."""
-        left = modes.leave(context, self)
+        self._left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
             result = self._finish(run(self.work(context)))
         except zo.MeshError as error:
             result = self._fail(error)
         finally:
-            modes.come_back_after(context, left, self, result)
+            modes.come_back_after(context, self._left, self, result)
         return result
 
     def invoke(self, context: Context, event: Event) -> set[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_async
+from ..services.select_faults import DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER, select_faults_async
 from .matched import MatchedOperator
 
 
@@ -38,6 +38,13 @@ class ZOOMOUT_OT_select_flipped(SelectOperator):
     selecting = (False, False, True)
 
 
+class ZOOMOUT_OT_select_torn(SelectOperator):
+    bl_idname = "zoomout.select_torn"
+    bl_label = "Select Torn"
+    bl_description = "Select the vertices of the active mesh where the match tears it apart, to check them in Edit Mode"
+    what = TORN
+
+
 class ZOOMOUT_OT_select_without_partner(SelectOperator):
     bl_idname = "zoomout.select_without_partner"
     bl_label = "Select Without Partner"
@@ -48,4 +55,9 @@ class ZOOMOUT_OT_select_without_partner(SelectOperator):
     what = WITHOUT_PARTNER
 
 
-CLASSES = (ZOOMOUT_OT_select_doubtful, ZOOMOUT_OT_select_flipped, ZOOMOUT_OT_select_without_partner)
+CLASSES = (
+    ZOOMOUT_OT_select_doubtful,
+    ZOOMOUT_OT_select_flipped,
+    ZOOMOUT_OT_select_torn,
+    ZOOMOUT_OT_select_without_partner,
+)

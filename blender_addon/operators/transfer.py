@@ -52,7 +52,15 @@ class ZOOMOUT_OT_transfer(
 
         def work(target: str) -> Work[Write[dict[str, Any]]]:
             return prepare_transfer(
-                context, source_of[target], target, data, settings, binding, self.options.is_repeat, **options
+                context,
+                source_of[target],
+                target,
+                data,
+                settings,
+                binding,
+                self.options.is_repeat,
+                undo_step=self.adds_undo_steps and len(source_of) == 1,
+                **options,
             )
 
         outcome = await each_target(list(source_of), work)

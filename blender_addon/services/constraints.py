@@ -33,6 +33,7 @@ from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
 from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
+from .parts import name_components, notes_on_parts
 
 # Minimum weight of a member of a vertex group.
 MEMBER = 0.5
@@ -114,6 +115,7 @@ async def match_pair(
         )
         arguments |= constraints
         notes = of_constraints + notes
+    part_names = name_components(context, pair)
     try:
         target = pair.target if whole is None else whole
         result = await compute(partial(zo.match, pair.source, target, **arguments | options))
@@ -134,7 +136,7 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
-    return replace(result, notes=(*notes, *result.notes))
+    return replace(result, notes=(*notes, *notes_on_parts(result, part_names), *result.notes))
 
 
 def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:

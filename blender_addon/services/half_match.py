@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import zoomout_core as zo
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,20 @@ class HalfResult(zo.MatchResult):
             "surface_map": zo.SurfaceMap(mapped.triangle[:count], mapped.barycentric[:count], mapped.source_triangles),
             "confidence": whole.confidence[:count],
             "has_partner": whole.has_partner[:count],
+            "filled": whole.filled[:count],
+            "torn": whole.torn[:count],
         }
         return cls(**given, whole=whole, half=half)
+
+    @property
+    def arrived(self) -> Floats:
+        """(c,) the part of the whole target's area that receives from each component of the source."""
+        return self.whole.arrived
+
+    @property
+    def verdict(self) -> zo.Verdict:
+        """The verdict on the match of the whole."""
+        return self.whole.verdict
 
     @property
     def share_without_partner(self) -> float:

@@ -25,7 +25,7 @@ from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 
 # Kinds of faults.
-DOUBTFUL, FLIPPED, WITHOUT_PARTNER = "doubtful", "flipped", "without_partner"
+DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER = "doubtful", "flipped", "torn", "without_partner"
 
 
 def select_faults(context: Context, target: Object, what: str) -> str:
@@ -35,8 +35,8 @@ def select_faults(context: Context, target: Object, what: str) -> str:
         context: Blender's; the target and its source are in its scene.
         target: a matched object, in Object Mode.
         what: DOUBTFUL: vertices of low confidence. FLIPPED: faces whose image on the source is flipped, unlike most.
-            WITHOUT_PARTNER: vertices without a counterpart on the source, and, if the source's own mesh was matched,
-            its vertices without a counterpart on the target.
+            TORN: vertices at edges whose image is far too long. WITHOUT_PARTNER: vertices without a counterpart on the
+            source, and, if the source's own mesh was matched, its vertices without a counterpart on the target.
 
     Returns:
         A sentence for the user, with the number of elements and their share of the area.
@@ -100,6 +100,17 @@ def _select_flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     return select
 
 
+def _torn(pair: ObjectPair, match: StoredMatch) -> Select:
+    if match.torn is None:
+        raise zo.MeshError(
+            "The match of '{target}' has no information about torn places: match again.", target=pair.target_name
+        )
+    chosen, share = match.torn, pair.target.share_of_area(match.torn)
+    return lambda context: message(
+        "Torn: {selected}", selected=_select_vertices(find_mesh(context, pair.target_name), chosen, share)
+    )
+
+
 def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
     if match.has_partner is None:
         raise zo.MeshError(
@@ -120,6 +131,7 @@ def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
 FAULTS: dict[str, Callable[[ObjectPair, StoredMatch], Select]] = {
     DOUBTFUL: _doubtful,
     FLIPPED: _select_flipped,
+    TORN: _torn,
     WITHOUT_PARTNER: _without_partner,
 }
 

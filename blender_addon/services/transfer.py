@@ -8,9 +8,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import bpy
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.matching.verdict import RED
 from zoomout_core.messages import as_message, enumeration, message, plural
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
@@ -43,6 +45,7 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
+from ..translations import translated
 from .binding import Bound, check_binding, keep_match, prepare_binding, write_bound
 from .candidates import store_match
 from .constraints import check_options
@@ -78,7 +81,8 @@ def transfer_objects(
         The report, see `stored_report.transfer_report`.
 
     Raises:
-        MeshError: some data cannot be transferred; nothing was written.
+        MeshError: some data cannot be transferred; nothing was written. Or a new match is probably wrong; only the
+            match was stored.
         TypeError: an option of the match is unknown.
     """
     return run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
@@ -137,9 +141,13 @@ async def prepare_transfer(
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
     adjusted: bool = False,
+    force: bool = False,
+    undo_step: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`transfer` without writing: returns a function that writes the data to the target.
+
+    If the match is new and probably wrong, the function stores only the match, and raises a MeshError.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -149,6 +157,8 @@ async def prepare_transfer(
         settings: how to transfer it.
         binding: how to bind the target to the source's rig; None not to bind it.
         adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
+        force: whether to transfer along a new match that is probably wrong.
+        undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -165,6 +175,9 @@ async def prepare_transfer(
     else:
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
+    verdict = match.verdict if isinstance(match, zo.MatchResult) else None
+    if stored is None and not adjusted and not force and verdict is not None and verdict.level == RED:
+        return partial(_store_and_stop, context, pair, match, made_with, verdict, undo_step)
     job = TransferJob(match, pair, remarks, settings, blend)
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
@@ -183,6 +196,8 @@ async def prepare_transfer(
         with writing(context, pair) as (_, target):
             if stored is None:
                 store_match(target.data, match, pair, made_with)
+                if undo_step:
+                    _push_match()
             for one in adapters:
                 if one.kind != "shape":
                     one.write(target)
@@ -198,6 +213,36 @@ async def prepare_transfer(
             return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
 
     return write
+
+
+def _push_match() -> None:
+    """Push an undo step with the new match."""
+    bpy.ops.ed.undo_push(message=translated("Match"))
+
+
+def _store_and_stop(
+    context: Context,
+    pair: ObjectPair,
+    match: stored_match.Match,
+    settings: dict[str, Any],
+    verdict: zo.Verdict,
+    undo_step: bool,
+) -> dict[str, Any]:
+    """Store a match that is probably wrong, so that the user can look at it.
+
+    Raises:
+        MeshError: always; the message says how to go on.
+    """
+    with writing(context, pair) as (_, target):
+        store_match(target.data, match, pair, settings)
+    if undo_step:
+        _push_match()
+    raise zo.MeshError(
+        "{reason} {advice} Nothing was transferred to '{target}': to transfer along this match, start again.",
+        reason=verdict.sentence,
+        advice=verdict.advice,
+        target=pair.target_name,
+    )
 
 
 def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
@@ -254,10 +299,17 @@ def _write_report(
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
+        "verdict": _verdict_in_report(match),
         "bound": None if bound is None else {"armature": target.parent.name, "shape": bound.shape},
     }
     stored_report.write(target, report)
     return report
+
+
+def _verdict_in_report(match: stored_match.Match) -> dict[str, str] | None:
+    """The verdict on a match for reports; None if it is not known."""
+    verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
+    return None if verdict is None else verdict._asdict()
 
 
 def summary(report: dict[str, Any]) -> str:

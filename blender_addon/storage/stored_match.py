@@ -23,6 +23,7 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import fault_of_map
+from zoomout_core.matching.verdict import LEVELS
 from zoomout_core.messages import to_json
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -64,6 +65,8 @@ class StoredMatch:
         has_partner: (n_t,) whether each vertex has a counterpart on the source; None if that is not known.
         source_has_partner: (n_s,) likewise for the source's vertices.
         without_partner: the fractions of the target's and of the source's area without a counterpart, in [0, 1].
+        verdict: whether to use the match; None if that is not known.
+        torn: (n_t,) vertices at which the match is torn; None if that is not known.
     """
 
     surface_map: zo.SurfaceMap
@@ -74,6 +77,8 @@ class StoredMatch:
     has_partner: Booleans | None = None
     source_has_partner: Booleans | None = None
     without_partner: tuple[float, float] | None = None
+    verdict: zo.Verdict | None = None
+    torn: Booleans | None = None
 
 
 Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
@@ -100,7 +105,11 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
     if match.has_partner is not None:
         mask = Attribute(HAS_PARTNER, Domain.POINT, Kind.BOOLEAN, match.has_partner)
         write_layer(mesh, Layer(mask, Role.GENERIC, "BOOLEAN"))
-    of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
+    of_source, torn, verdict = (
+        (None, None, None)
+        if isinstance(match, zo.ProximityMatch)
+        else (match.source_has_partner, match.torn, match.verdict)
+    )
     mesh[PROPERTY] = json.dumps(
         {
             "source": source.name,
@@ -116,6 +125,8 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "low_confidence": low_confidence(match.confidence),
             "without_partner": without_partner(match),
             "source_has_partner": None if of_source is None else _pack(of_source),
+            "verdict": None if verdict is None else to_json(list(verdict)),
+            "torn": None if torn is None else _pack(torn),
             "notes": to_json(match.notes),
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
@@ -162,7 +173,17 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
         _unpack(stored.get("source_has_partner"), len(pair.source.vertices)),
         stored.get("without_partner"),
+        verdict_of(stored),
+        _unpack(stored.get("torn"), len(confidence)),
     )
+
+
+def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
+    """The verdict in the description of a match; None in files of earlier versions, and for nearest points."""
+    verdict = stored.get("verdict")
+    if not isinstance(verdict, list) or len(verdict) != len(zo.Verdict._fields) or verdict[0] not in LEVELS:
+        return None
+    return zo.Verdict(*map(str, verdict))
 
 
 def _hash_of_entries(mesh: Mesh) -> str:

@@ -22,6 +22,7 @@ from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match, stored_symmetry
 from blender_addon.ui import panels
 from blender_addon.viewport import preview
+from zoomout_core.matching.verdict import judge
 from zoomout_core.runtime.progress import Progress
 
 
@@ -97,10 +98,12 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
         (place,) = (i for i, (_, text, _) in enumerate(everything) if str(text).startswith("Matched with"))
         return everything[place + 1][1]
 
-    assert mark() == "CHECKMARK"
+    assert mark() == "DOT"
+    assert ("mark", "CHECKMARK", True) in drawn()
     listing = stored_candidates.read(target.data)
     use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
     assert mark() == "MOD_MIRROR"
+    assert ("mark", "CHECKMARK", True) not in drawn()
 
 
 def test_no_button_moves_whatever_is_shown(source, target):
@@ -166,13 +169,20 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
 
 
-def test_a_match_that_is_in_doubt_in_large_part_bears_no_check_mark(source, target):
+@pytest.mark.parametrize(
+    ("verdict", "icon"), [(judge(0.6, 0, 0, 0, 0), "ERROR"), (judge(0.1, 0, 0, 0, 0), "CANCEL"), (None, "DOT")]
+)
+def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target, verdict, icon):
     match_objects(bpy.context, source, target, k_final=30)
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
-    target.data[stored_match.PROPERTY] = json.dumps(kept | {"low_confidence": kept["vertices"] // 2})
-    assert "50% doubtful" in texts()
-    assert ("mark", "CHECKMARK", True) not in drawn()
+    stored = None if verdict is None else list(verdict)
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": stored})
+    everything = drawn()
+    assert ("mark", icon, True) in everything
+    assert ("mark", "CHECKMARK", True) not in everything
+    for text in () if verdict is None else (verdict.sentence, verdict.advice):
+        assert text.split()[-1] in texts()
 
 
 @pytest.mark.slow

@@ -41,6 +41,7 @@ OF_CORE = (
     "matching/notes.py",
     "matching/pair.py",
     "matching/proximity.py",
+    "matching/verdict.py",
     "symmetry/detect.py",
     "symmetry/mirror.py",
     "symmetry/offsets.py",

@@ -126,7 +126,9 @@ class MatchResult(Summary):
             self.certainty,
             self.target.share_of_area(self.torn),
             float(self.pair.shares[self.silent].sum()),
+            float((self.confidence < LOW).mean()),
             self.share_without_partner,
+            self.candidates[self.chosen].reverses_orientation,
         )
 
     def _summary(self) -> dict[str, str]:

@@ -21,10 +21,14 @@ UNSURE = "The match may be wrong: it is correct with a probability of {certainty
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = "{share:.0%} of the source's visible surface is on parts from which the target receives almost nothing."
+MIRRORED = "This match is a mirror image: it maps left to right."
+DOUBTFUL = "The match is uncertain at {share:.0%} of the target's vertices."
 ALONE = "{share:.0%} of the target has no counterpart on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
 LOOK_AT_TORN = "Select the torn vertices to see where, and add landmarks around that place."
+ONLY_IF_MIRRORED = "Use it only if the target is a mirror image of the source."
+LOOK_AT_DOUBTFUL = "Select the doubtful vertices to see where, and add landmarks there, or transfer the rest only."
 LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missing, or transfer their data separately."
 LOOK_AT_ALONE = "Select the vertices without a partner, and check that the target shows more than the source there."
 
@@ -39,6 +43,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
         torn: largest part of the target's area at torn edges of a green map.
         shattered: the part from which on a map is red.
         silent: largest part of the source's outside on parts that do not arrive, of a green map.
+        doubtful: largest part of the target's vertices of low confidence of a green map.
         alone: largest part of the target's area without a counterpart of a green map.
         arrived: a part of the source arrives if the target receives this fraction of its visible share from it.
         visible: a part that makes up less than this share of the outside is not asked for.
@@ -49,6 +54,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     torn: float = tuned(0.02, "1", 0, 1)
     shattered: float = tuned(0.2, "1", 0, 1)
     silent: float = tuned(0.001, "1", 0, 1)
+    doubtful: float = tuned(0.25, "1", 0, 1)
     alone: float = tuned(0.1, "1", 0, 1)
     arrived: float = tuned(0.25, "1", 0, 1)
     visible: float = tuned(0.001, "1", 0, 1)
@@ -71,14 +77,18 @@ class Verdict(NamedTuple):
     advice: str
 
 
-def judge(certainty: float, torn: float, silent: float, alone: float) -> Verdict:
+def judge(
+    certainty: float, torn: float, silent: float, doubtful: float, alone: float, mirrored: bool = False
+) -> Verdict:
     """The verdict on a map.
 
     Args:
         certainty: probability that the map is right as a whole.
         torn: the part of the target's area at torn edges.
         silent: the part of the source's outside on parts from which the target receives almost nothing.
+        doubtful: the part of the target's vertices of low confidence.
         alone: the part of the target's area without a counterpart.
+        mirrored: the map reverses the orientation.
     """
     if certainty < VERDICT.wrong:
         return Verdict(RED, message(WRONG, certainty=certainty), message(TRY_CANDIDATES))
@@ -86,10 +96,14 @@ def judge(certainty: float, torn: float, silent: float, alone: float) -> Verdict
         return Verdict(RED, message(SHATTERED, share=torn), message(TRY_CANDIDATES))
     if certainty < VERDICT.sure:
         return Verdict(AMBER, message(UNSURE, certainty=certainty), message(LOOK_AT_SIDES))
+    if mirrored:
+        return Verdict(AMBER, message(MIRRORED), message(ONLY_IF_MIRRORED))
     if silent > VERDICT.silent:
         return Verdict(AMBER, message(SILENT, share=silent), message(LOOK_AT_PARTS))
     if torn > VERDICT.torn:
         return Verdict(AMBER, message(TORN, share=torn), message(LOOK_AT_TORN))
+    if doubtful > VERDICT.doubtful:
+        return Verdict(AMBER, message(DOUBTFUL, share=doubtful), message(LOOK_AT_DOUBTFUL))
     if alone > VERDICT.alone:
         return Verdict(AMBER, message(ALONE, share=alone), message(LOOK_AT_ALONE))
     return Verdict(GREEN, message(RIGHT, certainty=certainty), "")

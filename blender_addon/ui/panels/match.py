@@ -3,18 +3,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from bpy.types import Context, Panel, UILayout
 
+from zoomout_core.matching.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import message
 
 from ...operators.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
 from ...scene.selection import chosen_targets
-from ...services.preflight import findings, likely_source
+from ...services.preflight import findings, likely_source, stale
 from ...storage import stored_match
 from ...translations import translated
 from .. import manual
-from .sidebar import SidebarPanel, count_text, help_button, main_button, show_findings, split_properties
+from .sidebar import SidebarPanel, count_text, help_button, main_button, sentences, show_findings, split_properties
+
+VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
@@ -56,6 +61,21 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )
+        stored = stored_match.description(target.data) if is_mesh else None
+        if stored is not None:
+            _draw_verdict(context, layout, stored)
+
+
+def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
+    """Draw whether to use the match, and what to do; nothing if it is outdated or not known."""
+    verdict = stored_match.verdict_of(stored)
+    if verdict is None or stale(context, context.active_object):
+        return
+    box = layout.box()
+    box.alert = verdict.level == RED
+    sentences(context, box, [verdict.sentence], VERDICT_ICONS[verdict.level])
+    if verdict.advice:
+        sentences(context, box, [verdict.advice], "BLANK1")
 
 
 def _object_row(layout: UILayout, label: str, text: str) -> None:

@@ -12,6 +12,7 @@ from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_
 from ...operators.select_faults import (
     ZOOMOUT_OT_select_doubtful,
     ZOOMOUT_OT_select_flipped,
+    ZOOMOUT_OT_select_torn,
     ZOOMOUT_OT_select_without_partner,
 )
 from ...services.preflight import Finding, find_outdated, stale
@@ -22,8 +23,6 @@ from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
 from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
 
-# From this share of vertices of low confidence on, a match has no check mark.
-DOUBTFUL = 0.25
 # From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
 # Number of thumbnails in a row, so that the candidates' differences fit below them.
@@ -46,6 +45,7 @@ DIFFERENCES = {
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
     ZOOMOUT_OT_select_flipped: "Flipped",
+    ZOOMOUT_OT_select_torn: "Torn",
     ZOOMOUT_OT_select_without_partner: "No Partner",
 }
 
@@ -76,7 +76,8 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
             matched = message("Matched with {sources}, {doubtful:.0%} doubtful", sources=names, doubtful=doubtful)
-            sentences(context, layout, [matched], _mark(doubtful, listing))
+            mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
+            sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
@@ -101,13 +102,6 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
                 sentences(context, layout, [without], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
         sentences(context, layout, stored["notes"], "DOT")
-
-
-def _mark(doubtful: float, listing: CandidateList | None) -> str:
-    """The icon of a match; a mirror image never gets a check mark."""
-    if listing is not None and listing.candidates[listing.chosen].mirrored:
-        return "MOD_MIRROR"
-    return "CHECKMARK" if doubtful < DOUBTFUL else "ERROR"
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:

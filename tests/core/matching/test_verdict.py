@@ -10,7 +10,7 @@ from creatures import creature
 import zoomout_core as zo
 from zoomout_core.matching.verdict import AMBER, GREEN, RED, judge, worst
 
-FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "alone": 0.0}
+FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "doubtful": 0.0, "alone": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,10 @@ FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "alone": 0.0}
         ({"torn": 0.05}, AMBER, "tears apart 5.0%"),
         ({"torn": 0.3}, RED, "tears apart 30%"),
         ({"silent": 0.02}, AMBER, "receives almost nothing"),
+        ({"doubtful": 0.2}, GREEN, "correct"),
+        ({"doubtful": 0.3}, AMBER, "uncertain at 30%"),
         ({"alone": 0.05}, GREEN, "correct"),
+        ({"mirrored": True}, AMBER, "mirror image"),
         ({"alone": 0.4}, AMBER, "no counterpart"),
     ],
 )

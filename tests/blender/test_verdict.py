@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The verdict on a match: it is stored, reported, and stops a transfer along a map that is probably wrong."""
+
+import json
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_uv_map, ellipsoid, link, new_material, snapshot
+
+import zoomout_core as zo
+from blender_addon import cli, jobs
+from blender_addon.scene.pair import read_pair
+from blender_addon.services.match import match_objects
+from blender_addon.services.parts import name_components, notes_on_parts
+from blender_addon.services.select_faults import TORN, select_faults
+from blender_addon.services.transfer import transfer_objects
+from blender_addon.storage import stored_match
+from zoomout_core.matching.verdict import GREEN, RED, judge
+
+WRONG = judge(0.1, 0, 0, 0, 0)
+
+
+@pytest.fixture
+def wrong(monkeypatch):
+    """Matches that are probably wrong."""
+    monkeypatch.setattr(zo.MatchResult, "verdict", WRONG)
+
+
+def test_the_verdict_is_stored_with_the_match(source, target):
+    found = match_objects(bpy.context, source, target, k_final=30)
+    assert found.verdict.level == GREEN
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
+    assert stored_match.read(target.data, pair).verdict == found.verdict
+    np.testing.assert_array_equal(stored_match.read(target.data, pair).torn, found.torn)
+
+
+@pytest.mark.parametrize("damaged", [["green"], ["pink", "a", "b"], "green", 3, None])
+def test_a_damaged_verdict_is_not_known(source, target, damaged):
+    match_objects(bpy.context, source, target, k_final=30)
+    kept = stored_match.description(target.data)
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": damaged})
+    assert stored_match.verdict_of(stored_match.description(target.data)) is None
+
+
+def test_a_new_match_that_is_probably_wrong_stops_the_transfer_once(source, target, wrong):
+    add_uv_map(source.data, "Layout")
+    with pytest.raises(zo.MeshError, match="Nothing was transferred to 'Target'"):
+        transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
+    assert "Layout" not in target.data.uv_layers
+    assert stored_match.verdict_of(stored_match.description(target.data)).level == RED
+    report = transfer_objects(bpy.context, source, target, ["uv_maps"])
+    assert report["written"]["uv_maps"] == ["Layout"]
+    assert report["verdict"]["level"] == RED
+
+
+def test_force_transfers_all_the_same(source, target, wrong, tmp_path):
+    add_uv_map(source.data, "Layout")
+    arguments = ["transfer", "--source", "Source", "--target", "Target", "--data", "uv_maps", "--k-final", "30"]
+    report = tmp_path / "report.json"
+    assert cli.main([*arguments, "--report", str(report)]) == 1
+    assert "probably wrong" in json.loads(report.read_text())["targets"]["Target"]["error"]
+    stored_match.remove(target.data)
+    assert cli.main([*arguments, "--force"]) == 0
+    assert "Layout" in target.data.uv_layers
+
+
+def test_undoing_a_transfer_keeps_its_match(source, target):
+    add_uv_map(source.data, "Layout")
+    activate(target, source)
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.zoomout.transfer("EXEC_DEFAULT", True, k_final=30) == {"FINISHED"}
+    bpy.ops.ed.undo()
+    target = bpy.data.objects["Target"]
+    assert "Layout" not in target.data.uv_layers
+    assert stored_match.description(target.data) is not None
+    matched = snapshot(target)
+    bpy.ops.ed.undo()
+    assert snapshot(bpy.data.objects["Target"]) != matched
+    assert stored_match.description(bpy.data.objects["Target"].data) is None
+
+
+def test_torn_vertices_are_selected(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, pair)
+    torn = np.arange(len(kept.confidence)) < 7
+    stored_match.write(target.data, replace(kept, torn=torn), pair, {})
+    assert select_faults(bpy.context, target, TORN).startswith("Torn: 7 vertices of 'Target'")
+    stored_match.write(target.data, replace(kept, torn=None), pair, {})
+    with pytest.raises(zo.MeshError, match="no information about torn places"):
+        select_faults(bpy.context, target, TORN)
+
+
+def two_parts():
+    """A body and a smaller lump beside it in one object, of two materials."""
+    body = ellipsoid("Body", 4)
+    vertices = np.array([vertex.co[:] for vertex in body.data.vertices])
+    faces = [list(polygon.vertices) for polygon in body.data.polygons]
+    mesh = bpy.data.meshes.new("Both")
+    mesh.from_pydata(
+        np.concatenate([vertices, 0.4 * vertices + [1.2, 0, 0]]),
+        [],
+        faces + [[corner + len(vertices) for corner in face] for face in faces],
+    )
+    obj = link("Both", mesh)
+    for name in ("Skin", "Hair"):
+        mesh.materials.append(new_material(name))
+    for polygon in mesh.polygons:
+        polygon.material_index = polygon.index >= len(faces)
+    return body, obj
+
+
+def test_parts_have_the_names_of_their_objects_and_materials():
+    body, both = two_parts()
+    pair = jobs.run(read_pair(bpy.context, both.name, body.name))
+    assert name_components(bpy.context, pair) == ["Both: Skin", "Both: Hair"]
+    pair = jobs.run(read_pair(bpy.context, body.name, both.name))
+    assert name_components(bpy.context, pair) == ["Body"]
+
+
+def test_the_report_lists_the_parts_that_arrive_and_those_that_do_not():
+    body, both = two_parts()
+    pair = jobs.run(read_pair(bpy.context, both.name, body.name))
+    result = zo.match(pair.source, pair.target, k_final=30)
+    notes = notes_on_parts(result, ["Skin", "Hair"])
+    assert notes[0].startswith("Share of the target's area by part of the source: 'Skin'")
+    onto_skin = replace(
+        result, surface_map=zo.SurfaceMap.from_vertices(np.zeros(len(pair.target.vertices), int), pair.source)
+    )
+    assert notes_on_parts(onto_skin, ["Skin", "Hair"])[-1] == "Nothing arrives from 'Hair'."
+    assert notes_on_parts(onto_skin, ["Skin"]) == ()
