@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
-from zoomout_core.batch import Job, Outcome, run_jobs
+from zoomout_core.batch import Job, Outcome, check_verdict, run_jobs
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -17,13 +18,16 @@ if TYPE_CHECKING:
 LOW = 0.5
 
 
-def transfer_files(source: str, jobs: Sequence[Job], in_place: bool = False, **parameters: Any) -> list[Outcome]:
+def transfer_files(
+    source: str, jobs: Sequence[Job], in_place: bool = False, force: bool = False, **parameters: Any
+) -> list[Outcome]:
     """Transfer from a mesh file to each target, one after the other; one that fails leaves the others alone.
 
     Args:
         source: a mesh file.
         jobs: as of `planned`.
         in_place: whether textures may take the place of those that are read.
+        force: whether to write a target whose match is probably wrong.
         parameters: of the filter `transfer_attributes_by_zoomout`.
 
     Raises:
@@ -40,6 +44,7 @@ def transfer_files(source: str, jobs: Sequence[Job], in_place: bool = False, **p
             target_id = load_mesh(ms, job.target)
             textures = inputs | texture_files(ms.mesh(target_id), job.target)
             report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
+            check_verdict(zo.Verdict(**report["verdict"]), force)
             job.output.parent.mkdir(exist_ok=True)
             save_beside(ms, job.output, textures, brought, in_place)
             return _figures(report), _lines(report, job.output.suffix.lower())
@@ -61,6 +66,7 @@ def _keep_only(ms: MeshSet, mesh_id: int) -> None:
 def _figures(report: dict[str, Any]) -> dict[str, Any]:
     """What of a transfer a program may want to sort by."""
     return {
+        "verdict": report["verdict"],
         "certainty": float(report["certainty"]),
         "mean_confidence": float(report["confidence"].mean()),
         "low_confidence": float((report["confidence"] < LOW).mean()),
@@ -77,7 +83,7 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
     confidence = report["confidence"]
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
-        f"Correct with a probability of {report['certainty']:.0%}, judged by its lead over the other candidates.",
+        zo.Verdict(**report["verdict"]).line,
         f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",

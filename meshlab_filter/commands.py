@@ -102,6 +102,7 @@ def transfer(
     ending: str,
     candidate: int,
     in_place: bool,
+    force: bool,
     **options: Any,
 ) -> None:
     """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the meshes TARGETS.
@@ -116,7 +117,7 @@ def transfer(
         jobs = plan(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         matching = read_options(**options)
         with progress_bar():
-            outcomes = transfer_files(source, jobs, in_place, candidate=candidate, **matching)
+            outcomes = transfer_files(source, jobs, in_place, force, candidate=candidate, **matching)
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:

@@ -66,6 +66,7 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     def with_options(command: Any) -> Any:
         for option in (
             in_place_option,
+            click.option("--force", is_flag=True, help="Write a target even if its match is probably wrong."),
             table_options(RESULT),
             click.option(
                 "--format",

@@ -31,7 +31,7 @@ def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
     arrived = case.source_part[surface_map.vertex]
     known = case.target_part >= 0
     areas = vertex_areas(case.target.vertices, case.target.triangles)
-    lost, visible = _lost(case.target_part, arrived, areas)
+    lost, visible = count_lost(case.target_part, arrived, areas)
     sided = (case.target_side != 0) & np.isin(case.target_side, case.source_side)
     return {
         "part": float(areas[known & (arrived == case.target_part)].sum() / areas[known].sum()) if known.any() else None,
@@ -64,7 +64,7 @@ def torn_edges(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
     return np.asarray((ratio > TORN_RATIO * np.median(ratio)) & (image > TORN_LENGTH * height))
 
 
-def _lost(right: Integers, arrived: Integers, areas: Floats) -> tuple[int, int]:
+def count_lost(right: Integers, arrived: Integers, areas: Floats) -> tuple[int, int]:
     """How many visible parts are mostly lost, and how many are visible."""
     lost = visible = 0
     for part in np.unique(right[right >= 0]).tolist():

@@ -88,6 +88,7 @@ def report_on(result: zo.MatchResult) -> dict[str, Any]:
         "source_has_partner": result.source_has_partner,
         "share_without_partner": result.share_without_partner,
         "source_share_without_partner": result.source_share_without_partner,
+        "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
         "candidates": [
             {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}

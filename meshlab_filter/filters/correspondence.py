@@ -61,9 +61,10 @@ def compute_correspondence_by_zoomout(
 
     Returns:
         `triangle`, `barycentric` and `confidence`, arrays; `has_partner` and `source_has_partner`, the same of both
-        meshes' vertices; `share_without_partner` and `source_share_without_partner`, of their areas; `certainty`, the
-        probability that the whole is right, no side swapped; `candidates`, for each what it came from, whether it
-        reverses orientation, and its scores; `notes`, sentences for the user.
+        meshes' vertices; `share_without_partner` and `source_share_without_partner`, of their areas; `verdict`, whether
+        to use it, with a `level` (green, amber or red), a `sentence` and `advice`; `certainty`, the probability that
+        the whole is right, no side swapped; `candidates`, for each what it came from, whether it reverses orientation,
+        and its scores; `notes`, sentences for the user.
 
     Raises:
         MeshError: a mesh that is missing or cannot be used; the message says what to do.

@@ -11,9 +11,11 @@ import pytest
 from click.testing import CliRunner
 from creatures import creature, true_vertex
 
+import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
+from zoomout_core.matching.verdict import judge
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -92,6 +94,21 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
     assert "Traceback" not in said
     assert files[1].read_bytes() == before
     assert not list(tmp_path.iterdir())
+
+
+def test_a_match_that_is_probably_wrong_is_written_only_by_force(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1, 0, 0, 0, 0))
+    code, said = run(*files, "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "probably wrong" in said
+    assert "--force" in said
+    assert not (tmp_path / "out.glb").exists()
+    code, said = run(*files, "-o", tmp_path / "out.glb", "--force")
+    assert code == 0, said
+    assert "Red: The match is probably wrong" in said
+    assert (tmp_path / "out.glb").exists()
 
 
 def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:

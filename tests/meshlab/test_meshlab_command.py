@@ -17,6 +17,7 @@ from PIL import Image
 import zoomout_core
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
+from zoomout_core.matching.verdict import judge
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 
@@ -65,6 +66,19 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
     assert ("OBJ files cannot store vertex_scalar" in ran.output) == name.endswith("obj")
     assert "Mean confidence" in ran.output
     assert "Without a partner: " in ran.output
+
+
+def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path, monkeypatch):
+    monkeypatch.setattr(zoomout_core.MatchResult, "verdict", judge(0.1, 0, 0, 0, 0))
+    folder, _ = files
+    arguments = folder / "creature.ply", folder / "target.ply", "-o", tmp_path / "result.ply"
+    ran = run(*arguments)
+    assert ran.exit_code == 1
+    assert "give --force" in ran.output
+    assert not (tmp_path / "result.ply").exists()
+    ran = run(*arguments, "--force")
+    assert ran.exit_code == 0, ran.output
+    assert "Red: The match is probably wrong" in ran.output
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.verdict import Verdict
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -35,7 +34,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
 def match_figures(result: MatchResult) -> dict[str, Any]:
     """Figures of a match for programs."""
     return {
-        "verdict": verdict_figures(result.verdict),
+        "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
         "mean_confidence": float(result.confidence.mean()),
         "low_confidence": float((result.confidence < LOW).mean()),
@@ -46,11 +45,6 @@ def match_figures(result: MatchResult) -> dict[str, Any]:
         "parts": part_figures(result),
         "candidates": len(result.candidates),
     }
-
-
-def verdict_figures(verdict: Verdict) -> dict[str, str]:
-    """A verdict for programs."""
-    return {"level": verdict.level, "sentence": verdict.sentence, "advice": verdict.advice}
 
 
 def part_figures(result: MatchResult) -> list[dict[str, float]]:
@@ -64,9 +58,8 @@ def part_figures(result: MatchResult) -> list[dict[str, float]]:
 def match_lines(result: MatchResult) -> list[str]:
     """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
-    verdict = result.verdict
     return [
-        " ".join((f"{verdict.level.capitalize()}:", verdict.sentence, verdict.advice)).strip(),
+        result.verdict.line,
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",

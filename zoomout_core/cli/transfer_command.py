@@ -15,6 +15,7 @@ from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset,
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
 from zoomout_core.batch import (
     Job,
+    check_verdict,
     end_with_code,
     figures_of,
     is_folder,
@@ -61,6 +62,7 @@ def transfer(
     kinds: str,
     shape: str,
     candidate: int,
+    force: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -85,7 +87,9 @@ def transfer(
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
         with progress_bar():
-            outcomes = run_jobs(jobs, partial(_run_job, asset, candidate, wanted, shape.replace("-", " "), arguments))
+            outcomes = run_jobs(
+                jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
+            )
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -112,7 +116,7 @@ def check_kinds(kinds: str) -> list[str]:
 
 
 def _run_job(
-    source: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
+    source: Asset, candidate: int, force: bool, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
 ) -> tuple[dict[str, Any], list[str]]:
     """Transfer to one target, and write it; returns the figures and lines of its outcome."""
     target = read_asset(job.target)
@@ -121,6 +125,7 @@ def _run_job(
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
+    check_verdict(result.verdict, force)
     with portion(MATCHED, 1.0):
         made = transfer_asset(source, target, result, kinds, shape)
     job.output.parent.mkdir(exist_ok=True)

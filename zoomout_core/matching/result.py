@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from os import PathLike
 
 import numpy as np
@@ -119,7 +118,7 @@ class MatchResult(Summary):
         visible, arrived = self.pair.shares, self.arrived[: len(self.pair.shares)]
         return np.flatnonzero((visible >= VERDICT.visible) & (arrived < VERDICT.arrived * visible))
 
-    @cached_property
+    @property
     def verdict(self) -> Verdict:
         """Whether to use the map, to look at a place of it, or to try another one."""
         return judge(
@@ -137,7 +136,7 @@ class MatchResult(Summary):
         return {
             "source": f"{len(self.pair.source.vertices):,} vertices",
             "target": f"{len(self.pair.target.vertices):,} vertices, {without:.1%} of its area without a partner",
-            "verdict": " ".join((f"{self.verdict.level}:", self.verdict.sentence, self.verdict.advice)).strip(),
+            "verdict": self.verdict.line,
             "certainty": f"{self.certainty:.0%}",
             "confidence": f"{mean:.2f} on average, below {LOW} at {low:.1%} of the vertices",
             "candidate": f"{self.chosen} of {len(self.candidates)}, from {candidate.origin}",

@@ -70,11 +70,20 @@ class Verdict(NamedTuple):
         level: "green", "amber" or "red".
         sentence: the reason, for the user.
         advice: what to do; empty when green.
+
+    Example:
+        >>> zo.Verdict("green", "The match is correct with a probability of 99%.", "").line
+        'Green: The match is correct with a probability of 99%.'
     """
 
     level: str
     sentence: str
     advice: str
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line of English."""
+        return " ".join((f"{self.level.capitalize()}:", self.sentence, self.advice)).strip()
 
 
 def judge(
