@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Candidates by several bodies, such as a main part and the hull around all parts: which of them to go on with."""
+"""Choose between the candidates of several bodies, such as a main part and the hull around all parts."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class AttemptTuning(Tuning, set_by="characters"):
-    """When another body is tried, and which one is taken.
+    """When to try another body, and which one to choose.
 
     Attributes:
-        sure: smallest certainty of the map of a body at which no other body is tried.
-        same_place: distance below which two images are the same place,
-        same_share: where more of the places than this part have the same images, the maps of two bodies are one.
-        clearly_better: factor by which the worth of a later attempt, such as that by a tight hull, which loses what is
-            thin, has to exceed an earlier one's (of the table: a character in a roll as one hull, by 2.1; a mannequin
-            whose knees touch gets worse by it at 1.2).
+        sure: minimum certainty of a body's map at which no other body is tried.
+        same_place: distance below which two images count as the same place.
+        same_share: the maps of two bodies are the same if more than this share of their images are.
+        clearly_better: minimum ratio of the worth of a later attempt to that of an earlier one. Later attempts, such as
+            tight hulls, lose thin parts. In the table a rolling character as one hull improves by 2.1; a mannequin
+            whose knees touch gets worse at 1.2.
     """
 
     sure: float = tuned(0.8, "probability", 0, 1)
@@ -44,7 +44,7 @@ class Attempt:
     Attributes:
         pair: of the bodies' shapes.
         candidates: maps between them, the most likely first.
-        coverage: the part of both surfaces, in [0, 1], that the bodies tell of.
+        coverage: the part of both surfaces, in [0, 1], that the bodies cover.
     """
 
     pair: Pair
@@ -53,11 +53,11 @@ class Attempt:
 
     @property
     def worth(self) -> float:
-        """The part of the surfaces that the first candidate is expected to be right for."""
+        """Expected part of the surfaces that the first candidate maps correctly."""
         return self.candidates[0].certainty * self.coverage
 
     def outline(self) -> tuple[Floats, Floats]:
-        """(s, 3) places of the target, in its frame and unit, and (s, 3) where the first candidate has them go."""
+        """(s, 3) points of the target, in its frame and unit, and (s, 3) their images by the first candidate."""
         source, target = self.pair.source_shape, self.pair.target_shape
         image = source.search.samples[self.candidates[0].sample_map]
         return (
@@ -67,12 +67,12 @@ class Attempt:
 
 
 def best_of(attempts: Sequence[Attempt]) -> Attempt:
-    """The attempt of the most worth; or the one that tells of more, where all found the same map.
+    """The attempt of the highest worth, or the one of the largest coverage if all found the same map.
 
-    They confirm each other then: it is as sure as the surest of them.
+    In that case they confirm each other, and the result takes the highest certainty among them.
 
     Args:
-        attempts: the most promising first; one that is not clearly better than an earlier one is not taken.
+        attempts: the most promising first; a later one is chosen only if it is clearly better.
     """
     most = max(attempt.coverage for attempt in attempts)
     widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])
@@ -88,13 +88,13 @@ def confirm(attempt: Attempt, certainty: float) -> Attempt:
 
 
 def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
-    """The first attempt that none is clearly better than."""
+    """The first attempt that no other is clearly better than."""
     most = max(attempt.worth for attempt in attempts)
     return next(attempt for attempt in attempts if ATTEMPTS.clearly_better * attempt.worth >= most)
 
 
 def agree(one: Attempt, other: Attempt) -> bool:
-    """Whether the first candidates of two attempts lead to the same places."""
+    """Whether the first candidates of two attempts have the same images."""
     (places, images), (their_places, their_images) = one.outline(), other.outline()
     near = cKDTree(places).query(their_places)[1]
     apart = np.linalg.norm(images[near] - their_images, axis=1) / one.pair.source_shape.proxy.full.scale

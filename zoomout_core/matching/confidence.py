@@ -70,15 +70,15 @@ def confidence_of(
     Args:
         there: from the target's mesh to the source's.
         back: from the source's mesh to the target's, found on its own.
-        functional_map: (k_target, k_source) of the map there.
+        functional_map: (k_target, k_source) of the map from the target.
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         mirrored: the map reverses the orientation.
-        has_partner: (n_t,) whether there is something on the source for a vertex; elsewhere confidence is 0, and
-            nothing counts as turned over. All have, when not given.
+        has_partner: (n_t,) whether a vertex has a counterpart; elsewhere confidence is 0, and nothing counts as
+            flipped. All vertices have one by default.
 
     Returns:
-        (n_t,) in [0, 1], and the part of the target's area, in [0, 1], that the map turns over.
+        (n_t,) confidence in [0, 1], and the part of the target's area, in [0, 1], that the map flips.
     """
     cycle = cycle_error(there, back, target.mesh.vertices)
     errors = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
@@ -98,9 +98,9 @@ def confidence_of(
 def counterparts_by_cycle(
     there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> Counterparts:
-    """Which vertices of two shapes' meshes come back, near enough, from where they go.
+    """Which vertices of two shapes' meshes return close to where they started, mapped there and back.
 
-    A tail that the other shape lacks goes to its surroundings there, from where no way leads back.
+    A tail that the other shape lacks maps to its surroundings there, and the map back does not reach it.
 
     Args:
         there: from the target's mesh to the source's.
@@ -112,7 +112,7 @@ def counterparts_by_cycle(
 
 
 def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: ShapeAnalysis) -> Booleans:
-    """(n,) whether the vertices of a shape's mesh come back to where they were."""
+    """(n,) whether the vertices of a shape's mesh return close to where they started."""
     cycle = cycle_error(there, back, shape.mesh.vertices)
     pooled = shape.basis.smoothed(cycle[:, None], CONFIDENCE.pooling**2)[:, 0]
     on_border = np.zeros(len(other.mesh.vertices), dtype=bool)
@@ -122,7 +122,7 @@ def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: S
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:
-    """(n_t,) distance between each target vertex and where going there and back leads, in the vertices' unit.
+    """(n_t,) distance between each target vertex and its image under the map there and back, in the vertices' unit.
 
     Args:
         there: from the target's vertices to the source.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a candidate on samples to a map between the meshes of two shapes: ZoomOut, then bending the target."""
+"""Refine a candidate to a map between the meshes of two shapes: ZoomOut, then non-rigid registration."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class DenseMap(NamedTuple):
 
     Attributes:
         fit: of the target to the source.
-        counterparts: which vertices have one.
+        counterparts: which vertices have a counterpart.
         functional_map: (k_target, k_source).
         confidence: (n_t,) of the target's vertices.
-        folded: the part of the target's area, in [0, 1], that the map turns over.
+        folded: the part of the target's area, in [0, 1], that the map flips.
     """
 
     fit: Fit
@@ -46,7 +46,7 @@ def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
 
 
 def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
-    """The map of all of the target, by eigenfunctions and by bending it."""
+    """The map of the whole target, by ZoomOut and by non-rigid registration."""
     source, target = pair.source_shape, pair.target_shape
 
     def forwards() -> tuple[Fit, Floats]:
@@ -73,7 +73,7 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
 def bend_onto_source(
     refined: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
 ) -> tuple[Fit, Floats]:
-    """Bend the target onto the source by a refined map; returns the fit and its functional map, of the same size."""
+    """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
     fit = fit_nonrigid(refined, source, target, mirrored)
     k_target, k_source = functional_map.shape
     images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
@@ -81,7 +81,7 @@ def bend_onto_source(
 
 
 def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
-    """The map of a part and a whole, either way, by bending the part."""
+    """The map between a part and a whole, in either direction, by registering the part."""
     source, target = pair.source_shape, pair.target_shape
     found = fit_part(pair, candidate)
     fit = found.fit
@@ -101,9 +101,9 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
 
 
 def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tuple[Floats, float]:
-    """`confidence_of` the map of a whole to a small part, read off the map of the part.
+    """`confidence_of` the map of a whole to a small part, computed from the map of the part.
 
-    The rest of the whole, all of which goes to the part as well, would outweigh the part's own place.
+    All of the whole maps to the part, so the rest of it would outweigh the place of the part.
     """
     (k_target, k_source), source, target = size, pair.source_shape, pair.target_shape
     images = found.back.interpolate(target.basis.eigenvectors[:, :k_target])

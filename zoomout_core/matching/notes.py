@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sentences for the user about a match."""
+"""Notes for the user about a match."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ MAX_ROUNDING = 0.2
 
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
-    """Limits of one shape as it was given, and of the surface that was made of it."""
+    """Notes on the limits of one input shape, and of the surface that was reconstructed from it."""
     return (*notes_on_cloud(role, shape, surface), *_notes_on_rounding(role, surface))
 
 
 def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
-    """What points alone do not tell."""
+    """Notes on the limits of a point cloud."""
     if not isinstance(shape, PointCloud):
         return ()
     left_out = int((surface.working.vertex_of < 0).sum())
@@ -70,7 +70,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
 
 
 def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
-    """Coordinates so far from the origin that their rounding is a notable part of an edge."""
+    """A note if coordinates are so far from the origin that their rounding is a notable part of an edge."""
     coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
     if coarse < MAX_ROUNDING:
         return ()
@@ -84,13 +84,13 @@ def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
 
 
 def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
-    """Doubts about a map as a whole.
+    """Notes on doubts about a map as a whole.
 
     Args:
         candidates: all maps that were found.
         chosen: the number of the map among them.
-        placed: the part of the target's area for which there is something on the source.
-        folded: the part of it that the map turns over.
+        placed: the part of the target's area that has a counterpart.
+        folded: the part of it that the map flips.
     """
     notes: tuple[str, ...] = (message(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
@@ -104,7 +104,7 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
 
 
 def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
-    """Parts that only one of the two surfaces has."""
+    """Notes on parts that only one of the two surfaces has."""
     notes = (
         (
             pair.target,

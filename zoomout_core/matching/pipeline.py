@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From two surfaces to a dense map: prepare both, guess, refine and rank, bring the best to full resolution."""
+"""Match two surfaces: analyse both, guess, rank and refine maps, and extend the best one to full resolution."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread, side_by_side
 
-# Fractions of the progress at which each body is begun, a retry, and the refinement.
+# Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
 # Fraction of a body's progress that the analysis of the shapes takes.
 ANALYSING = 0.8
@@ -50,20 +50,20 @@ def match(
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     Args:
-        source: the surface that the map lands on; it carries the attributes. Of a point cloud it is the surface that
-            is reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
-            path of a file do as well, see `ShapeLike`.
+        source: the surface that the map lands on; it carries the attributes. A point cloud is replaced by the surface
+            reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
+            path of a file are accepted as well, see `ShapeLike`.
         target: the surface, or the points, that the map starts from; it receives them.
-        options: how to match them, see `MatchOptions`.
-        progress: called with the `Progress` now and then, see `zoomout_core.progress`.
-        given: the same as keyword arguments, or what of the options is to be different.
+        options: options of the match, see `MatchOptions`.
+        progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
+        given: options as keyword arguments; they override `options`.
 
     Returns:
-        The most likely map with the alternatives. Its `notes` say what is uncertain.
+        The most likely map, with alternatives. Its `verdict` and `notes` report what is uncertain.
 
     Raises:
-        MeshError: a mesh that cannot be matched; the message says what to do.
-        ValueError: options that do not fit together.
+        MeshError: a mesh cannot be matched; the message says what to do.
+        ValueError: options contradict each other.
 
     Example:
         >>> result = zo.match(source, target, k_final=40)
@@ -100,7 +100,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
         try:
             with portion(start, end):
                 attempts.append(_attempt(source, target, bodies[number], known, options, notes))
-        except LandmarkError:  # on a part that another body has, and this one has not
+        except LandmarkError:  # a landmark is on a part that only another body has
             if not attempts:
                 raise
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
@@ -144,7 +144,7 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
 
 
 def _prepare_lift(pair: Pair) -> None:
-    """Compute ahead what carrying the map over to all vertices needs."""
+    """Precompute what the lift to all vertices needs, while another thread works."""
     if not pair.target_shape.proxy.full.is_hull:
         _ = pair.target_shape.proxy.place, pair.source_shape.proxy.place
     _ = pair.source_shape.neighbourhoods

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which of several maps is the right one, and how sure that is: hypotheses are refined and compared by their scores."""
+"""Refine hypotheses, rank the maps by their scores, and compute the certainty of each."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
-# Fewest and most maps that are compared.
+# Minimum and maximum number of maps to compare.
 Quota: TypeAlias = tuple[int, int]
 
 
 @dataclass(frozen=True)
 class RankingTuning(Tuning, set_by="correspondence"):
-    """Which hypotheses are refined, and how far.
+    """Which hypotheses to refine, and to which size.
 
     Attributes:
-        screening_size: of the functional maps that hypotheses are first compared by.
-        screening_step: growth of these in an iteration.
-        size: of the functional maps that the best of them are compared by.
-        step: growth of these in an iteration.
-        reverse_start: size of the functional map that the map in the other direction begins with.
-        reverse_step: growth of that in an iteration.
-        margin: of the score: distinct maps that are worse than the best one by less are compared and aligned in space,
+        screening_size: size of the functional maps in the first comparison.
+        screening_step: their growth in an iteration.
+        size: size of the functional maps in the comparison of the best ones.
+        step: their growth in an iteration.
+        reverse_start: initial size of the functional map in the other direction.
+        reverse_step: its growth in an iteration.
+        margin: distinct maps whose scores exceed the best one by less than this are compared and aligned in space,
             within the quotas.
-        direct: fewest and most maps that keep the orientation; a user may choose among them.
-        mirrored: fewest and most mirror images.
-        clear_orientation: a map whose normals disagree with the target's by more than this is a mirror image. One whose
-            normals agree no more than they disagree mirrors some limbs only, which alignment in space corrects.
-        mirror_penalty: score of the mirror image of a cloth, which a plane fits as well as its own.
+        direct: minimum and maximum number of maps that keep the orientation; a user may choose among them.
+        mirrored: minimum and maximum number of mirror images.
+        clear_orientation: a map whose normals disagree with the target's by more than this is a mirror image. If
+            agreement and disagreement balance, the map mirrors only some limbs, which alignment in space corrects.
+        mirror_penalty: score added to the mirror image of a cloth, which a plane fits as well as the cloth itself.
     """
 
     screening_size: int = tuned(30, "eigenfunctions", 4, 1000)
@@ -72,21 +72,21 @@ RANKING = RankingTuning()
 
 @dataclass(frozen=True)
 class CertaintyTuning(Tuning, set_by="correspondence"):
-    """From the scores to a probability.
+    """Convert scores to a probability.
 
-    The right map may not be among the candidates at all, which a bad fit indicates. The constants of the odds are of
-    315 pairs of 23 kinds: people, animals, gorillas and men, and one-skinned game characters, in two poses or of two
-    species; each with its right maps left out, too, at a tenth of the weight, for they may not be found. With each kind
-    left out of the fit and tried, of 203 maps that it called 90 % sure, 203 were right: 73 % of all that were right,
-    and 91 % of those between two poses or persons. Of 256 pairs without their right maps it called 39 that sure.
+    A bad fit indicates that the right map is not among the candidates. The odds were fitted to 315 pairs of 23 kinds:
+    people, animals, gorillas and men, and one-skinned game characters, in two poses or of two species. Each pair was
+    also used without its right maps, at a tenth of the weight, because these may not be found. In cross-validation over
+    kinds, all 203 maps above 90 % were right: 73 % of all right maps, and 91 % of those between two poses or persons.
+    Of 256 pairs without their right maps, 39 were above 90 %.
 
     Attributes:
-        another_map: maps whose images are farther apart on average rival each other.
-        rivalry: rate at which the odds of a rival fall with the lead in score.
-        largest_lead: lead beyond which they fall no more.
+        another_map: mean distance of images above which two maps are rivals.
+        rivalry: rate at which the odds of a rival decrease with the lead in score.
+        largest_lead: lead beyond which the odds stay constant.
         misfit: logarithm of the odds against a map whose mean distance in space is 1.
-        misfit_rate: rate at which that rises with the logarithm of the distance.
-        unlikely: certainty below which the right map of whole shapes may not have been found, and more is tried.
+        misfit_rate: rate at which it increases with the logarithm of the distance.
+        unlikely: certainty below which the right map of whole shapes may be missing, and more guesses are tried.
     """
 
     another_map: float = tuned(0.1, "at unit area", 0, 2)
@@ -105,22 +105,21 @@ class Candidate:
     """A map between two shapes' samples, with its scores.
 
     Attributes:
-        origin: the hypothesis that it was refined from, in words.
-        reverses_orientation: whether it turns the target inside out, as a mirror image does.
-        mirrored: whether it maps the target's mirror image. The same, unless an open surface hides which of its
-            sides is the outer one: then it may be a map onto the other side.
+        origin: name of the hypothesis that it was refined from.
+        reverses_orientation: whether it reverses the orientation, as a mirror image does.
+        mirrored: whether it maps the target's mirror image. This equals `reverses_orientation`, unless the outer side
+            of an open surface is unknown: then it may be a map onto the other side.
         functional_map: (k_target, k_source).
         reverse_functional_map: (k_source, k_target), of the map found in the other direction.
         sample_map: (s_t,) for each search sample of the target the number of its source sample.
-        anchors: what holds the map in place, at all vertices.
-        final_anchors: what holds the final map in place, if the user knows anything of it.
-        certainty: probability, in [0, 1], that this is the right one of the maps that treat the orientation
-            as it does.
-        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
-            is known, and their total, of which the smallest is the most likely map.
-        part_match: where one shape is taken for a part of the other, how this lies on it: the map is then found by
-            bending the part. None for maps of all of both.
-        turns: how many maps, this one included, differ by a rotation alone that takes one of the shapes onto itself.
+        anchors: constraints of the search at all vertices.
+        final_anchors: constraints of the final map, if the user gave any.
+        certainty: probability, in [0, 1], that this map is right, among the maps of the same orientation.
+        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with
+            constraints, and their total; the lowest total is the most likely map.
+        part_match: the placement of one shape as a part of the other, from which the map is found by registration;
+            None for maps of two whole shapes.
+        turns: number of maps, this one included, that differ only by rotational symmetries of one of the shapes.
     """
 
     origin: str
@@ -158,21 +157,20 @@ def rank(
     clear_orientation: float | None = None,
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
 ) -> list[Candidate]:
-    """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
+    """Refine hypotheses, drop duplicates and poor ones, and score the rest in both directions.
 
     Args:
         hypotheses: any number.
         source: the shape that the map lands on.
         target: the shape that the map starts from.
-        disagreement: with what is known of the map.
-        quotas: how many maps that keep the orientation are compared, and how many that reverse it; as tuned when None.
-        clear_orientation: how far a map's normals have to disagree with the target's for it to be a mirror image; as
-            tuned when None.
+        disagreement: with the constraints.
+        quotas: numbers of maps to compare that keep the orientation, and that reverse it; tuned numbers by default.
+        clear_orientation: disagreement of normals from which on a map is a mirror image; the tuned number by default.
         wanted: whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether
             it reverses the orientation.
 
     Returns:
-        Candidates, the most likely first; those of mirror images come after all others.
+        Candidates, the most likely first; mirror images come after all others.
     """
     shapes = source, target
     clear = RANKING.clear_orientation if clear_orientation is None else clear_orientation
@@ -195,7 +193,7 @@ def rank(
 def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates with their certainty, the most likely first.
 
-    Those of mirror images come last, and rival only each other; unless a cloth may just be bent the other way.
+    Mirror images come last and rival only each other, unless the sides are unknown, as for a cloth.
     """
     apart = sides_are_known(source, target)
     ranked = sorted(candidates, key=lambda candidate: (apart and candidate.mirrored, candidate.scores["total"]))
@@ -213,7 +211,7 @@ def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAn
 def with_others(
     candidates: Sequence[Candidate], others: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis
 ) -> list[Candidate]:
-    """Candidates, and of others those that are no map of theirs, the most likely first, with their certainty."""
+    """Merge candidates with others that are different maps; the most likely first, with their certainty."""
     places = [source.coordinates[candidate.sample_map] for candidate in (*candidates, *others)]
     known = alike(places, HYPOTHESES.same_map)[len(candidates) :, : len(candidates)].any(axis=1)
     new = [other for other, is_known in zip(others, known, strict=True) if not is_known]
@@ -236,12 +234,12 @@ def _certainty(candidate: Candidate, candidates: list[Candidate], source: ShapeA
 
 
 def _of_shape(candidate: Candidate) -> float:
-    """The total score without the place in space, which makes a map likely, but not sure: a ball may have turned."""
+    """The total score without the position in space, which is no proof: a ball may have been rotated."""
     return candidate.scores["total"] - EVIDENCE_WEIGHTS[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
 
 
 def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
-    """The candidate with the scores of its fit in space; as itself or mirrored, where only this can tell."""
+    """Add the scores of a candidate's fit in space; if the sides are unknown, choose whether it is mirrored."""
     either = [candidate]
     if not sides_are_known(source, target):
         either.append(replace(candidate, mirrored=not candidate.mirrored))
@@ -273,7 +271,7 @@ def _screen(
 def _leading(
     maps: Sequence[_Map], scores: Sequence[float], source: ShapeAnalysis, quotas: tuple[Quota, Quota]
 ) -> list[_Map]:
-    """The distinct ones of the best direct maps, and of the best mirror images."""
+    """The best distinct direct maps, and the best distinct mirror images."""
     if not maps:
         return []
     order = np.argsort(scores, kind="stable")
@@ -291,7 +289,7 @@ def _leading(
 
 
 def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement) -> Candidate:
-    """Refine further, find the reverse map on its own, and average the scores of both."""
+    """Refine further, compute the reverse map independently, and average the scores of both."""
     size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
     swapped = None if anchors is None else anchors.swap()

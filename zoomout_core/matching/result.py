@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The result of a match: the map of one candidate, and what else is known about it."""
+"""The result of a match: the map of one candidate with its confidence, verdict and alternatives."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ LOW = 0.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatchResult(Summary):
-    """A map from the target to the source, and what else is known about it.
+    """A map from the target to the source, with its confidence, verdict and alternatives.
 
     Attributes:
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby.
-        has_partner: (n_t,) whether there is something on the source that a vertex of the target corresponds to. What
-            has none, such as a tail that the source lacks, lies where its surroundings do. True where no face is.
-        source_has_partner: (n_s,) the same of the source's vertices.
+        has_partner: (n_t,) whether a vertex of the target has a counterpart on the source. A part without one, such as
+            a tail that the source lacks, maps to where its surroundings do. True for vertices without a face.
+        source_has_partner: (n_s,) the same for the source's vertices.
         functional_map: (k_target, k_source) between the bases of the main parts.
         candidates: all maps that were found, the most likely first.
-        chosen: the number of the candidate that this result is made from.
+        chosen: number of the candidate that this result was computed from.
         notes: sentences for the user.
-        pair: what other candidates are made from.
-        placed: the part of the target's area, in [0, 1], for which there is something on the source.
+        pair: the analysed surfaces, from which results of other candidates are computed.
+        placed: the part of the target's area, in [0, 1], that has a counterpart.
         filled: (n_t,) vertices at which the map was torn, and whose images were filled in from their surroundings.
         torn: (n_t,) vertices at which the map is torn still.
 
@@ -91,7 +91,7 @@ class MatchResult(Summary):
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
 
-        It is of all of the target, and falls with the part of it for which nothing was found.
+        It refers to the whole target, and decreases with the part without a counterpart.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -196,7 +196,7 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
     return result
 
 
-# All that a result refers to.
+# The classes that a stored result consists of.
 STORED = {
     Surface: ("vertices", "corner_vertex", "face_start", "triangle_corners", "_edges", "_working", "_rounding"),
     **fields_of(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Second attempts, where the first one is unsure: one shape as a part of the other, and more guesses."""
+"""Second attempts if the first one is unsure: match one shape as a part of the other, or add more guesses."""
 
 from __future__ import annotations
 

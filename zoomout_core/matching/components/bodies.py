@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of two surfaces is matched: their main parts, or hulls around all of their parts."""
+"""Choose the meshes that represent two surfaces: their main parts, or hulls around all of their parts."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class BodyTuning(Tuning, set_by="characters"):
-    """Which bodies are tried, by the part of the hull below which the main part lies.
+    """Which bodies to try, by the part of the hull that the main part covers.
 
     Attributes:
-        all_of_body: from here on only the main part is matched: a hull adds nothing, as to a body without its eyes.
-        whole_body: from here on the main part comes first, and other parts lie on it.
-        outside: where the main parts make up parts of the outsides that differ by more than this, one surface shows
-            hair, shoes or glasses that on the other are in one skin with the body: then the hulls come first.
-        much_of_body: below this only the hull is matched; above, the main part may be more alike than hulls that are
-            hair and skirts.
+        all_of_body: from this coverage on, only the main part is matched, because a hull adds nothing, as for a body
+            without its eyes.
+        whole_body: from this coverage on, the main part is tried first.
+        outside: if the main parts' shares of the two outsides differ by more than this, one surface shows hair, shoes
+            or glasses that are fused with the body on the other one, and hulls are tried first.
+        much_of_body: below this coverage only the hull is matched. Above it, main parts may be more similar than hulls
+            that consist of hair and skirts.
     """
 
     all_of_body: float = tuned(0.98, "1", 0, 1)
@@ -42,7 +43,7 @@ BODIES = BodyTuning()
 
 
 class Bodies(NamedTuple):
-    """The meshes by which two surfaces are matched.
+    """The meshes that represent two surfaces in a match.
 
     Attributes:
         source: a mesh.
@@ -58,10 +59,10 @@ class Bodies(NamedTuple):
 
 
 def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
-    """The bodies of two surfaces; more than one pair where it is not clear what they are, the most promising first.
+    """The bodies of two surfaces, the most promising pair first; more than one pair if the choice is not clear.
 
     Raises:
-        MeshError: they are too small to be matched.
+        MeshError: they have too few vertices.
     """
     surfaces = (source,) if source is target else (source, target)
     if all(surface.working.component.max() == 0 for surface in surfaces):
@@ -87,6 +88,6 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
 
 
 def tight_bodies(source: Surface, target: Surface, shares: Floats) -> Bodies:
-    """Hulls that part limbs which touch, for pairs that others match with doubt; `shares` as of the others."""
+    """Hulls that separate limbs that touch, for pairs that other bodies match with doubt; `shares` as theirs."""
     hulls = for_each(partial(hull_of, tight=True), (source, target))
     return Bodies(hulls[0], hulls[1], 1.0, shares)

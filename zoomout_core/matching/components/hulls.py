@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One hull around all that belongs to a body, where a character is made of many shells."""
+"""One closed hull around a character that consists of many shells."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ OUTSIDE_POINTS = 40_000
 
 @dataclass(frozen=True)
 class HullTuning(Tuning, set_by="characters"):
-    """How finely hulls are sampled, and what of them a main part covers.
+    """Resolution of hulls, and when a main part covers them.
 
     Attributes:
         resolution: of a hull, along the longest extent.
         tight_resolution: of a tight hull.
-        tight_inset: how far a tight hull lies below the outer sides of its voxels.
-        below: a main part lies below the hull where it is nearer than this: clothes and hair stand off a body by less.
-        hull_points: samples of the hull.
-        main_points: samples of the main part.
+        tight_inset: distance of a tight hull from the outer sides of its voxels, inwards.
+        below: maximum distance at which a main part covers a place of the hull; clothes and hair are nearer to a body.
+        hull_points: number of samples of the hull.
+        main_points: number of samples of the main part.
     """
 
     resolution: int = tuned(128, "voxels", 4, 1024)
@@ -53,8 +53,8 @@ def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
 
     Args:
         surface: any mesh.
-        tight: extract it from a finer grid and a little below the surface, which parts limbs that touch, and loses
-            what is thin.
+        tight: whether to extract it from a finer grid, a little below the surface. This separates limbs that touch,
+            and loses thin parts.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)
@@ -73,7 +73,7 @@ def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
 
 
 def main_part_coverage(surface: Surface, hull: WorkingMesh) -> float:
-    """The part of a hull's area, in [0, 1], below which the largest component of its surface lies."""
+    """The part of a hull's area, in [0, 1], that the largest component of its surface covers."""
     mesh = surface.working
     largest = mesh.triangles[mesh.component[mesh.triangles[:, 0]] == 0]
     below, _ = surface_samples(mesh.vertices, largest, HULLS.main_points)
@@ -93,7 +93,7 @@ def shares_of_outside(surface: Surface, hull: WorkingMesh) -> Floats:
 
 
 def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:
-    """A surface's working mesh with its open components, which enclose nothing, wound as the hull around them is."""
+    """A surface's working mesh with open components, which enclose no volume, wound like the hull around them."""
     triangles = mesh.oriented_triangles
     near = cKDTree(hull.vertices).query(hull.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
     normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
@@ -105,7 +105,7 @@ def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:
 
 
 def _principal_axes(mesh: WorkingMesh) -> Floats:
-    """(3, 3) rows: directions along which a mesh's area spreads most to least, turned towards its longer tails."""
+    """(3, 3) rows: principal axes of a mesh's area, by decreasing variance, oriented by the skewness along them."""
     centres = mesh.vertices[mesh.triangles].mean(axis=1)
     areas = triangle_areas(mesh.vertices, mesh.triangles)
     centres = centres - areas @ centres / areas.sum()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the map between two shapes' meshes to the map between whole surfaces, loose parts and all."""
+"""Extend the map between two shapes' meshes to the whole surfaces, loose parts included."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LiftedMap(NamedTuple):
     Attributes:
         surface_map: from the target to the source.
         confidence: (n_t,) in it.
-        counterparts: which vertices of the surfaces have one; those that no face uses count as such.
+        counterparts: which vertices of the surfaces have a counterpart; vertices without a face count as such.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
         notes: sentences for the user about parts.
     """
@@ -98,7 +98,7 @@ def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Boolea
 
 
 def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
-    """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
+    """The map of shells in the surfaces' own numbers; vertices without a face take the image of the nearest one."""
     of = pair.target.working.vertex_of
     used = np.flatnonzero(of >= 0)
     rest = np.flatnonzero((of < 0) & measurable(pair.target.vertices))
@@ -138,7 +138,7 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
 
 
 def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Booleans) -> SurfaceMap:
-    """The map, extended from the body to the vertices that have no place of their own: to the nearest one's."""
+    """Extend the map from the body to vertices without an image: each takes that of the nearest point on the body."""
     source, target = pair.source, pair.target
     rest = ~placed & measurable(target.vertices)
     if not rest.any():

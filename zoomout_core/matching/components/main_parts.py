@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which component of a surface is its body: the largest, unless a cloak or a dress is larger."""
+"""Choose the component of a surface that is its body: the largest, unless a cloak or a dress is larger."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ SPECTRAL_TOLERANCE = 0.1
 
 
 def main_parts(source: Surface, target: Surface, seed: int) -> tuple[WorkingMesh, WorkingMesh]:
-    """The component of each of two surfaces that is matched, and takes the others along.
+    """Choose the component of each of two surfaces to match; the others follow it.
 
-    Those of the largest area, unless others have spectra that are clearly more alike, or are not sheets.
+    These are the components of largest area, unless others have clearly more similar spectra, or the largest are
+    sheets.
 
     Args:
         source: a surface.
