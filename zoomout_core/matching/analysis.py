@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One side of a match, prepared: the mesh, its basis, samples, and what candidates are compared by."""
+"""The analysis of one side of a match: mesh, eigenbasis, samples, and the features that candidates are compared by."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
 from zoomout_core.tuning import Tuning, tuned
 
-# Distances, pairs of a sample and a vertex, that are computed between two steps: bounds their time.
+# Pairs of a sample and a vertex whose distances are computed between two progress reports.
 VISITS = 100_000
-# Mean curvature, at unit area, that is rounding: in single precision a plane has as much. A sphere has it whose radius
-# is a hundred times the square root of the area.
+# Mean curvature, at unit area, that is due to rounding, as on a plane in single precision. It is that of a sphere whose
+# radius is a hundred times the square root of the area.
 FLAT_CURVATURE = 0.01
 
 
 @dataclass(frozen=True)
 class AnalysisTuning(Tuning, set_by="correspondence"):
-    """What shapes are compared by.
+    """The features that shapes are compared by.
 
     Attributes:
-        min_functions: eigenfunctions that the ranking of candidates needs, however small the final map.
-        search_samples: farthest-point samples that the search for the right map runs on.
-        distance_samples: the first of them, from which geodesic distances are known.
-        neighbourhood: width w of the Gaussian exp(-(d / w)^2) that weighs a sample's surroundings by their distance d:
-            samples of a limb that are nearer than this rotate alike.
-        neighbours: nearest samples that are a sample's neighbours.
+        min_functions: number of eigenfunctions for the ranking of candidates, even if the final map is smaller.
+        search_samples: number of farthest-point samples on which the search for the right map runs.
+        distance_samples: number of the first of them from which geodesic distances are computed.
+        neighbourhood: width w of the Gaussian weight exp(-(d / w)^2) of a sample at distance d: nearer samples of a
+            limb rotate together.
+        neighbours: number of nearest samples that count as neighbours.
         biharmonic_functions: eigenfunctions, the constant one included, of the biharmonic coordinates.
-        curvature_times: diffusion times that mean curvature is smoothed by.
-        curvature_limit: to which mean curvature is clipped before, so that spikes do not spread.
-        coarse_functions: eigenfunctions of the signatures that shapes are compared by, which need not be isometric.
-        fine_functions: of those that a functional map is fitted to.
-        signature_bands: energies of the signatures.
-        pseudo_scalar_time: diffusion time that pseudo-scalars are smoothed by.
+        curvature_times: diffusion times for smoothing mean curvature.
+        curvature_limit: limit to which mean curvature is clipped before, so that spikes do not spread.
+        coarse_functions: eigenfunctions of the signatures that compare shapes far from isometric.
+        fine_functions: eigenfunctions of the signatures that a functional map is fitted to.
+        signature_bands: number of energies of the signatures.
+        pseudo_scalar_time: diffusion time for smoothing pseudo-scalars.
     """
 
     min_functions: int = tuned(120, "eigenfunctions", 2, 1000)
@@ -71,7 +71,7 @@ ANALYSIS = AnalysisTuning()
 
 @dataclass(frozen=True, eq=False)
 class ShapeAnalysis:
-    """A connected part of a surface with everything that matching needs of it.
+    """The analysis of a connected part of a surface.
 
     Attributes:
         proxy: the part, and its proxy mesh, which everything below belongs to.
@@ -94,17 +94,17 @@ class ShapeAnalysis:
 
     @cached_property
     def search(self) -> SampledBasis:
-        """The basis at the first samples only, for trying many hypotheses."""
+        """The basis at the first samples only, to compare many hypotheses."""
         return SampledBasis.of(self.basis, self.sampled.samples[: ANALYSIS.search_samples])
 
     @cached_property
     def neighbourhoods(self) -> Neighbourhoods:
-        """Of the mesh's triangles, for precise maps onto them."""
+        """Neighbourhoods of the mesh's triangles, for precise maps onto them."""
         return Neighbourhoods(self.mesh.triangles, len(self.mesh.vertices))
 
     @cached_property
     def coordinates(self) -> Floats:
-        """(s, d) biharmonic coordinates of the search samples: maps with like images are the same map."""
+        """(s, d) biharmonic coordinates of the search samples; maps with similar coordinates are the same map."""
         used = slice(1, ANALYSIS.biharmonic_functions)
         return np.asarray(self.search.rows[:, used] / self.basis.eigenvalues[used])
 
@@ -120,14 +120,14 @@ class ShapeAnalysis:
 
     @cached_property
     def nearest_distance_sample(self) -> Integers:
-        """(s,) for each search sample the nearest one of those that distances are known from."""
+        """(s,) for each search sample the nearest distance sample."""
         return np.argmin(self.distances_between, axis=0)
 
     @cached_property
     def surroundings(self) -> tuple[Floats, Booleans]:
-        """(d, d) what each sample that distances are known from weighs in another's surroundings, and which are near.
+        """(d, d) weights of distance samples in each other's surroundings, and (d, d) which are neighbours.
 
-        Weights sum to one in each row; nearness is mutual.
+        Weights sum to one in each row; the neighbour relation is symmetric.
         """
         between = self.distances_between[:, : len(self.distances)]
         weights = np.exp(-((between / ANALYSIS.neighbourhood) ** 2))
@@ -138,12 +138,12 @@ class ShapeAnalysis:
 
     @cached_property
     def voronoi_cell(self) -> Integers:
-        """(n,) for each vertex the nearest of the samples that distances are known from, along the surface."""
+        """(n,) for each vertex the nearest distance sample along the surface."""
         return np.asarray(np.argmin(self.distances, axis=0))
 
     @cached_property
     def cell_coefficients(self) -> Floats:
-        """(k, d) coefficients of the indicators of the geodesic Voronoi cells that distances are known from."""
+        """(k, d) coefficients of the indicators of the distance samples' geodesic Voronoi cells."""
         cell = self.voronoi_cell
         weighted = self.basis.areas[:, None] * self.basis.eigenvectors
         indicator = csc_array(
@@ -171,7 +171,7 @@ class ShapeAnalysis:
 
     @cached_property
     def pseudo_scalars(self) -> Floats:
-        """(s, p) pseudo-scalars of pairs of signature bands at the search samples: they tell left from right."""
+        """(s, p) pseudo-scalars of pairs of signature bands at the search samples, which tell left from right."""
         bands = signature_bands(self.basis, ANALYSIS.signature_bands, ANALYSIS.coarse_functions)
         pairs = pseudo_scalar_signatures(self.mesh, self.basis.areas, bands)
         return np.asarray(self.basis.smoothed(pairs, ANALYSIS.pseudo_scalar_time)[self.search.samples])
@@ -190,8 +190,8 @@ def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: 
 
     Args:
         part: one component, of unit area.
-        k: number of eigenfunctions; fewer when the mesh has not as many vertices.
-        samples: number of farthest-point samples, at least k of them are taken.
+        k: number of eigenfunctions; fewer if the mesh has fewer vertices.
+        samples: number of farthest-point samples, at least k.
         seed: of the eigensolver.
         proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
 
@@ -225,7 +225,7 @@ def _distances(mesh: WorkingMesh, samples: Integers) -> Floats:
     """(d, n) geodesic distances from samples to all vertices."""
     graph = edge_graph(mesh.vertices, mesh.triangles)
     found: list[Floats] = []
-    # dijkstra holds the interpreter lock: it runs in pieces that are short.
+    # `dijkstra` holds the interpreter lock, so it runs in short pieces.
     pieces = min(len(samples), 8 + len(samples) * len(mesh.vertices) // VISITS)
     for few in np.array_split(samples, pieces):
         advance(len(found) / pieces)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Evidence from the user: landmarks, common axes, regions of the same name, an earlier map.
 
-None of it decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
-anchors where it names places.
+None of it decides alone: it enters the ranking of candidates with a weight, and evidence on places constrains maps by
+anchors.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Constraints:
     """Evidence about the right map.
 
     Attributes:
-        landmarks: places on the source and on the target that correspond, as `landmarks_on_parts` takes them.
+        landmarks: corresponding places on the source and on the target, as for `landmarks_on_parts`.
         common_axes: (a, 3) directions in which both surfaces are oriented alike, such as the up axis, or none.
         regions: for each region of both, such as a vertex group, its source vertices and its target vertices.
         earlier: (s,) source shape vertex of each search sample of the target by an earlier map, or None.
-        standing: (s, 3) where the search samples of the target are, in the frame of the source's part, if the two
-            overlap, else None.
+        standing: (s, 3) positions of the target's search samples in the frame of the source's part, or None if the
+            two surfaces do not overlap.
     """
 
     landmarks: Landmarks | None
@@ -59,7 +59,7 @@ class Constraints:
     standing: Floats | None = None
 
     def anchors(self, pair: Pair) -> Anchors | None:
-        """Functions of the regions that hold a map in place."""
+        """Anchors of a map by indicator functions of the regions."""
         sides = [
             REGION_SCALE
             * np.column_stack([shape.basis.smoothed(member[:, None], REGION_WIDTH**2) for member in members])
@@ -123,7 +123,7 @@ def check_axes(common_axes: ArrayLike | None) -> Floats:
     """Check the axes that a user gave, and normalise them to (a, 3) unit vectors.
 
     Raises:
-        ValueError: these are no directions.
+        ValueError: the axes are not directions.
     """
     try:
         axes = np.zeros((0, 3)) if common_axes is None else np.atleast_2d(np.asarray(common_axes, dtype=float))
@@ -139,7 +139,7 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
     """Check the regions that a user gave: vertex numbers of the source and of the target for each.
 
     Raises:
-        ValueError: a region is no pair of lists of vertices.
+        ValueError: a region is not a pair of lists of vertices.
     """
     checked = []
     for number, region in enumerate(() if regions is None else regions):
@@ -155,9 +155,9 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
 
 
 def pin(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
-    """Bend the map between the shapes' meshes so that each landmark lands on its counterpart.
+    """Deform the map between the shapes' meshes so that each landmark lands on its counterpart.
 
-    The displacements that this takes fade with a Gaussian of the geodesic distance on the target.
+    The displacements decay with a Gaussian of the geodesic distance on the target.
     """
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
@@ -177,9 +177,9 @@ def landmark_errors(
 def bend_to_points(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> SurfaceMap:
-    """Bend a map between surfaces so that points (l, 3) of the target land on those (l, 3) of the source.
+    """Deform a map between surfaces so that points (l, 3) of the target land on those (l, 3) of the source.
 
-    Of several points that are nearest to one vertex of the target the first one counts.
+    If several points are nearest to the same vertex of the target, the first one counts.
     """
     places, missed = _displacements(surface_map, source, target, on_source, on_target)
     _, first = np.unique(places, return_index=True)
@@ -193,7 +193,7 @@ def bend_to_points(
 def _displacements(
     surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
 ) -> tuple[Integers, Floats]:
-    """(l,) the vertices of the target nearest to points, and (l, 3) what the images of these points lack."""
+    """(l,) the vertices of the target nearest to points, and (l, 3) the displacements that their images need."""
     triangle, barycentric = closest_points(on_target, target.vertices, target.triangles)
     corners = target.triangles[triangle]
     images = np.einsum("lc,lcx->lx", barycentric, surface_map.interpolate(source.vertices)[corners])

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target aligned with the source in space, so that no limb is reflected and nothing folds without need.
+"""Align the target with the source in space by local rotations, so that no limb is reflected.
 
-The Laplacian cannot tell an arm from the same arm mirrored along its own axis, and ZoomOut settles for either by
-chance: distances stay small, but the arm's inside lands outside. Positions in space tell: a limb that is moved to
-the smoothed images of its map by rotations, without reflection, keeps its orientation; the closest points of the
-source to it, with normals that agree, start the next round. In the spirit of Smooth Shells (Eisenberger, Laehner
-and Cremers 2020), which aligns smoothed shapes and spectra in turns.
+The Laplacian does not distinguish an arm from the same arm mirrored along its axis, and ZoomOut converges to either:
+distances stay small, but the arm's inner side lands on the outer one. Positions in space resolve this: a limb moved to
+the smoothed images of its map by rotations, without reflection, keeps its orientation. The closest points of the
+source with compatible normals start the next round. This follows Smooth Shells (Eisenberger, Laehner and Cremers
+2020), which alternates between aligning smoothed shapes and spectra.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RigidAlignmentTuning(Tuning, set_by="correspondence"):
-    """How rotations are found, and how positions in space are weighed.
+    """How rotations are fitted, and the weights of positions in space.
 
     Attributes:
-        image_functions: eigenfunctions that images are smoothed by.
-        coherence: weight of the neighbours' rotations, against the surroundings' own of a sample: a limb does not
-            determine the rotation about its axis, and takes it from the body.
-        averagings: of each sample with its neighbours, as matrices, before these are made rotations again.
-        relaxations: rounds of this.
-        blend_width: diffusion length by which the samples' rotations are made a field on the surface.
-        normal_weight: of normals beside positions: one that is off by an angle a counts as a distance of 2 sin(a / 2)
-            times this.
+        image_functions: eigenfunctions for smoothing images.
+        coherence: weight of the neighbours' rotations against a sample's own: a limb does not determine the rotation
+            about its axis, and takes it from the body.
+        averagings: number of averagings of each sample with its neighbours, as matrices, before these are projected to
+            rotations.
+        relaxations: number of rounds of this.
+        blend_width: diffusion length over which the samples' rotations are interpolated on the surface.
+        normal_weight: distance that a unit difference of normals counts as; an angle a is a difference of 2 sin(a / 2).
     """
 
     image_functions: int = tuned(100, "eigenfunctions", 4, 1000)
@@ -62,27 +62,27 @@ class Alignment:
     normals: Floats
 
     def facing(self, normals: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Alignment:
-        """The same with normals on the side of those at the images (n, 3), where sides are not known."""
+        """The same, with normals flipped to agree with those at the images (n, 3) if sides are not known."""
         if sides_are_known(source, target) or np.einsum("nx,nx->", self.normals, normals) >= 0:
             return self
         return Alignment(self.positions, -self.normals)
 
 
 def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
-    """Whether outside and inside can be told on both shapes; a cloth may bend either way."""
+    """Whether the outer side of both shapes is known; that of a cloth is not, as it may bend either way."""
     return source.mesh.sides_are_known and target.mesh.sides_are_known
 
 
 def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, at: Integers | None = None) -> Alignment:
-    """Move the target to smoothed images, its surroundings of each vertex by a rotation.
+    """Move the target to smoothed images, the surroundings of each vertex by a rotation.
 
     Args:
         images: (k, 3) coefficients, in the target's basis, of the images of its vertices.
         target: the shape that the map starts from.
-        width: diffusion length, at unit area, over which images are smoothed; the cross-section of what is thinner
-            is the target's own.
-        mirrored: align the target's mirror image, for maps that reverse the orientation.
-        at: (n,) align these vertices only.
+        width: diffusion length, at unit area, over which images are smoothed; thinner parts keep the target's own
+            cross-section.
+        mirrored: whether to align the target's mirror image, for maps that reverse the orientation.
+        at: (n,) the only vertices to align.
     """
     rows: Integers | slice = slice(None) if at is None else at
     eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
@@ -113,7 +113,7 @@ def align_and_match(
     among: Integers | slice = slice(None),
     weight: float = 1.0,
 ) -> tuple[Integers, Alignment]:
-    """One round on samples: align the target by a map, and find the nearest vertices in spectrum and space.
+    """One round on samples: align the target by a map, and find nearest vertices in spectral and spatial coordinates.
 
     Args:
         vertex: (s,) the source vertex of each of the target's samples.
@@ -149,12 +149,12 @@ def beside_places(
     weight: float,
     at: Integers | slice = slice(None),
 ) -> tuple[Floats, Floats]:
-    """Spectral coordinates (n_t, d) and (n_s, d) with positions and normals in space appended, in their scale.
+    """Append scaled positions and normals to spectral coordinates (n_t, d) and (n_s, d).
 
-    Those of the source are of its vertices `at`.
+    Those of the source are for its vertices `at`.
 
-    An error of position changes the first k eigenfunctions, at unit area, by their eigenvalues' sum / 2 times its
-    square: that makes the two comparable.
+    An error of position changes the first k eigenfunctions, at unit area, by half of their eigenvalues' sum times its
+    square, which defines the common scale.
     """
     scale = np.sqrt(weight * source.basis.eigenvalues[:k].sum() / 2)
     normal_scale = scale * RIGID_ALIGNMENT.normal_weight
@@ -165,10 +165,10 @@ def beside_places(
 
 
 def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
-    """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed places to images.
+    """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed positions to images.
 
-    The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along
-    limbs, which have extent along their axis only, that and the rotation of the neighbours nearer to the body.
+    This is the best rotation of the surroundings onto their images (Kabsch) if these extend in all directions. Limbs
+    extend only along their axis, so they also use the rotation of the neighbours nearer to the body.
     """
     weights, near = target.surroundings
     moments = Moments.of_products(weights @ products(here, there)).cross
@@ -186,7 +186,7 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
 
 
 def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:
-    """(d, 3, 3) first rotations, from the most reliable one outwards, each continuing a neighbour's."""
+    """(d, 3, 3) initial rotations, propagated from the most reliable one to neighbours."""
     root = int(np.argmax(np.where(np.linalg.det(moments) > 0, reliable, 0)))
     turns = nearest_rotations(moments)
     done = np.zeros(len(moments), dtype=bool)

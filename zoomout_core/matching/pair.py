@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two sides of a match: surfaces as the user gave them, and their main parts, prepared."""
+"""The two sides of a match: the input surfaces and the analyses of their main parts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class LandmarkError(MeshError):
 
     Attributes:
         role: the surface that it should be on, "source" or "target".
-        number: its place in the list, from 0.
+        number: its index in the list.
         fault: the problem and its solution, as the rest of a sentence about it.
     """
 
@@ -37,7 +37,7 @@ class LandmarkError(MeshError):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two surfaces with their prepared main parts.
+    """Two surfaces with the analyses of their main parts.
 
     Attributes:
         source: the surface that the map lands on.
@@ -46,9 +46,9 @@ class Pair:
         target_shape: the target's main part.
         k_final: size of the final functional map.
         step: growth of the functional map in an iteration.
-        exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
-        regions: source vertices and target vertices that belong together.
-        notes: sentences for the user about the two surfaces, whatever the map.
+        exact_landmarks: landmarks that the final map has to meet, as for `landmarks_on_parts`, or None.
+        regions: pairs of source vertices and target vertices that correspond as sets.
+        notes: sentences for the user about the two surfaces, for any map.
         shares: (c,) the part of the source's outside, in [0, 1], that each of its components makes up.
     """
 
@@ -91,7 +91,7 @@ def surface_vertices(shape: ShapeAnalysis, vertices: Integers) -> Integers:
 
 
 def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
-    """(m, 3) and (m, 3) places of the source and of the target, in their own frames and units, that are paired."""
+    """(m, 3) and (m, 3) corresponding points of the source and of the target, in their own frames and units."""
     arrays = (np.atleast_1d(np.asarray(given)) for given in landmarks)
     source, target = (
         surface.vertices[array] if array.ndim == 1 else array.astype(float)
@@ -103,7 +103,7 @@ def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple
 def distinct_landmarks(
     landmarks: tuple[ArrayLike, ArrayLike] | None,
 ) -> tuple[tuple[ArrayLike, ArrayLike] | None, tuple[str, ...]]:
-    """Landmarks, each pair once, and notes on those that were given twice.
+    """Landmarks without repeated pairs, and notes on the repetitions.
 
     Raises:
         MeshError: two of them contradict each other.
@@ -140,16 +140,16 @@ def distinct_landmarks(
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
-    """Paired places of the surfaces as vertices of the shapes' meshes.
+    """Landmarks as vertices of the shapes' meshes.
 
     Args:
         pair: the two surfaces.
         landmarks: for the source and for the target either vertex numbers (m,), or points (m, 3) in the surface's
-            own frame and unit, which stand for the closest point of the surface.
+            own frame and unit, which are projected to the surface.
 
     Raises:
-        ValueError: these are no vertices and no points, or not as many on either side.
-        LandmarkError: a landmark lies off the main part, or off the surface.
+        ValueError: the arrays are neither vertices nor points, or their lengths differ.
+        LandmarkError: a landmark is not on the main part, or not on the surface.
     """
     if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
         raise ValueError(
@@ -184,7 +184,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
 
 
 def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:
-    """The vertices (m, 3) of the triangles closest to points (m, 3), and where the closest points lie in these."""
+    """Vertices (m, 3) of the triangles closest to points (m, 3), and (m, 3) barycentric coordinates in them."""
     if points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
         raise ValueError(
             f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "

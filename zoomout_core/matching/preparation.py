@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preparing one side of a match: its analysis, and what hypotheses will ask of it."""
+"""Prepare one side of a match: its analysis, and the features that hypotheses need."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.matching.rotational_symmetry import self_maps
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance, portion
 
-# What hypotheses need of each shape alone: it is computed for both shapes in parallel, and cached with them.
+# Features that hypotheses need of each shape alone; they are computed for both shapes in parallel, and cached.
 AHEAD: tuple[Callable[[ShapeAnalysis], object], ...] = (
     extremities,
     attrgetter("descriptors"),
@@ -34,14 +34,14 @@ def prepare_shape(
     proxy_vertices: int | Literal["auto"] | None,
     ahead: tuple[Callable[[ShapeAnalysis], object], ...] = AHEAD,
 ) -> ShapeAnalysis:
-    """Analyse a connected part of unit area, or take its analysis from the cache.
+    """Analyse a connected part of unit area, or read its analysis from the cache.
 
     Args:
         part: the mesh.
-        k_final: size of the final functional map, see `MatchOptions`, as for what follows.
-        samples: farthest points that ZoomOut runs on.
+        k_final: size of the final functional map, see `MatchOptions`, as for the following.
+        samples: number of farthest-point samples for ZoomOut.
         seed: of the eigensolver.
-        proxy_vertices: size of the stand-in of a larger mesh.
+        proxy_vertices: size of the proxy of a larger mesh.
         ahead: further computations on the shape.
     """
     with portion(0.0, 0.97):

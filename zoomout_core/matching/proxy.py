@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decimated stand-ins: a map needs a few thousand vertices, whatever the size of the mesh.
+"""Proxies: decimated meshes of a few thousand vertices, on which maps are computed whatever the size of the mesh.
 
-At 200 eigenfunctions a stand-in of 5,000 vertices gives as exact a map as the full mesh, and every stage of
-the match shrinks with it.
+With 200 eigenfunctions, a proxy of 5,000 vertices gives as exact a map as the full mesh, in much less time.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ProxyTuning(Tuning, set_by="speed"):
-    """The size of stand-ins, unless the user gives it, and the way back to the full mesh.
+    """The default size of proxies, and the projection back to the full mesh.
 
     Attributes:
-        reduction: vertices of the mesh for each vertex of its stand-in, within limits. Finer meshes have finer features
-            in common, by which the target is registered to the source.
-        min_vertices: of a proxy.
-        max_vertices: of a proxy. Larger ones took longer, and gained little.
-        worthwhile: a mesh that is larger by less than this factor is not decimated.
-        near_enough: an image on a stand-in moves to a point of the full mesh that is as near, or to the nearest one.
+        reduction: ratio of the mesh's vertices to the proxy's, within limits. Finer meshes share finer features, to
+            which the target is registered.
+        min_vertices: minimum size of a proxy.
+        max_vertices: maximum size of a proxy; larger ones take longer and gain little.
+        worthwhile: meshes larger by less than this factor are not decimated.
+        near_enough: an image on a proxy moves to any point of the full mesh within this distance, else to the nearest.
     """
 
     reduction: int = tuned(8, "1", 1, 1000)
@@ -45,19 +44,19 @@ class ProxyTuning(Tuning, set_by="speed"):
 
 PROXY = ProxyTuning()
 
-# How many vertices a stand-in is to have, as of `MatchOptions`.
+# Number of vertices of a proxy, as in `MatchOptions`.
 ProxyVertices: TypeAlias = int | Literal["auto"] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Proxy:
-    """A mesh part and its proxy, a smaller mesh; the same mesh twice where it is small enough.
+    """A mesh part and its proxy, a smaller mesh; they are the same mesh if the part is small enough.
 
     Attributes:
         full: the part.
         mesh: the proxy, of unit area.
-        vertices: (n, 3) the stand-in's vertices in the frame of the part.
-        merged: (n_full,) the stand-in's vertex that each vertex of the part was merged into.
+        vertices: (n, 3) the proxy's vertices in the frame of the part.
+        merged: (n_full,) the proxy's vertex that each vertex of the part was merged into.
     """
 
     full: WorkingMesh
@@ -67,9 +66,9 @@ class Proxy:
 
     @cached_property
     def place(self) -> SurfaceMap:
-        """For every vertex of the part the closest point of the stand-in, near the vertex that it was merged into.
+        """For every vertex of the part the closest point of the proxy, near the vertex that it was merged into.
 
-        Where two limbs touch, each vertex stays on its own one.
+        So if two limbs touch, each vertex stays on its own limb.
         """
         if self.mesh is self.full:
             corner = np.empty(len(self.vertices), dtype=np.int64)
@@ -78,7 +77,7 @@ class Proxy:
         triangles, n = self.mesh.triangles, len(self.vertices)
         around = Neighbourhoods(triangles, n, edges=0)
         triangle, barycentric = project_to_embedding(self.full.vertices, self.vertices, around, self.merged)
-        # A closest point on the boundary of the triangles around the vertex may be beyond it.
+        # If the closest point is on the boundary of the vertex's triangles, a closer one may be beyond it.
         weight = np.where(triangles[triangle] == self.merged[:, None], barycentric, 0).sum(axis=1)
         rim = np.flatnonzero(weight <= 0)
         beyond = project_to_embedding(
@@ -89,7 +88,7 @@ class Proxy:
 
     @cached_property
     def frame(self) -> tuple[Floats, float]:
-        """(3,) the place and the size, in the frame of the part, of the frame of the mesh."""
+        """(3,) origin and size of the mesh's frame in the frame of the part."""
         centre, mesh_centre = self.vertices.mean(axis=0), self.mesh.vertices.mean(axis=0)
         size = float(np.linalg.norm(self.vertices - centre) / np.linalg.norm(self.mesh.vertices - mesh_centre))
         return centre - size * mesh_centre, size
@@ -105,29 +104,29 @@ class Proxy:
         return np.asarray((self.full.from_surface(points) - origin) / size)
 
     def closest(self, images: Floats) -> SurfaceMap:
-        """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
+        """The points of the part that are closest to points (q, 3) on or near the proxy."""
         return SurfaceMap(*self.search.closest(images, PROXY.near_enough), self.full.triangles)
 
     @cached_property
     def search(self) -> SurfaceSearch:
-        """For the closest points of the part."""
+        """Search structure for closest points of the part."""
         return SurfaceSearch(self.full.vertices, self.full.triangles)
 
     @cached_property
     def full_vertex(self) -> Integers:
-        """(n,) the part's vertex nearest to each vertex of the stand-in."""
+        """(n,) the part's vertex nearest to each vertex of the proxy."""
         return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
 
 
 def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
-    """How many vertices the stand-in for a mesh of some vertices is to have; None for the mesh itself."""
+    """Number of vertices of the proxy for a mesh of some vertices; None for the mesh itself."""
     if proxy_vertices != "auto":
         return proxy_vertices
     return int(np.clip(vertices // PROXY.reduction, PROXY.min_vertices, PROXY.max_vertices))
 
 
 def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
-    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small."""
+    """A proxy with about `count` vertices for a connected mesh; the mesh itself for None, or if it is small."""
     if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     points, triangles, merged = decimate(part.vertices, part.oriented_triangles, count)
@@ -136,11 +135,11 @@ def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
     used = mesh.vertex_of >= 0
     vertices[mesh.vertex_of[used]] = points[used]
     merged = mesh.vertex_of[merged]
-    astray = merged < 0  # into a small component that is no part of the stand-in
+    astray = merged < 0  # merged into a small component that is not in the proxy
     merged[astray] = cKDTree(vertices).query(part.vertices[astray])[1]
     return Proxy(part, mesh, vertices, merged)
 
 
 def carry(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
-    """(n_full, 3) where a map between stand-ins takes the vertices of the target's part: places on the source's."""
+    """(n_full, 3) images of the target part's vertices by a map between proxies, on the source's proxy."""
     return target.place.interpolate(between.interpolate(source.vertices))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The criteria of the ranking of maps: invariants of isometries, the orientation, the fit in space, the evidence.
+"""The criteria that rank maps: invariants of isometries, the orientation, the fit in space, and evidence.
 
-Laplacian commutativity, geodesic distances and mean curvature are kept by every isometry; pseudo-scalars and
-mapped normals change their sign when a map reverses orientation. No criterion alone suffices: commutativity
-does not tell a human from one turned front to back, pseudo-scalars are noise on shapes that are far from isometric.
+Every isometry preserves Laplacian commutativity, geodesic distances and mean curvature; pseudo-scalars and mapped
+normals change their sign if a map reverses the orientation. No criterion suffices alone: commutativity does not
+distinguish a human from one turned front to back, and pseudo-scalars are noise on shapes far from isometric.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.local_rigid_alignment import Alignment, align_and_match
 from zoomout_core.tuning import Tuning, tuned
 
-# The name of the disagreement with where surfaces that overlap are in space.
+# Name of the disagreement with positions in space, for surfaces that overlap.
 IN_SPACE = "place in space"
 # Weights of the disagreements in the total score, by which a map and its mirror image differ by two to four.
 EVIDENCE_WEIGHTS = {
@@ -44,16 +44,16 @@ class ScoreTuning(Tuning, set_by="correspondence"):
     """How the criteria are computed, and their weights in the total score (see `total_score`).
 
     Attributes:
-        smooth_size: of the functional maps that orientation and fit in space are computed by.
+        smooth_size: size of the functional maps from which orientation and fit in space are computed.
         alignment_width: diffusion length over which images are smoothed before the target is aligned with them.
-        orientation_triangles: evenly spread, by which it is decided whether a map keeps the orientation.
+        orientation_triangles: number of evenly spread triangles that decide whether a map keeps the orientation.
         place: weight of the logarithm of the mean distance from the source.
         facing: weight of the logarithm of the mean deviation of normals.
         commutativity: weight of the logarithm of the error.
         frequency: weight of the logarithm of the error.
         distance: weight of the logarithm of the mean change of geodesic distances.
         curvature: weight of the logarithm of one minus the correlation.
-        handedness: weight of the correlation. At 2 and above self-symmetries of TOSCA went wrong.
+        handedness: weight of the correlation. From 2 on, self-symmetries of TOSCA are wrong.
     """
 
     smooth_size: int = tuned(30, "eigenfunctions", 4, 1000)
@@ -95,7 +95,7 @@ def scores_of(
         frequency: mean difference of the frequencies that C couples (0);
         distance: mean change of geodesic distance between samples (0);
         curvature: mean correlation of mean curvature over several scales (1);
-        handedness: mean correlation of pseudo-scalars, after their sign was turned where the map reverses (1).
+        handedness: mean correlation of pseudo-scalars, with their sign changed if the map reverses orientation (1).
     """
     values = source.basis.eigenvalues, target.basis.eigenvalues
     image = sample_map[: len(target.distances_between)]
@@ -113,9 +113,9 @@ def scores_of(
 
 
 def orientation_agreement(sample_map: Integers, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
-    """How well a map keeps the outward orientation: 1 throughout, -1 when it is reversed throughout.
+    """How well a map keeps the outward orientation: 1 if everywhere, -1 if it reverses it everywhere.
 
-    The normals of the target's mesh at its images, from low-passed positions, are compared with the source's own.
+    Normals of the target's triangles at their images, from low-passed positions, are compared with the source's.
 
     Args:
         sample_map: (s_t,) for each search sample of the target the number of its source sample.
@@ -141,8 +141,8 @@ def fit_in_space(
 
     Args:
         sample_map: (s_t,) for each search sample of the target the number of its source sample.
-        anchors: what holds the map in place, at all vertices.
-        mirrored: align the target's mirror image.
+        anchors: constraints of the map, at all vertices.
+        mirrored: whether to align the target's mirror image.
         source: the shape that the map lands on.
         target: the shape that the map starts from.
 
@@ -159,7 +159,7 @@ def fit_in_space(
 def map_after_alignment(
     sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[Integers, Alignment]:
-    """A map after the target was aligned with the source by it, which corrects limbs that it mirrors on their own.
+    """A map after aligning the target with the source by it, which corrects limbs that are mirrored individually.
 
     Args as for `fit_in_space`.
 
@@ -177,27 +177,25 @@ def map_after_alignment(
 
 
 def total_score(scores: dict[str, float]) -> float:
-    """The weighted sum of the criteria and of the disagreements with what is known; the least is the most likely map.
+    """The weighted sum of the criteria and of disagreements with evidence; the lowest is the most likely map.
 
-    The weights are those of `SCORES` and `EVIDENCE_WEIGHTS`. Errors count by their logarithms: how large they are
-    depends on how alike the shapes are, but the right map of a pair has errors smaller by a factor than its wrong ones.
+    The weights are those of `SCORES` and `EVIDENCE_WEIGHTS`. Errors enter by their logarithms: their size depends on
+    the similarity of the shapes, but the right map of a pair has errors smaller by a factor than wrong ones.
 
-    - Commutativity and frequency: the best criteria alone. They take no notice of a human turned front to back.
-    - Distance and curvature complement them, and weigh less: geodesic distances are independent of the basis, and mean
-      curvature tells front from back, by its correlation, whose distance from 1 is the error.
-    - Handedness: the correlation itself, not its logarithm, so that noise about zero, as of shapes that are far from
-      isometric, weighs little. At a weight of 1.6 it would correct two self-symmetries of humans that are turned
-      front to back, but the margin of right maps of pairs falls from 0.14 standard deviations to 0.03.
-    - Place and facing: the fit in space, which weighs most, for it refutes maps that keep by chance what an isometry
-      keeps: a pair of legs that is taken for arms commutes with the Laplacian better than the right map now and then,
-      but never fits the source when it is aligned with it. On generated characters this ended the flips that were
-      announced as likely.
-    - Disagreements count linearly: those with landmarks and with an earlier map, which the user gave, outweigh all
-      criteria; those with axes, regions and the place in space decide where the criteria leave a flip in doubt.
+    - Commutativity and frequency: the best single criteria. They do not detect a human turned front to back.
+    - Distance and curvature complement them with smaller weights: geodesic distances are independent of the basis, and
+      mean curvature distinguishes front from back; its error is one minus the correlation.
+    - Handedness: the correlation itself, not its logarithm, so that noise about zero, as on shapes far from isometric,
+      has little effect. A weight of 1.6 would correct two self-symmetries of humans that are turned front to back, but
+      reduces the margin of right maps of pairs from 0.14 standard deviations to 0.03.
+    - Place and facing: the fit in space has the largest weights, because it rejects maps that are nearly isometric by
+      chance: legs mapped to arms sometimes commute with the Laplacian better than the right map does, but never fit the
+      source after alignment. On generated characters this removed the flips with high certainty.
+    - Disagreements enter linearly: those with landmarks and with an earlier map, which the user gave, outweigh all
+      criteria; those with axes, regions and the position in space decide if the criteria leave a flip in doubt.
 
-    The weights of what an isometry keeps need not be precise: conditional logit fits of three to nine criteria,
-    leaving one set out, were right on 97 to 100 % of it. What is not known of a map (place and facing before it is
-    aligned, evidence that was not given) counts as 0.
+    The weights of the invariants need not be precise: conditional logit fits of three to nine criteria were right on 97
+    to 100 % of the set left out. Unknown criteria (place and facing before the alignment, missing evidence) are 0.
     """
     return float(
         SCORES.place * np.log(max(scores.get("place", 1), 1e-9))
@@ -212,9 +210,9 @@ def total_score(scores: dict[str, float]) -> float:
 
 
 def correlation(x: Floats, y: Floats, weights: Floats) -> float:
-    """Mean over the columns of the correlation of two sets of functions (s, d), by weights (s,) that sum to one.
+    """Mean over the columns of the correlation of two sets of functions (s, d), with weights (s,) that sum to one.
 
-    A function that is constant up to rounding correlates with nothing.
+    The correlation of a function that is constant up to rounding is 0.
     """
     covariance: Floats = weights @ (x * y) - (weights @ x) * (weights @ y)
     variances: Floats = np.ones_like(covariance)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map of loose parts: moved with the body, then onto their counterparts, other parts, or all parts together."""
+"""Map loose parts: move them with the body, then project them to counterparts, other parts, or all parts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HALF_CONFIDENCE_MISFIT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Where some vertices of the target lie on loose parts of the source.
+    """Images of some vertices of the target on loose parts of the source.
 
     Attributes:
         vertices: (n,) of the target's working mesh.
@@ -62,13 +62,13 @@ class ComponentMap:
     """The map of the loose parts.
 
     Attributes:
-        image: of those that lie somewhere on the source.
+        image: images of the parts that have one.
         paired: number of the target's parts that have a counterpart.
-        others: number of those that lie on other parts.
-        alone: number of those that lie on none.
-        left: number of the source's parts that nothing lies on,
-        left_vertices: and their vertices, of the source's working mesh.
-        too_many: number of parts, of the surface that has more, that were too many to be paired one by one.
+        others: number of those that map to other parts.
+        alone: number of those without an image.
+        left: number of the source's parts without an image on them.
+        left_vertices: their vertices in the source's working mesh.
+        too_many: number of parts beyond the largest ones, which were not paired one by one.
     """
 
     image: Image
@@ -129,7 +129,7 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:
-    """How the target's body moves to the source's, in the frames of the two sides."""
+    """The motion of the target's body to the source's, in the frames of the two sides."""
     nodes = pair.target_shape.proxy.full_vertex
     images = body.interpolate(source.points[source.body_vertices])[nodes]
     return SimilarityField(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
@@ -155,10 +155,10 @@ def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Float
 def _pieces(
     part: Part, counterpart: int | None, theirs: Sequence[Part], counterparts: set[int], strange: Booleans
 ) -> list[int]:
-    """Numbers of the source's parts that one of the target's lies on.
+    """Numbers of the source's parts that a part of the target maps to.
 
-    Its counterpart and, where that is a piece of it only, the other pieces; or else what it is a piece of; never
-    those that are strange to it.
+    These are its counterpart and, if that is only a piece of it, the other pieces; otherwise the part that it is a
+    piece of. Parts that regions exclude are never among them.
     """
     pieces = [] if counterpart is None else [counterpart]
     for j, other in enumerate(theirs):
@@ -172,7 +172,7 @@ def _pieces(
 
 
 def _lies_on(part: Part, whole: Part) -> bool:
-    """Whether a part is in the place of another one, or of a piece of it."""
+    """Whether a part has the position of another one, or of a piece of it."""
     far = SAME_PLACE_DISTANCE * part.size
     offset = part.centre - whole.centre
     return bool(offset @ offset <= (whole.reach + far) ** 2) and part.distance_to(whole) <= far
@@ -274,7 +274,7 @@ def _fits(part: Part, residual: Floats) -> bool:
 
 
 def _trust(most: float, residual: Floats) -> Floats:
-    """(n,) what is left of the trust in an image that is distances (n,) off."""
+    """(n,) factor of the confidence in an image at distances (n,)."""
     return np.asarray(most / (1 + (residual / BODY_MAP_ERROR) ** 2))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two surfaces that lie over each other already, as the characters of one pack do, which share a pose."""
+"""Detect surfaces that overlap in space, such as characters of one pack in the same pose."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class OverlapTuning(Tuning, set_by="characters"):
-    """When two surfaces lie over each other, and when a map leaves the one where it stands.
+    """When two surfaces overlap, and when a map leaves the target in place.
 
     Attributes:
-        near: points lie over each other where their distance is less.
-        max_elsewhere: part of either surface's area that may lie over nothing: on pairs in one pose it was 0.05 at
-            most, and 0.18 at least on all others.
-        stays: a map leaves a point in place that it moves by less.
-        mostly: a map that leaves more than this part of the area in place leaves all of it there.
+        near: maximum distance at which points overlap.
+        max_elsewhere: maximum part of either surface's area that does not overlap: it is at most 0.05 on pairs in one
+            pose, and at least 0.18 on all others.
+        stays: a map leaves points in place that it moves by less than this.
+        mostly: a map that leaves more than this part of the area in place leaves all of it in place.
     """
 
     near: float = tuned(0.05, "longest extents", 0, 1)
@@ -36,9 +36,9 @@ OVERLAP = OverlapTuning()
 
 
 def overlapping(pair: Pair) -> Floats | None:
-    """(n_t, 3) the vertices of the target shape's mesh as the surfaces stand, in the frame of the source's part.
+    """(n_t, 3) the vertices of the target shape's mesh where they are in space, in the frame of the source's part.
 
-    None unless the two lie over each other.
+    None unless the two surfaces overlap.
     """
     source, target = pair.source_shape, pair.target_shape
     here, there = standing(pair)[target.proxy.full_vertex], source.proxy.vertices
@@ -52,7 +52,7 @@ def overlapping(pair: Pair) -> Floats | None:
 
 
 def leaves_in_place(images: Floats, places: Floats, areas: Floats) -> bool:
-    """Whether a map that takes places (n, 3) to images (n, 3) means what lies over them, but for its errors.
+    """Whether a map from places (n, 3) to images (n, 3) is the identity in space, up to its errors.
 
     Args:
         images: at unit area.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts (eyes, teeth, buttons, clothes, hair): which of two surfaces belong together.
+"""Pair the loose parts of two surfaces: eyes, teeth, buttons, clothes, hair.
 
-A part has too little shape of its own for its spectrum to tell a left eye from a right one. The body's map
-does: it takes the parts of the target to the source, where counterparts lie in one place and are of one size; parts
-that share a place, such as a coat and a shirt, differ in shape.
+The spectrum of a part does not distinguish a left eye from a right one. The map of the body does: it moves the parts of
+the target to the source, where counterparts have the same position and size. Parts at the same position, such as a coat
+and a shirt, differ in shape.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class Part:
 
     Attributes:
         mesh: of which it is a component.
-        vertices: (n,) of the mesh.
-        triangles: (m,) of the mesh.
-        points: (n, 3) the vertices in the frame where parts are compared: the source's.
-        weights: (n,) parts of its area that the vertices stand for, summing to one.
+        vertices: (n,) its vertices in the mesh.
+        triangles: (m,) its triangles in the mesh.
+        points: (n, 3) the vertices in the frame in which parts are compared, the source's.
+        weights: (n,) the vertices' shares of its area, which sum to one.
     """
 
     mesh: WorkingMesh
@@ -112,13 +112,13 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A surface as its loose parts are looked at.
+    """A surface in the frame in which its loose parts are compared.
 
     Attributes:
         mesh: its working copy.
         points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
         areas: (n,) of the vertices, positive.
-        body_vertices: (b,) the mesh's vertex for each of the body's; none where the body is a hull around all parts.
+        body_vertices: (b,) the mesh's vertex for each of the body's; empty if the body is a hull around all parts.
     """
 
     mesh: WorkingMesh
@@ -174,16 +174,16 @@ class Side:
 def pair_parts(
     target: Sequence[Part], source: Sequence[Part], of_target: Booleans, of_source: Booleans
 ) -> tuple[dict[int, int], Floats]:
-    """Counterparts one to one.
+    """Pair parts one to one.
 
     Args:
-        target: parts as the body carries them to the source.
+        target: parts of the target, moved to the source with the body.
         source: parts.
         of_target: (p, r) which target parts lie in which regions.
         of_source: (q, r) which source parts lie in them.
 
     Returns:
-        The number of the source's part by that of the target's, and (p, q) misfits, infinite for what regions part.
+        The number of the source's part by that of the target's, and (p, q) misfits, infinite if regions exclude a pair.
     """
     place, size = _apart(target, source)
     rough = np.minimum(place, 2 * MAX_MISFIT) + size
@@ -204,7 +204,7 @@ def pair_parts(
 
 
 def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floats]:
-    """(p, q) distances of the centres, against the sizes and what the map may be off, and ratios of the sizes."""
+    """(p, q) distances of the centres relative to the sizes and the error of the map, and ratios of the sizes."""
     centres = [np.array([part.centre for part in parts]) for parts in (target, source)]
     sizes = [np.maximum([part.size for part in parts], 1e-12) for parts in (target, source)]
     distance = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
@@ -213,7 +213,7 @@ def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floa
 
 
 def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
-    """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
+    """(p, q) factors of a misfit: smaller for shared regions, infinite if both parts are in regions, but share none."""
     common = of_target.astype(float) @ of_source.T
     union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common
     factor = 1 - SAME_REGION_DISCOUNT * common / np.maximum(union, 1)

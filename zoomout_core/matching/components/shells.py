@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the map between two hulls to the map between the shells below them.
+"""Extend the map between two hulls to the shells inside them.
 
-The hulls' map moves all shells. A shell of the target with a counterpart on the source is registered with it by a
-similarity; all others take the nearest points of the source, outer parts those of outer ones.
+The hulls' map moves all shells. A shell of the target with a counterpart on the source is registered to it by a
+similarity; all others map to the nearest points of the source, outer parts to outer parts.
 
 Lengths are at unit area of the hull.
 """
@@ -33,34 +33,34 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import Tuning, tuned
 
-# Points that are moved along at once, which bounds the memory.
+# Points that are moved at once, which bounds the memory.
 AT_ONCE = 50_000
 
 
 @dataclass(frozen=True)
 class ShellTuning(Tuning, set_by="characters"):
-    """Which shells are counterparts, where the others lie, and how far that is trusted.
+    """How shells are paired, where the others map to, and the confidence in both.
 
     Attributes:
-        rivals: number of candidates, nearest in place and size, that a shell is registered with.
-        max_miss: largest residual of the registration of a pair.
-        max_move: largest distance of a pair from its place by the body's map.
-        max_unlike: largest ratio of the sizes of a pair.
-        miss_cost: of a miss of `max_miss`.
-        move_cost: of a move of `max_move`.
-        turn_cost: of a turn against the body's.
-        scale_cost: of a scale against the body's, by its logarithm.
-        max_cost: of a pair, the sum of these.
-        normal_weight: the distance that a normal off by a right angle counts as.
-        outside: a vertex nearer to the hull is on the outside.
-        inner_reach: a vertex that is not on the outside lies on an inner part of the source if one is as near.
-        half_distance: where the source is as far from where the hulls' map leads, half of the trust in that is left.
-        flush: a shell is on its counterpart already if half of its vertices are nearer to it.
-        beside: vertices farther from the counterpart of their shell stay where the body's map has them. Below 0.15,
-            parts of robots of other builds lose their counterparts.
-        faded: vertices that a landmark moves by less than this part of its own motion stay.
-        full_trust: in a pair whose edges keep their lengths.
-        half_stretch: the mean change of length, relative, that leaves half of that.
+        rivals: number of candidates, nearest in position and size, to which a shell is registered.
+        max_miss: maximum residual of the registration of a pair.
+        max_move: maximum distance of a pair from its position by the body's map.
+        max_unlike: maximum ratio of the sizes of a pair.
+        miss_cost: cost of a residual of `max_miss`.
+        move_cost: cost of a distance of `max_move`.
+        turn_cost: cost of a rotation by one radian relative to the body's.
+        scale_cost: cost of a unit logarithm of the scale relative to the body's.
+        max_cost: maximum sum of these costs for a pair.
+        normal_weight: distance that a unit difference of normals counts as.
+        outside: a vertex nearer to the hull than this is on the outside.
+        inner_reach: a vertex that is not on the outside maps to an inner part of the source within this distance.
+        half_distance: distance of the source from the image by the hulls' map that halves the confidence.
+        flush: a shell coincides with its counterpart if half of its vertices are nearer to it than this.
+        beside: vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of
+            robots of other builds lose their counterparts.
+        faded: vertices that a landmark moves by less than this fraction of its own motion stay in place.
+        full_trust: confidence in a pair whose edges keep their lengths.
+        half_stretch: mean relative change of length that halves this confidence.
     """
 
     rivals: int = tuned(6, "shells", 1, 300)
@@ -88,12 +88,12 @@ SHELLS = ShellTuning()
 
 @dataclass(frozen=True, eq=False)
 class _Image:
-    """Where some vertices of the target lie on the source's working mesh.
+    """Images of some vertices of the target on the source's working mesh.
 
     Attributes:
-        triangle: (n,).
-        barycentric: (n, 3).
-        distance: (n,) from where they were moved to, at unit area of the hull.
+        triangle: (n,) triangle numbers.
+        barycentric: (n, 3) coordinates in them.
+        distance: (n,) distance from the moved vertices, at unit area of the hull.
     """
 
     triangle: Integers
@@ -108,10 +108,10 @@ class ShellMap:
     Attributes:
         surface_map: between the working meshes.
         confidence: (n,) of the target's working vertices.
-        counterparts: which vertices of the working meshes have one.
-        paired: number of the target's shells that are registered with their counterparts.
-        alone: the part of the target's area for which nothing on the source is near where it is moved to.
-        in_place: whether the two lie over each other, and stay there.
+        counterparts: which vertices of the working meshes have a counterpart.
+        paired: number of the target's shells that are registered to their counterparts.
+        alone: the part of the target's area that is far from the source after the motion.
+        in_place: whether the two surfaces overlap, and are not moved.
     """
 
     surface_map: SurfaceMap
@@ -142,7 +142,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
     counterparts: list[tuple[int, int]] = []
     motions: list[Similarities] = []
-    # A surface of one shell is a whole body, and a shell of the other one a piece of one.
+    # The only shell of a surface is a whole body, and cannot be the counterpart of a piece.
     if min(len(ours), len(theirs)) > 1:
         most = MAX_PAIRED_PARTS
         counterparts, motions = _pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
@@ -179,15 +179,15 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
 def _find_counterparts(
     pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_hulls: Counterparts | None
 ) -> Counterparts:
-    """Which vertices of the working meshes lie near the other surface as the target is moved along.
+    """Which vertices of the working meshes are near the other surface after the target is moved.
 
     Args:
         pair: the surfaces, and the hulls' shapes.
-        points: (n, 3) of the target's vertices, on the source.
-        distance: (n,) from there to what of the source they lie on.
+        points: (n, 3) the moved vertices of the target.
+        distance: (n,) from there to their images on the source.
         source: with its shells.
         target: with its shells.
-        of_hulls: which vertices of the hulls have a counterpart, if these are what moves the target.
+        of_hulls: which vertices of the hulls have a counterpart, if the hulls move the target.
     """
     nearest = SurfaceMap(*closest_points(source.points, points, target.mesh.triangles), target.mesh.triangles)
     apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
@@ -203,9 +203,9 @@ def _find_counterparts(
 
 
 def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair) -> SurfaceMap:
-    """A map between working meshes, bent so that each landmark lands on its counterpart.
+    """Deform a map between working meshes so that each landmark lands on its counterpart.
 
-    The displacements that this takes fade with a Gaussian of the distance on the target.
+    The displacements decay with a Gaussian of the distance on the target.
 
     Args:
         between: the map.
@@ -229,7 +229,7 @@ def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, ta
 
 
 def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
-    """How the target's hull moves to the source's, in the frames of the hulls, and whether it stays where it is."""
+    """The motion of the target's hull to the source's, in the frames of the hulls, and whether it stays in place."""
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
@@ -254,7 +254,7 @@ def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
 
 
 def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans) -> _Image:
-    """The closest points of the source, of outer triangles for outer vertices, and of inner ones for inner ones.
+    """Closest points of the source, on outer triangles for outer vertices, and on inner ones for inner vertices.
 
     Args:
         points: (n, 3) of the target's vertices, on the source.
@@ -272,7 +272,7 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
     )
 
     def look(vertices: Integers, among: Integers, reach: float) -> Integers:
-        """Have vertices lie on some triangles; returns those that are farther off than the reach."""
+        """Map vertices to some triangles; returns the vertices that are farther from them than the reach."""
         if not len(vertices) or not len(among):
             return vertices
         surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], SHELLS.normal_weight)
@@ -336,7 +336,7 @@ def _pair_shells(
 
 
 def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
-    """How the body moves each of the target's shells as a whole."""
+    """The similarity by which the body moves each of the target's shells."""
     flat = shells.sparse.reshape(-1, 3)
     images = _carry(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
     return procrustes(shells.sparse, images, None, motion.handedness)
@@ -353,9 +353,9 @@ def _onto_counterpart(
     source: Side,
     target: Side,
 ) -> tuple[_Image, float]:
-    """A shell's image on its counterpart, and the relative change of its edges' lengths, by the better of two motions.
+    """A shell's image on its counterpart by the better of two motions, and the relative change of edge lengths.
 
-    Stiff shells are placed by the similarity, those that bend by the body's map.
+    Rigid shells are placed by the similarity, others by the body's map.
 
     Args:
         part: of the target, its points where the body's map moves them.

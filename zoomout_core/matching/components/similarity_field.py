@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a body moves to its image, and whatever lies around it moves along.
+"""The motion of a body to its image as a field of similarities, which also moves everything around it.
 
-Around every vertex of the body the similarity is known that fits its surroundings best (Umeyama, Least-squares
-estimation of transformation parameters between two point patterns, 1991). Blended, they move any point, and
-bend what is long (Sumner, Schmid and Pauly, Embedded deformation for shape manipulation, 2007).
+At every vertex of the body, a similarity is fitted to its surroundings (Umeyama, Least-squares estimation of
+transformation parameters between two point patterns, 1991). Blended, these move any point and bend long parts (Sumner,
+Schmid and Pauly, Embedded deformation for shape manipulation, 2007).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class SimilarityField:
 
     Attributes:
         places: (n, 3) vertices of the body's mesh, in a frame in which its area is one.
-        images: (n, 3) where they go.
-        trust: (n,) how far that is to be trusted.
+        images: (n, 3) their images.
+        trust: (n,) confidence in the images.
         basis: of the body's mesh.
     """
 
@@ -49,12 +49,12 @@ class SimilarityField:
 
     @cached_property
     def handedness(self) -> float:
-        """-1 where the body goes to its mirror image, else 1."""
+        """-1 if the body maps to its mirror image, else 1."""
         return self._moments[0].handedness
 
     @cached_property
     def scale(self) -> float:
-        """By how much it grows in most places."""
+        """Median scale of the similarities."""
         moments = self._moments[-1]
         return float(np.median(moments.scale(self.handedness)))
 
@@ -65,7 +65,7 @@ class SimilarityField:
         return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in POOLING_LENGTHS]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Where the body takes points around it.
+        """Move points around the body.
 
         Args:
             points: (q, 3) in the frame of the places.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hypotheses from functions that both shapes have: signatures, and pseudo-scalars, which tell left from right.
+"""Hypotheses from descriptors of both shapes: signatures, and pseudo-scalars, which distinguish left from right.
 
-A functional map takes the source's functions to the target's, in the least-squares sense, while it keeps near
-the diagonal (Ovsjanikov et al. 2012). A resolvent mask says how near (Ren et al. 2019). Each row of the map is a
-small linear system. With the sign of the pseudo-scalars turned, the same fit yields mirror images.
+A functional map is fitted to the descriptors by least squares, with a penalty off the diagonal (Ovsjanikov et al.
+2012), which is the resolvent mask of Ren et al. (2019). Each row of the map is a small linear system. With the opposite
+sign of the pseudo-scalars, the same fit yields mirror images.
 """
 
 from __future__ import annotations
@@ -24,17 +24,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class DescriptorTuning(Tuning, set_by="correspondence"):
-    """Which fits are made, and how many are refined.
+    """Which fits are computed, and how many are refined.
 
-    No choice of size and weights is right for all shapes; each is right for about half of those that are nearly
-    isometric.
+    No choice of size and weights is right for all shapes; each is right for about half of nearly isometric ones.
 
     Attributes:
         sizes: of the functional maps.
-        pseudo_scalar_weights: beside signatures.
-        mask_weights: of the resolvent mask, relative to the mean square of the descriptors' coefficients.
-        same_fit: fits whose images differ by less than this part of their variance would be refined to the same map.
-        kept: fits that keep the orientation, and as many that reverse it, that are refined.
+        pseudo_scalar_weights: weights of pseudo-scalars relative to signatures.
+        mask_weights: weights of the resolvent mask, relative to the mean square of the descriptors' coefficients.
+        same_fit: fits whose images differ by less than this part of their variance count as the same.
+        kept: number of fits to refine that keep the orientation, and of those that reverse it.
     """
 
     sizes: tuple[int, ...] = tuned((8, 12, 16), "eigenfunctions", 2, 1000)
@@ -53,7 +52,7 @@ def descriptor_hypotheses(
     disagreement: Disagreement = no_disagreement,
     sides: tuple[int, ...] = (1, -1),
 ) -> list[Hypothesis]:
-    """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it.
+    """The distinct fits of the best scores: some that keep the orientation, and as many that reverse it.
 
     Args:
         source: the shape that the map lands on.
@@ -86,7 +85,7 @@ def _best_fits(source: ShapeAnalysis, target: ShapeAnalysis, sign: int, disagree
 
 
 def _fit(source: ShapeAnalysis, target: ShapeAnalysis, size: int, weight: float, mask_weight: float) -> Floats:
-    """(size, size) functional map; a negative weight turns the target's pseudo-scalars to the other hand."""
+    """(size, size) functional map; a negative weight changes the sign of the target's pseudo-scalars."""
     (bands_source, pairs_source), (bands_target, pairs_target) = source.descriptors, target.descriptors
     scale = abs(weight) * np.sqrt(bands_source.shape[1] / pairs_source.shape[1])
     F = np.hstack([bands_source[:size], scale * pairs_source[:size]])
@@ -94,7 +93,7 @@ def _fit(source: ShapeAnalysis, target: ShapeAnalysis, size: int, weight: float,
     gram, mixed = F @ F.T, G @ F.T
     mask = resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
     mask *= mask_weight * np.trace(gram) / size
-    # The constant function goes to itself, and nothing else to it.
+    # The constant function maps to itself, and no other function to it.
     C = np.zeros((size, size))
     C[0, 0] = 1
     systems = gram[1:, 1:] + mask[1:, 1:, None] * np.eye(size - 1)

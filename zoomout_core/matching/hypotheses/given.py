@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Starts from a map that is there already: the user's, or the nearest points in space."""
+"""Hypotheses from an existing map: the user's, or nearest points in space."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def proximity_hypothesis(pair: Pair) -> Hypothesis:
 
 
 def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothesis:
-    """The user's own map.
+    """The hypothesis of the user's own map.
 
     Args:
         pair: the two surfaces.
@@ -34,7 +34,7 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
             `eigenbasis(source)` and `eigenbasis(target)`.
 
     Raises:
-        ValueError: it does not fit the surfaces.
+        ValueError: the map does not fit the surfaces.
     """
     vertex = _given_vertices(pair, initial_map)
     target = pair.target_shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The hypotheses that a match begins with, from all sources: guesses, signs, landmarks, an earlier map."""
+"""Collect the initial hypotheses of a match from all sources: guesses, signs, landmarks, an earlier map."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Guess: TypeAlias = Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[H
 
 # To have another kind of guess tried, add it here.
 GUESSES: tuple[Guess, ...] = (extremity_hypotheses, descriptor_hypotheses)
-# Tried where these lead to no map that is likely.
+# Tried if these lead to no likely map.
 MORE_GUESSES: tuple[Guess, ...] = (more_extremity_hypotheses,)
 # Weight of a landmark's functions against those of guessed pairs, which may contradict it.
 LANDMARK_WEIGHT = 2.0
@@ -43,14 +43,14 @@ LANDMARK_WEIGHT = 2.0
 def guess(
     pair: Pair, initial: Initial, evidence: Constraints, disagreement: Disagreement, earlier: Hypothesis | None
 ) -> list[Hypothesis]:
-    """The hypotheses that a match begins with.
+    """The initial hypotheses of a match.
 
     Args:
         pair: the two shapes.
         initial: how to begin, see `MatchOptions`.
-        evidence: all that is known of the map.
-        disagreement: of a map with that.
-        earlier: a map that was given, if one was.
+        evidence: evidence on the map.
+        disagreement: of a map with the evidence.
+        earlier: hypothesis of a map that the user gave, or None.
     """
     source, target = pair.source_shape, pair.target_shape
     if initial == "given" and earlier is not None:
@@ -75,12 +75,12 @@ def guess(
 
 
 def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:
-    """More hypotheses, for where those of `guess` lead to no map that is likely."""
+    """More hypotheses, if those of `guess` lead to no likely map."""
     return _anchor(_guess(pair, MORE_GUESSES, disagreement), evidence.anchors(pair))
 
 
 def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
-    """All that is known of the map of a pair: by the user, from an earlier map, from where the two stand in space."""
+    """All evidence on the map of a pair: from the user, an earlier map, and positions in space."""
     return replace(known, earlier=_images(pair, earlier), standing=_standing(pair))
 
 
@@ -90,7 +90,7 @@ def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> 
 
 
 def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:
-    """Hypotheses that known places hold in place to the end, whatever they begin with."""
+    """Hypotheses with landmarks as constraints of the final map, whatever they start from."""
     if anchors is None:
         return hypotheses
     held = [anchors.and_those(each.anchors) for each in hypotheses]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A guess at the map between two shapes, to be refined and compared with others."""
+"""Hypotheses: initial guesses at the map between two shapes, which are refined and compared."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class HypothesisTuning(Tuning, set_by="correspondence"):
-    """The sizes of hypotheses, and which are the same.
+    """The sizes of hypotheses, and when two are the same.
 
     Attributes:
         same_map: maps whose images differ by less than this part of their variance are the same map.
@@ -36,10 +36,11 @@ class Hypothesis:
     """A small functional map and where it comes from.
 
     Attributes:
-        origin: in words, for the report.
+        origin: name for the report.
         functional_map: (k_target, k_source).
-        anchors: what holds the map in place while it is compared with others, if anything does.
-        final_anchors: what holds it to the end. Guesses alone would only keep it from settling.
+        anchors: constraints while maps are compared, or None.
+        final_anchors: constraints of the final map, or None. Guesses are not among them, as they would prevent
+            convergence.
     """
 
     origin: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A start from a few points that the user has paired."""
+"""Hypothesis from a few landmarks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zoomout_core.spectral.sampling import farthest_points
 def landmark_hypothesis(
     source: ShapeAnalysis, target: ShapeAnalysis, source_ids: Integers, target_ids: Integers
 ) -> Hypothesis:
-    """The map that keeps the distances to paired places, and the sense in which they turn, if sides are known.
+    """The map that preserves distances to landmarks, and their handedness if sides are known.
 
     Args:
         source: the shape that the map lands on.

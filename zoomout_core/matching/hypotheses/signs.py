@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hypotheses without any hint: the first eigenfunctions correspond up to their signs (ZoomOut, section 5.1)."""
+"""Hypotheses without descriptors: the first eigenfunctions correspond up to their signs (ZoomOut, section 5.1)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SignTuning(Tuning, set_by="correspondence"):
     """The sizes of the maps.
 
     Attributes:
-        sizes: numbers of leading eigenfunctions that are taken to correspond; nearly repeated ones need more than four.
+        sizes: numbers of leading eigenfunctions that are assumed to correspond; nearly repeated ones need more than 4.
     """
 
     sizes: tuple[int, ...] = tuned((4, 5, 6), "eigenfunctions", 1, 12)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target bent onto the source, limb by limb."""
+"""Non-rigid registration of the target to the source."""

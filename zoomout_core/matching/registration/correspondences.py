@@ -56,13 +56,13 @@ class QueryPoints:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The source, to look for closest points with normals that agree.
+    """The source, prepared for closest points with compatible normals.
 
     Attributes:
         source: the shape.
-        places: (n_s, 6) its vertices and normals, in one scale.
-        tree: of these.
-        surface: its triangles, prepared.
+        places: (n_s, 6) its vertices and scaled normals.
+        tree: k-d tree of these.
+        surface: its triangles.
     """
 
     source: ShapeAnalysis
@@ -76,23 +76,23 @@ class Surroundings:
 
     @classmethod
     def deform(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
-        """A shape whose vertices have other positions (n, 3) and unit normals (n, 3)."""
+        """The same for a shape with other vertex positions (n, 3) and unit normals (n, 3)."""
         places = _with_normals(positions, normals)
         return cls(source, places, cKDTree(places), EmbeddedSurface(positions, source.neighbourhoods))
 
     def closest(self, positions: Floats, normals: Floats) -> SurfaceMap:
-        """The points closest to places (q, 3), next to vertices whose normals agree with those given (q, 3)."""
+        """The points closest to places (q, 3), near vertices with normals compatible with those given (q, 3)."""
         near = np.asarray(self.tree.query(_with_normals(positions, normals))[1])
         return SurfaceMap(*self.surface.closest(positions, near), self.source.mesh.triangles)
 
 
 class GeodesicLimit:
-    """Which correspondences are too far from the first map's images, by geodesic distances on the source.
+    """Rejects correspondences that are too far from the first map's images in geodesic distance on the source.
 
     Args:
         first: (n_t,) the source vertex of each vertex of the target by the first map.
         source: the shape that it lands on.
-        is_cut: (n_s,) vertices of the source beyond which something is missing: what they are closest to may be that.
+        is_cut: (n_s,) vertices of the source next to a missing part, to which their correspondences may belong.
     """
 
     def __init__(self, first: Integers, source: ShapeAnalysis, is_cut: Booleans | None = None) -> None:
@@ -100,7 +100,7 @@ class GeodesicLimit:
         self._marks = source.distances[:BOUND_SAMPLES].T.astype(np.float32)
 
     def exceeds_geodesic_limit(self, vertex: Integers, counterpart: Integers) -> Booleans:
-        """(q,) for pairs of a vertex of the target and one of the source."""
+        """(q,) whether pairs of a target vertex and a source vertex are too far from the first map's images."""
         apart = np.abs(self._marks[counterpart] - self._marks[self._first[vertex]]).max(axis=1)
         beyond = np.asarray(apart > MAX_GEODESIC_DISTANCE)
         return beyond if self._is_cut is None else beyond | self._is_cut[counterpart]
@@ -115,7 +115,7 @@ def residuals(
     limit: GeodesicLimit,
     sliding: float,
 ) -> tuple[Integers, Floats, Floats]:
-    """Residuals of closest points, both ways: from points of the target, and from points of the source.
+    """Residuals of closest points in both directions: from points of the target and of the source.
 
     Args:
         positions: (n, 3) of the target's vertices.

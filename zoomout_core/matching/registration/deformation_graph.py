@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nodes that are spread over a mesh and move it (Sumner, Schmid and Pauly, Embedded deformation for shape manipulation,
-2007), found by Gauss and Newton's method.
+"""Deformation graphs: nodes spread over a mesh that move it (Sumner, Schmid and Pauly, Embedded deformation for shape
+manipulation, 2007), fitted by the Gauss-Newton method.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ MOMENTUM = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes spread over the target, and what each vertex has to do with them.
+    """Nodes spread over the target, and their weights at its vertices.
 
     Attributes:
-        vertex: (d,) where they are.
+        vertex: (d,) their vertices.
         near: (n, c) the nodes that move each vertex.
-        weight: (n, c) in what shares.
-        first: (e,) a node and
-        second: (e,) another that moves some of the same vertices; each pair both ways.
-        bond: (e,) how much of what the first moves the second moves, too.
+        weight: (n, c) the weights of these nodes.
+        first: (e,) a node of a pair that shares vertices.
+        second: (e,) the other node; each pair occurs in both orders.
+        bond: (e,) the fraction of the first node's influence that it shares with the second.
     """
 
     vertex: Integers
@@ -80,11 +80,11 @@ class DeformationGraph:
 
     Attributes:
         nodes: the nodes.
-        rest: (n, 3) the target's vertices, mirrored where the map mirrors.
+        rest: (n, 3) the target's vertices, mirrored if the map mirrors.
         normals: (n, 3) its normals, likewise.
         rotations: (d, 3, 3) of the nodes.
-        images: (d, 3) where the nodes go.
-        stride: (d, 6) the last step towards closest points: turns, as rotation vectors, and shifts.
+        images: (d, 3) positions of the nodes.
+        stride: (d, 6) the last step towards closest points: rotation vectors and translations.
     """
 
     nodes: Nodes
@@ -133,7 +133,7 @@ class DeformationGraph:
     def step(
         self, vertex: Integers, residual: Floats, root_weight: Floats, stiffness: float, approaching: bool
     ) -> float:
-        """One step of Gauss and Newton's method.
+        """One Gauss-Newton step.
 
         Args:
             vertex: (q,) vertices that should move.
@@ -143,7 +143,7 @@ class DeformationGraph:
             approaching: whether residuals are those of closest points, which will be others at the next step.
 
         Returns:
-            How far the step takes the nodes, on average, before it is lengthened.
+            Mean motion of the nodes, before the step is lengthened.
         """
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
         turning = root_weight[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
@@ -199,7 +199,7 @@ class _Rows(NamedTuple):
 
 
 def crossing(vectors: Floats) -> Floats:
-    """(..., 3, 3) what a small turn, as a rotation vector, does to each vector (..., 3)."""
+    """(..., 3, 3) derivatives of vectors (..., 3) by a small rotation, as a rotation vector."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(*vectors.shape, 3)
@@ -213,5 +213,5 @@ def _normal_equations(parts: list[_Rows], count: int) -> tuple[Floats, Floats]:
     goal = np.concatenate([part.goal.ravel() for part in parts], dtype=np.float32)
     start = np.concatenate([[0], np.cumsum(width)])
     jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * count))
-    # A symmetric matrix is its transpose, of which LAPACK makes no copy.
+    # The transpose of a symmetric matrix is itself, and LAPACK does not copy it.
     return (jacobian.T @ jacobian).toarray().T, jacobian.T @ goal

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target bent onto the source, limb by limb, until the two surfaces coincide.
+"""Non-rigid ICP: deform the target onto the source until the two surfaces coincide.
 
-Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact where both are
-the same body in two poses: its parts move nearly rigidly, so that a part which is registered lies within the other
-surface. Nodes that are spread over the target carry rotations and shifts, which neighbours share (Sumner, Schmid
-and Pauly, Embedded deformation for shape manipulation, 2007), and are found by Gauss and Newton's method from closest
-points with normals that agree; only what moves across the surface counts, so that parts may slide into place (Li,
-Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 2009).
+Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact if both are
+the same body in two poses: its parts move nearly rigidly, so that a registered part coincides with the other surface.
+A deformation graph carries rotations and translations, which neighbouring nodes share (Sumner, Schmid and Pauly,
+Embedded deformation for shape manipulation, 2007). It is fitted by the Gauss-Newton method to closest points with
+compatible normals. Mainly distances across the surface count, so that parts may slide into place (Li, Adams, Guibas and
+Pauly, Robust single-view geometry and motion reconstruction, 2009).
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ BENDING = 0.9
 
 
 class Level(NamedTuple):
-    """Rounds of the fit that are alike.
+    """Consecutive rounds of the fit with the same settings.
 
     Attributes:
-        nodes: how many of them move the target.
-        sliding: weight of a residual along the surface against one across it; 1 where goals are points, not surfaces.
+        nodes: number of nodes that move the target.
+        sliding: weight of a residual along the surface against one across it; 1 if goals are points, not surfaces.
         stiffness: weight of the difference of neighbouring nodes.
-        rounds: of Gauss and Newton's method, at most.
+        rounds: maximum number of Gauss-Newton steps.
     """
 
     nodes: int
@@ -78,13 +78,13 @@ MAX_LIFT_DISTANCE = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A target bent onto its source.
+    """A target registered to its source.
 
     Attributes:
-        surface_map: from the target's mesh to the source's; the first map where the fit went astray.
+        surface_map: from the target's mesh to the source's; the first map where the fit is rejected.
         positions: (n_t, 3) the target's vertices in the source's frame, at unit area.
-        rotations: (n_t, 3, 3) how the surroundings of each vertex turn, mirrored where the map mirrors.
-        fits: (n_t,) where this is to be relied on.
+        rotations: (n_t, 3, 3) rotations of the surroundings of each vertex, mirrored if the map mirrors.
+        fits: (n_t,) whether the fit is accepted.
     """
 
     surface_map: SurfaceMap
@@ -94,23 +94,23 @@ class Fit:
 
     @classmethod
     def of_map(cls, surface_map: SurfaceMap) -> Fit:
-        """A map alone."""
+        """A fit that consists of a map only."""
         n = len(surface_map.triangle)
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
 def min_vertices() -> int:
-    """How many vertices the nodes of the schedule need."""
+    """Minimum number of vertices for the nodes of the schedule."""
     return VERTICES_PER_NODE * max(level.nodes for level in NONRIGID_SCHEDULE)
 
 
 def fine_enough(*shapes: ShapeAnalysis) -> bool:
-    """Whether meshes have the vertices that the nodes of the schedule need."""
+    """Whether all meshes have that number of vertices."""
     return all(len(shape.mesh.vertices) >= min_vertices() for shape in shapes)
 
 
 def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
-    """Bend a target onto its source, beginning with a map between them.
+    """Register a target to its source, starting from a map between them.
 
     Args:
         first: from the target's mesh to the source's.
@@ -159,17 +159,17 @@ def bend(
     levels: Sequence[Level],
     is_part: bool = False,
 ) -> DeformationGraph:
-    """The motion that bends a target onto a source.
+    """Fit the deformation graph that registers a target to a source.
 
     Args:
-        rest: (n_t, 3) the target's vertices, mirrored where the map mirrors.
+        rest: (n_t, 3) the target's vertices, mirrored if the map mirrors.
         normals: (n_t, 3) its normals, likewise.
-        positions: (n_t, 3) where it begins.
+        positions: (n_t, 3) initial positions.
         around: the source.
         limit: on correspondences.
-        target: the shape that is bent.
+        target: the shape that is deformed.
         levels: the schedule; not empty.
-        is_part: places of the source may have no counterpart, so that they do not draw the target.
+        is_part: whether the source may have places without a counterpart, which then do not attract the target.
     """
     graph = None
     for i, (count, sliding, stiffness, rounds) in enumerate(levels):
@@ -195,16 +195,16 @@ def bend(
 
 
 def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
-    """A fit of proxies as a map between the parts that these were decimated from.
+    """Lift a fit between proxies to a map between the parts that these were decimated from.
 
-    Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
-    source's part, unless that is far from where the map between the stand-ins leads: on something that touches.
+    Each vertex of the target's part moves with its place on the proxy, and maps to the closest point of the source's
+    part. If that point is far from the image by the proxies' map, on another part that touches, the image is used.
 
     Args:
-        fit: of the target's stand-in to the source's.
+        fit: of the target's proxy to the source's.
         source: the part that the map lands on.
         target: the part that the map starts from.
-        standing: (n_t, 3) the target's part as the two surfaces stand, in the frame of the source's part.
+        standing: (n_t, 3) the target's part where it is in space, in the frame of the source's part.
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
@@ -234,7 +234,7 @@ def _replace(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMa
 
 
 def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Booleans:
-    """(n_t,) where eigenfunctions contradict a map more than the one that it was fitted from."""
+    """(n_t,) where eigenfunctions disagree with a map more than with the one that it was fitted from."""
     k = min(RIGID_ALIGNMENT.image_functions, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
     pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]

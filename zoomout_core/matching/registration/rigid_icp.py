@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of a target that have not moved against the source: a single motion registers them exactly."""
+"""Register parts of a target that have not moved relative to the source by a single motion, exactly."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ def rigid_vertices(
     limit: GeodesicLimit,
     target: ShapeAnalysis,
 ) -> tuple[Booleans, Floats]:
-    """Where a single rigid motion already registers the target with the source, as where only its mesh is another.
+    """Where a single rigid motion registers the target with the source, as if only the meshing differs.
 
     Returns:
-        (n,) where that is so, and (n, 3) where the motion takes the target's vertices.
+        (n,) whether it does, and (n, 3) the target's vertices after the motion.
     """
     mesh = around.source.mesh
     here, there = QueryPoints.on(target, QUERY_NODES), QueryPoints.on(around.source, QUERY_NODES)
@@ -77,22 +77,22 @@ def rigid_vertices(
 
 
 def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
-    """Where points are to go, made exact for those that a single similarity takes there.
+    """Refine the goals of points that a single similarity takes close to them.
 
-    A stand-in lies off its mesh by more than two meshes of one surface differ, so where most of a body has not moved
-    against the rest, only the full meshes determine its position exactly.
+    A proxy differs from its mesh by more than two meshes of one surface do. So if most of a body has not moved, only
+    the full meshes determine its position exactly.
 
     Args:
-        goal: (n, 3) in the frame of the source's part.
+        goal: (n, 3) goals in the frame of the source's part.
         fits: (n,) which goals are reliable.
-        points: (n, 3) in that of the target's.
-        standing: (n, 3) where they are if both surfaces stay where they stand; they do if that fits about as well,
-            for then it is exact, which no motion between two meshes is. It fades, so that nothing jumps when one of the
-            two is moved away.
-        source: the mesh to lie on.
+        points: (n, 3) the points in the frame of the target's part.
+        standing: (n, 3) their positions if neither surface is moved. These are used if they fit about as well, because
+            they are exact, unlike a motion between two meshes. The transition is gradual, so that nothing jumps if one
+            of the two is moved away.
+        source: the mesh that the points are registered to.
 
     Returns:
-        (n, 3) positions, and how near to the source, at unit area, those made exact are to lie.
+        (n, 3) positions, and the maximum distance of the refined ones from the source, at unit area.
     """
     reliable = np.flatnonzero(fits)
     if len(reliable) < MIN_SETTLING_VERTICES:
