@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What tells a candidate from the most likely one: what it exchanges, turns round, or has elsewhere."""
+"""Describe how a candidate differs from the most likely one: exchanged limbs, rotations, reflections."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def _difference(here: Floats, there: Floats, mirrored: bool) -> str:
 
 
 def _reversed_axes(here: Floats, there: Floats, moved: float) -> Floats | None:
-    """Which axes have to be reversed (3,), -1 or 1, to make one map of another, or None where that does not do it.
+    """(3,) -1 for axes that have to be reversed to turn one map into another, else 1; None if no reversal does.
 
-    Of what a turn moves by more than a length, nearly all has to be nearer to where it takes it than to where it was.
+    Nearly all points that the reversal moves by more than a length have to be nearer to its goals than to its starts.
     """
     best, most = None, MIN_TURNED_SHARE
     for signs in map(np.array, product((1.0, -1.0), repeat=3)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functions that a few places on a shape define: the distances to them, and the sense in which they turn."""
+"""Functions of a few places on a shape: distances to them, and the handedness of pairs of them around each point."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ class LandmarkTuning(Tuning, set_by="correspondence"):
     """The functions of landmarks.
 
     Attributes:
-        distance_spread: standard deviation of a distance over a shape, as a part of its mean, by which distances are
-            brought to unit scale.
-        distance_time: diffusion time that distances are smoothed by.
-        turn_weight: of pseudo-scalars of unit deviation, beside distances of unit scale.
-        turn_time: diffusion time that pseudo-scalars are smoothed by.
-        turning: landmarks whose pseudo-scalars are used. These tell left from right; those of more would outweigh the
-            distances, and their memory grows with the square.
-        max_count: landmarks that hold a map in place: of more, those farthest from each other. All of them count
-            where maps are compared.
+        distance_spread: standard deviation of a distance over a shape, relative to its mean, for scaling distances.
+        distance_time: diffusion time for smoothing distances.
+        turn_weight: weight of pseudo-scalars of unit deviation relative to distances of unit scale.
+        turn_time: diffusion time for smoothing pseudo-scalars.
+        turning: maximum number of landmarks whose pseudo-scalars are used. These distinguish left from right; those of
+            more landmarks would outweigh the distances, and their memory grows quadratically.
+        max_count: maximum number of landmarks that constrain a map, those farthest from each other. All of them count
+            in the comparison of maps.
     """
 
     distance_spread: float = tuned(0.3, "1", 0.01, 10)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rotations that take a shape onto itself, such as the 23 of a cube: nothing in the shape tells such maps apart.
+"""Rotational symmetries, such as the 23 rotations of a cube: the shape does not distinguish maps that differ by them.
 
-What candidates are ranked by differs a little from one of them to the next, by the accident of where vertices are, and
-not all of them are found. So the best map is turned in all these ways, and the turned maps are as likely as it is.
+The scores of such maps differ only by the discretisation, and the search does not find all of them. So the best map is
+composed with all symmetries, and the resulting maps are equally likely.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ MAX_ROTATIONS = 59
 def with_turned(
     candidates: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement
 ) -> list[Candidate]:
-    """Candidates with the best one turned in all ways that take a shape onto itself, the most likely first.
+    """Candidates with the best one composed with all rotational symmetries, the most likely first.
 
-    Turned maps differ in what is known of the map alone, such as landmarks, which may tell them apart.
+    Only evidence, such as landmarks, distinguishes the composed maps.
 
     Args:
         candidates: the most likely first.
@@ -97,21 +97,21 @@ def with_turned(
 
 
 def likely_turns(candidates: Sequence[Candidate], chosen: int) -> int:
-    """How many maps, a candidate included, differ by such a rotation alone and are half as likely as it, or more."""
+    """Number of maps, a candidate included, that differ by a symmetry and are at least half as likely as it."""
     first = candidates[chosen]
     return 1 if first.turns == 1 else sum(one.turns > 1 and 2 * one.certainty >= first.certainty for one in candidates)
 
 
 def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
-    """Probability that the first candidate is right but for a rotation that takes a shape onto itself."""
+    """Probability that the first candidate is right up to a rotational symmetry."""
     first = candidates[0]
     return first.certainty if first.turns == 1 else sum(one.certainty for one in candidates if one.turns > 1)
 
 
 def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
-    """A turned map with the scores of the best one, except those of evidence.
+    """A composed map with the scores of the best one, except those of evidence.
 
-    What a guess went by, such as extremities, holds its own map in place: all are judged without it.
+    Anchors of a guess, such as extremities, favour its own map, so all are scored without them.
     """
     scores = {name: score for name, score in best.scores.items() if name not in EVIDENCE_WEIGHTS}
     scores |= disagreement(turned.functional_map, turned.sample_map, None)
@@ -121,7 +121,7 @@ def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreemen
 
 @once_per_argument
 def self_maps(shape: ShapeAnalysis) -> Floats:
-    """(r, k, k) functional maps of a shape to itself, one for each rotation, but none, that takes it onto itself."""
+    """(r, k, k) functional maps of a shape to itself, one for each rotational symmetry except the identity."""
     vertices, normals, moments = _in_principal_axes(shape)
     tree, points = cKDTree(vertices), vertices[shape.search.samples[:REFINEMENT_POINTS]]
     found: list[Floats] = []
@@ -144,7 +144,7 @@ def self_maps(shape: ShapeAnalysis) -> Floats:
 def _in_principal_axes(shape: ShapeAnalysis) -> tuple[Floats, Floats, Floats]:
     """(n, 3) vertices and (n, 3) normals in the frame of the principal axes, and (3,) the second moments along these.
 
-    So it matters not how the shape is turned, and every rotation that takes it onto itself leaves the origin fixed.
+    The result does not depend on the orientation, and every rotational symmetry leaves the origin fixed.
     """
     areas = shape.basis.areas / shape.basis.areas.sum()
     vertices = shape.mesh.vertices - areas @ shape.mesh.vertices
@@ -154,7 +154,7 @@ def _in_principal_axes(shape: ShapeAnalysis) -> tuple[Floats, Floats, Floats]:
 
 
 def _starts(moments: Floats) -> Floats:
-    """(r, 3, 3) those of evenly spread rotations near which one may be that keeps the second moments (3,)."""
+    """(r, 3, 3) evenly spread rotations near which a rotation may preserve the second moments (3,)."""
     share = (np.arange(START_ROTATIONS) + 0.5) / START_ROTATIONS
     angles = 2 * np.pi * (np.arange(START_ROTATIONS) + 0.5)[:, None] / SPIRAL
     radii = np.sqrt(np.column_stack([share, 1 - share]))
@@ -172,9 +172,9 @@ def _on_circle(angles: Floats) -> Floats:
 
 
 def _fitting(rotations: Floats, points: Floats, vertices: Floats, normals: Floats, tree: cKDTree) -> Floats:
-    """(r, 3, 3) rotations that take points (p, 3) of a shape nearly onto it, the best first, refined from starts.
+    """(r, 3, 3) rotations that map points (p, 3) of a shape nearly onto it, the best first, refined from starts.
 
-    By Gauss and Newton: distances across the surface, and along it a little, are made smaller.
+    Gauss-Newton steps reduce distances across the surface, and with a small weight those along it.
     """
     for number in range(REFINEMENT_ITERATIONS + 1):
         placed = points @ np.swapaxes(rotations, 1, 2)

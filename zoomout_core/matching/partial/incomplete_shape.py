@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stays known of a shape of which pieces may be missing: absolute lengths, and how far the nearest cut is.
+"""Measures of a shape that may lack pieces: absolute lengths, and distances to the nearest cut.
 
-Nothing here is relative to the whole: not the area, which a cut changes, nor mean distances, nor spectra. Both shapes
-of a pair are measured in one unit, and a quantity counts as far as no cut can have changed it: a geodesic distance is
-that of the whole shape where the way past any cut is longer, and the area around a place up to the nearest cut.
+No measure is relative to the whole: cuts change the area, mean distances and spectra. Both shapes of a pair have one
+unit, and a measure is used only if no cut can have changed it: a geodesic distance is valid if the path past any cut is
+longer, and the area around a place is valid up to the nearest cut.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class IncompleteShapeTuning(Tuning, set_by="partial"):
-    """What shapes with missing pieces are compared by; lengths are those of the larger shape at unit area.
+    """The comparison of shapes with missing pieces; lengths are those of the larger shape at unit area.
 
     Attributes:
-        loop: length of a border beyond which something may be missing there; eyes and nostrils of scans are shorter.
-        fragment: length of all of these borders, relative to the square root of the shape's area, beyond which a large
-            piece may be missing (of the table: cats' eyes and mouths 0.16 at most, cuts 0.85 at least).
-        radii: of the balls whose areas are compared.
+        loop: length of a border above which a piece may be missing; eyes and nostrils of scans are shorter.
+        fragment: total length of these borders, relative to the square root of the shape's area, above which a large
+            piece may be missing (in the table: cats' eyes and mouths at most 0.16, cuts at least 0.85).
+        radii: radii of the balls whose areas are compared.
     """
 
     loop: float = tuned(0.05, "length", 0, 10)
@@ -60,10 +60,10 @@ def _scale(mesh: WorkingMesh, scale: float) -> WorkingMesh:
 
 @dataclass(frozen=True, eq=False)
 class IncompleteShape:
-    """A shape that may lack pieces. Places are its first samples, those that distances are known from.
+    """A shape that may lack pieces; its places are the distance samples.
 
     Attributes:
-        shape: in a unit that it shares with the shape that it is compared with.
+        shape: the shape, in a common unit with the one that it is compared with.
     """
 
     shape: ShapeAnalysis
@@ -76,7 +76,7 @@ class IncompleteShape:
 
     @cached_property
     def _cuts(self) -> tuple[Integers, float]:
-        """The vertices of the borders that something may be missing at, and how long these are."""
+        """The vertices of borders at which a piece may be missing, and the length of these borders."""
         mesh = self.shape.mesh
         border = border_edges(mesh.triangles)
         n = len(mesh.vertices)
@@ -88,7 +88,7 @@ class IncompleteShape:
 
     @cached_property
     def cut_distance_of_vertices(self) -> Floats:
-        """(n,) geodesic distance to the nearest border that something may be missing at; infinite without one."""
+        """(n,) geodesic distance to the nearest border at which a piece may be missing; infinite without one."""
         mesh, cuts = self.shape.mesh, self._cuts[0]
         if not len(cuts):
             return np.full(len(mesh.vertices), np.inf)
@@ -101,12 +101,12 @@ class IncompleteShape:
 
     @cached_property
     def is_fragment(self) -> bool:
-        """Whether its cuts are so long that a large piece may be missing, not a hand or the eyes only."""
+        """Whether its cuts are so long that a large piece may be missing, not only a hand or the eyes."""
         return self._cuts[1] > INCOMPLETE.fragment * np.sqrt(self.shape.basis.areas.sum())
 
     @cached_property
     def unaffected(self) -> Booleans:
-        """(d, d) whether a distance between two places is that of the whole shape: the way past a cut is longer."""
+        """(d, d) whether the distance between two places is valid, because the path past any cut is longer."""
         return self.between <= self.cut_distance[:, None] + self.cut_distance
 
     @cached_property

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From landmarks on a shape that may lack pieces to a map of places, by distances, which cuts hardly change.
+"""Extend landmarks on a shape that may lack pieces to a map of places, by distances, which cuts hardly change.
 
-Eigenfunctions are left out: what those of a part and of a whole have in common is little.
+Eigenfunctions are not used, because those of a part and of a whole have little in common.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkMapTuning(Tuning, set_by="partial"):
-    """How landmarks become maps; lengths are those of the larger shape at unit area.
+    """How landmarks are extended to maps; lengths are those of the larger shape at unit area.
 
     Attributes:
-        tolerance: of a difference of distances to a landmark.
-        relative_tolerance: of that, for each unit of the distance.
-        max_cost: cost of a difference, in tolerances.
-        unlikeness: weight of the unlikeness of places beside the mean cost of differences, by the first landmarks,
-        later_unlikeness: and by those of the rounds that follow.
-        rounds: in which places that are mapped are landmarks of the others.
-        landmarks: of these rounds.
+        tolerance: tolerance of a difference of distances to a landmark.
+        relative_tolerance: additional tolerance for each unit of the distance.
+        max_cost: maximum cost of a difference, in tolerances.
+        unlikeness: weight of the unlikeness of places relative to the mean cost of differences, for the first ones.
+        later_unlikeness: the same weight in the following rounds.
+        rounds: number of rounds in which mapped places are landmarks for the others.
+        landmarks: number of landmarks in these rounds.
     """
 
     tolerance: float = tuned(0.05, "length", 1e-6, 10)
@@ -48,7 +48,7 @@ def extend_landmarks(
 
     Args:
         landmarks: (m,) places of the target.
-        placed: (m,) places of the source that they correspond to.
+        placed: (m,) corresponding places of the source.
         unlike: (d_t, d_s) `unlikeness` of the two shapes.
         target: the shape that the map starts from.
         source: the shape that it lands on.

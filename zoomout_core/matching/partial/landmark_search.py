@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a few landmarks of one shape lie on another one that may lack pieces: a beam search.
+"""Beam search for a few landmarks of one shape on another one that may lack pieces.
 
-Of a part, the landmarks are far from its cuts and from each other. They are placed one after the other, on any of many
-places of the other shape, so that the distances between them and the areas around them stay; the best assignments are
-kept at each step. Mirrored ones are among these, which the fit of normals tells from the others later.
+The landmarks of a part are far from its cuts and from each other. They are placed one after another on places of the
+other shape so that the distances between them and the areas around them are preserved; each step keeps the best
+assignments. Mirrored assignments are among them, and are rejected later by the fit of normals.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkSearchTuning(Tuning, set_by="partial"):
-    """The landmarks, and what assignments cost; lengths are those of the larger shape at unit area.
+    """The landmarks, and the costs of assignments; lengths are those of the larger shape at unit area.
 
     Attributes:
-        mean_distance: weight of the mean distance to all places, beside the distance to a cut, when the first landmark
-            is chosen: it is a tip.
-        near_cut: distance to a cut, relative to the square root of the shape's area, that is enough.
-        min_weight: of a place on a cut, when the others are chosen.
-        region: share of the places of a shape that landmarks around one of them are among.
-        places: of the source, that landmarks may be placed on.
-        width: of the beam.
-        cells: of the source: of assignments that agree in the cells of all landmarks the best one is kept.
-        tolerance: of a difference of distances.
-        relative_tolerance: of a difference of distances, for each unit of the distance.
+        mean_distance: weight of the mean distance to all places relative to the distance to a cut, in the choice of the
+            first landmark, which is a tip.
+        near_cut: sufficient distance to a cut, relative to the square root of the shape's area.
+        min_weight: weight of a place on a cut, in the choice of the others.
+        region: share of the shape's places from which landmarks around one of them are chosen.
+        places: number of places of the source on which landmarks may be placed.
+        width: width of the beam.
+        cells: number of cells of the source; only the best of the assignments to the same cells is kept.
+        tolerance: tolerance of a difference of distances.
+        relative_tolerance: additional tolerance for each unit of the distance.
         doubt: weight of a difference that a cut may explain.
-        distances: weight of the differences of distances, beside the unlikeness of places.
-        kept: assignments that differ.
-        apart: mean distance between the places of assignments that differ.
+        distances: weight of the differences of distances relative to the unlikeness of places.
+        kept: number of distinct assignments to keep.
+        apart: minimum mean distance between the places of distinct assignments.
     """
 
     mean_distance: float = tuned(0.3, "1", 0, 10)
@@ -115,10 +115,10 @@ def distinct(placed: Integers, source: IncompleteShape) -> list[int]:
 
 
 def _cost_of_pair(one: int, other: int, target: IncompleteShape, source: IncompleteShape, count: int) -> SingleFloats:
-    """(p, p) what it costs to place the second landmark and the first on each two of some places, in [0, 1]."""
+    """(p, p) costs of placing the second and the first landmark on each pair of places, in [0, 1]."""
     distance, among = target.between[one, other], source.between[:count, :count]
     difference = np.abs(among - distance)
-    # A cut makes ways longer, never shorter.
+    # A cut makes paths longer, never shorter.
     in_doubt = np.where(among < distance, not target.unaffected[one, other], ~source.unaffected[:count, :count])
     difference[in_doubt] *= SEARCH.doubt
     return np.asarray(

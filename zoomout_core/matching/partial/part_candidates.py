@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a part lies on a whole: landmarks are placed, maps refined, and the part is bent onto the whole by each."""
+"""Candidates for the place of a part on a whole: place landmarks, refine maps, and register the part by each."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PartCandidateTuning(Tuning, set_by="partial"):
-    """Which maps of a part are compared, and by what; lengths are those of the larger shape at unit area.
+    """Which maps of a part are compared, and how; lengths are those of the larger shape at unit area.
 
     Attributes:
-        landmarks: spread over the part.
-        regions: of the part, which are searched for on their own,
-        regions_of_small: and of a small part, which is searched for in several regions of the whole,
+        landmarks: number of landmarks spread over the part.
+        regions: number of regions of the part that are searched for separately.
+        regions_of_small: the same for a small part, which is searched for in several regions of the whole.
         landmarks_in_region: number of landmarks in each region.
-        same_map: maps whose images are nearer than this on average are the same.
-        registered: maps that the part is bent by roughly, those that promise most.
-        compared: of these, maps that it is bent by further.
-        surroundings: Gaussian width of those that are turned together.
-        near_cut: a place with an image nearer to a cut of the whole may have no counterpart.
-        facing: weight of the logarithm of the mean deviation of normals in what a map promises,
-        bend: of the mean distance from turned surroundings,
-        distance: of the mean change of geodesic distances,
-        unlikeness: of the mean unlikeness of places,
-        within: and of the share that goes to no cut.
-        strain: weight of the logarithm of the strain in the score, beside that of normals,
-        beyond: and of the share of the part that is not beyond a cut.
+        same_map: mean distance of images below which two maps are the same.
+        registered: number of the most promising maps by which the part is registered coarsely.
+        compared: number of these by which it is registered finely.
+        surroundings: Gaussian width of surroundings that rotate together.
+        near_cut: a place whose image is nearer to a cut of the whole may have no counterpart.
+        facing: weight in the promise of a map of the logarithm of the mean deviation of normals.
+        bend: weight of the mean distance from rotated surroundings.
+        distance: weight of the mean change of geodesic distances.
+        unlikeness: weight of the mean unlikeness of places.
+        within: weight of the share that maps to no cut.
+        strain: weight in the score of the logarithm of the strain, relative to that of normals.
+        beyond: weight of the share of the part that is not beyond a cut.
     """
 
     landmarks: int = tuned(9, "landmarks", 3, 100)
@@ -71,10 +71,10 @@ class PartCandidate:
     """A map of a part to a region of a whole.
 
     Attributes:
-        region: the part and the region, which may be all of the whole.
+        region: the part and the region, which may be the whole.
         places: (d_p,) for each place of the part that of the region.
-        registered: the part, bent by it.
-        scores: what it promised, those of the registered part, and the fit by these: the smallest is the most likely.
+        registered: the part, registered by it.
+        scores: its promise, the scores of the registered part, and its fit, of which the lowest is the most likely.
     """
 
     region: Region
@@ -121,14 +121,14 @@ def _from_landmarks(
     """The best maps of those that a search finds by sets of landmarks."""
     with portion(0.0, 0.8):
         sifted = _sift(search, sets, regions)
-    # Some have come to lie on the same places.
+    # Some are the same by now.
     with portion(0.8, 1.0):
         compared = for_each(_register_finely, _differing(sifted, PART_CANDIDATES.compared))
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
 def rough_candidates(regions: Sequence[Region], sets: Sequence[Integers]) -> list[PartCandidate]:
-    """Maps of a part to a whole by which it is bent roughly only, the most likely first.
+    """Maps of a part to a whole, with coarse registration only, the most likely first.
 
     Args:
         regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
@@ -141,7 +141,11 @@ def _sift(
     search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
 ) -> list[PartCandidate]:
     for region in regions:
-        _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
+        _ = (
+            region.unlike,
+            region.part.unaffected,
+            region.whole.unaffected,
+        )  # computed once, before several threads need it
 
     def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registration of a part with a whole by a rough map of its samples, and the scores of the map by the fit.
+"""Register a part with a whole by a rough map of its samples, and score the map by the fit.
 
-Only the part is deformed, since most of the whole has no counterpart. A correct map bends it little, and normals agree;
-one to another limb must bend, stretch or fold it.
+Only the part is deformed, because most of the whole has no counterpart. A correct map deforms it little, and normals
+agree; a map to another limb has to bend, stretch or fold it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PartRegistrationTuning(Tuning, set_by="partial"):
-    """How a part is bent onto a whole; lengths are those of the larger shape at unit area.
+    """How a part is registered with a whole; lengths are those of the larger shape at unit area.
 
     Attributes:
-        image_functions: eigenfunctions of the part that the images of its samples are smoothed by.
-        coarse: the schedule by which candidates are sifted.
-        fine: the schedule that follows, by which those that are left are compared.
+        image_functions: eigenfunctions of the part for smoothing the images of its samples.
+        coarse: the schedule for sifting candidates.
+        fine: the following schedule, for comparing the remaining ones.
     """
 
     image_functions: int = tuned(60, "eigenfunctions", 4, 1000)
@@ -44,13 +44,13 @@ PART_REGISTRATION = PartRegistrationTuning()
 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
-    """A part bent onto a whole.
+    """A part registered with a whole.
 
     Attributes:
         positions: (n, 3) the part's vertices in the whole's frame.
-        normals: (n, 3) their unit normals, turned along.
-        rotations: (n, 3, 3) how the surroundings of each vertex turn.
-        closest: the closest points of the whole, next to vertices whose normals agree.
+        normals: (n, 3) their unit normals, rotated with them.
+        rotations: (n, 3, 3) rotations of the surroundings of each vertex.
+        closest: the closest points of the whole, near vertices with compatible normals.
         residual: (n,) distance to these.
         agreement: (n,) cosine between the normals.
         is_near: (n,) whether they are near the image of the nearest place, along the whole.
@@ -70,7 +70,7 @@ class RegisteredPart:
     strain: float
 
     def scores(self, areas: Floats) -> dict[str, float]:
-        """What tells a right map from a wrong one, by the areas (n,) of the vertices: 0 for a perfect fit.
+        """Measures that distinguish a right map from a wrong one, with vertex areas (n,); 0 for a perfect fit.
 
         Returns:
             normals: mean of one minus the cosine, where the closest point is not on a cut;
@@ -92,14 +92,14 @@ def register_part(
     levels: Sequence[Level],
     begun: RegisteredPart | None = None,
 ) -> RegisteredPart:
-    """Bend a part onto a whole.
+    """Register a part with a whole.
 
     Args:
         places: (d_p,) for each place of the part that of the whole.
-        part: the shape that is bent.
-        whole: the shape that it is bent onto.
+        part: the shape that is deformed.
+        whole: the shape that it is registered with.
         levels: the schedule.
-        begun: the part, bent by this map with fewer nodes, which it is bent on from.
+        begun: the part, registered by this map with fewer nodes, as the start.
     """
     here, there = part.shape, whole.shape
     vertex = there.search.samples[places]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions of a whole that a small part, such as a hand, may have been cut from.
+"""Regions of a whole from which a small part, such as a hand, may have been cut.
 
-What is relative to the whole, such as the samples that landmarks may be placed on, is too coarse for a hand. Each
-region is as large as the part needs, is prepared from the whole's own mesh, and is compared with the part in a unit in
-which this has the area of a usual part.
+Samples of the whole are too coarse for a hand. Each region has the size of the part, is analysed on the whole's own
+mesh, and is compared with the part in a unit in which the part has the area of a usual part.
 """
 
 from __future__ import annotations
@@ -28,30 +27,29 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RegionTuning(Tuning, set_by="small_parts"):
-    """Which parts are small, which regions of a whole these are looked for in, and how sure their places are.
+    """Which parts are small, in which regions of a whole they are searched for, and the certainty of their places.
 
-    The constants of certainty are of 118 small parts of 14 kinds: hands, feet, heads, arms, paws and tails of people
-    and animals; each with its right maps left out, too, at a quarter of the weight. With each kind left out of the fit
-    and tried, of 39 maps that it called 90 % sure, 38 were right (the other one is a cat's right paw on its left one);
-    of 96 parts without their right maps it called 4 that sure. By the constants of larger parts these are 72 of 74, and
-    22 of 96.
+    The certainty was fitted to 118 small parts of 14 kinds: hands, feet, heads, arms, paws and tails of people and
+    animals; each was also used without its right maps, at a quarter of the weight. In cross-validation over kinds, 38
+    of 39 maps above 90 % were right (the other one is a cat's right paw on its left one); of 96 parts without their
+    right maps, 4 were above 90 %. With the constants of larger parts these are 72 of 74, and 22 of 96.
 
     Attributes:
-        small: area of a part, relative to the whole's, below which it is looked for in regions: hands have 1 to 2 %,
-            feet 2 to 5 %. Heads and arms, 6 to 10 %, are found among all places as well.
-        part_area: of the part in the unit that it is compared with a region in.
-        max_count: regions.
-        apart: of the places that regions are around, relative to the extent of the part: the greatest distance from its
-            tip, the landmark farthest from cuts.
-        radius: of a region, relative to that extent.
-        vertices: largest number of vertices of a region's proxy, about.
-        samples: of a part that is subdivided.
-        functions: of a region; none is used but to know its area.
-        rivalry: rate at which the odds of a rival fall with the lead in score.
+        small: area of a part, relative to the whole's, below which it is searched for in regions: hands have 1 to 2 %,
+            feet 2 to 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
+        part_area: area of the part in the unit in which it is compared with a region.
+        max_count: maximum number of regions.
+        apart: distance between the centres of regions, relative to the extent of the part: the largest distance from
+            its tip, the landmark farthest from cuts.
+        radius: radius of a region, relative to that extent.
+        vertices: approximate maximum size of a region's proxy.
+        samples: number of samples of a part that is subdivided.
+        functions: number of eigenfunctions of a region, which are only needed for its area.
+        rivalry: rate at which the odds of a rival decrease with the lead in score.
         misfit: logarithm of the odds against a map whose fit is 0.
-        misfit_rate: rate at which that rises with the fit.
-        as_wholes: weight of the certainty of the map of both shapes as wholes, beside that of a small part's: hands are
-            called whole bodies with up to 77 %, and bodies made as small as hands are found on others with 8 % at most.
+        misfit_rate: rate at which it increases with the fit.
+        as_wholes: weight of the certainty of the map of both shapes as wholes relative to that of a small part: hands
+            match whole bodies with up to 77 %, and bodies as small as hands match parts of others with at most 8 %.
     """
 
     small: float = tuned(0.07, "1", 0, 1)
@@ -73,14 +71,14 @@ REGION = RegionTuning()
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A part, and a region of a whole that it may lie in, in a unit of their own.
+    """A part, and a region of a whole in which it may be, in a unit of their own.
 
     Attributes:
         part: the part; its mesh may be finer than that of the pair's.
         whole: the region.
-        of_part: the part as it stands in the pair.
-        of_whole: the whole as it stands in the pair.
-        vertex: (n,) the vertex of the whole's mesh that each vertex of the region's is near; None where these are one.
+        of_part: the part in the unit of the pair.
+        of_whole: the whole in the unit of the pair.
+        vertex: (n,) the vertex of the whole's mesh nearest to each vertex of the region; None if the meshes are equal.
     """
 
     part: IncompleteShape
@@ -149,12 +147,12 @@ class Region:
 
 
 def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
-    """Whether a part, in one unit with the whole, is to be looked for in regions."""
+    """Whether to search for a part, in one unit with the whole, in regions."""
     return bool(part.basis.areas.sum() < REGION.small * whole.basis.areas.sum())
 
 
 def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
-    """Regions of a whole that a small part may lie in, the most promising first.
+    """Regions of a whole in which a small part may be, the most promising first.
 
     Args:
         part: the shape that is looked for; a coarse one is subdivided.
@@ -177,7 +175,7 @@ def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
 
 
 def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
-    """A part that nodes can be spread over."""
+    """A part with enough vertices for a deformation graph."""
     if fine_enough(part):
         return part
     mesh, _ = part.mesh.subdivide(min_vertices())

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part and its whole in different units: the part is looked for at several scales.
+"""Match a part and its whole in different units: search for the part at several scales.
 
-These compete as regions do. Where it lies as it should, the distances between images tell its scale more exactly.
+Scales compete like regions. Once the part is in place, the distances between images determine its scale more exactly.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class UnknownScaleTuning(Tuning, set_by="partial"):
-    """At which scales a part is looked for, and when it is taken for one; lengths are those of the whole at unit area.
+    """The scales at which a part is searched for, and its certainty; lengths are those of the whole at unit area.
 
     Attributes:
         scales: of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their
             true scales.
         small_scales: of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
         regions: of the part, which are searched for on their own to find its scale.
-        far: distance between two places from which it tells the scale.
-        likely: certainty below which no shape is taken for a part in another unit, as the scale that fits best is
-            chosen of several.
+        far: minimum distance between two places that contribute to the scale.
+        likely: minimum certainty of a part in another unit, which is higher because the best of several scales is
+            chosen.
         one_unit: factor between the scale that is found and the one given, up to which the units are the same.
     """
 
