@@ -100,7 +100,7 @@ def full() -> Proxy:
 
 
 def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, standing: np.ndarray | None = None):
-    """Settled goals of a smaller, rotated copy, and their tolerated distances from the source."""
+    """Settle goals of a smaller, rotated copy; return them and their tolerated distance from the source."""
     vertices = full.full.vertices
     fits = np.ones(len(vertices), dtype=bool) if fits is None else fits
     return settle(goal, fits, 0.5 * vertices @ TURN.T + 1, goal + 1 if standing is None else standing, full)
