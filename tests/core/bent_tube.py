@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tube with three bones, and what bending it does: the truth of skinning and of taking a pose back."""
+"""A tube with three bones and its exact bent shape: ground truth for skinning and for unposing."""
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,7 +15,7 @@ PARENTS = np.array([-1, 0, 1])
 
 
 def tube(around=16, along=41, turned=0.0):
-    """A closed tube along z, of an oval section, so that its twist can be seen."""
+    """A closed tube along z; its oval cross-section makes twist visible."""
     angle, height = np.meshgrid(2 * np.pi * (np.arange(around) + turned) / around, np.linspace(0, 1, along))
     angle, height = angle.ravel(), height.ravel()
     points = np.column_stack([0.6 * np.cos(angle), 0.4 * np.sin(angle), LENGTH * height])
@@ -30,7 +30,7 @@ def weights_of(points, softness=1.0):
 
 
 def bend(first=(60, 0, 30), second=(40, 20, 0), scale=1.0):
-    """Transforms of the three bones, in degrees about the joints."""
+    """Transforms of the three bones for rotations in degrees about the joints."""
     turns = [np.eye(3)]
     turns += [turns[-1] @ Rotation.from_euler("xyz", first, degrees=True).as_matrix()]
     turns += [turns[-1] @ Rotation.from_euler("xyz", second, degrees=True).as_matrix()]
@@ -42,7 +42,7 @@ def bend(first=(60, 0, 30), second=(40, 20, 0), scale=1.0):
 
 
 def pose_surface(surface, transforms, weights=None, *, preserve_volume=False):
-    """The surface in a pose."""
+    """Pose a surface by its skin weights."""
     weights = weights_of(surface.vertices) if weights is None else weights
     matrices = skinning_matrices(transforms, weights, preserve_volume=preserve_volume)
     return surface.with_vertices(transform_points(matrices, surface.vertices))

@@ -2,8 +2,7 @@
 """Generated creatures in clothes: garments, eyes and buttons as loose parts, with the true correspondence of each.
 
 A garment is a shell above a region of the creature's skin, with a mesh of its own. It is cut at rest and bent
-with the creature, so that sleeves bend with their arms and nothing less than the body's whole map tells where
-they have gone.
+with the creature. Sleeves bend with their arms, so only a map of the whole body predicts where they end up.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from zoomout_core.samples.creatures import at_rest, posed
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.spectral.sampling import farthest_points
 
-# Directions to choose from, for each vertex of a garment.
+# Candidate directions per vertex of a garment.
 DENSITY = 25
 
 Region = Callable[[np.ndarray], np.ndarray]
@@ -32,10 +31,10 @@ class Piece:
     """A loose part at rest.
 
     Attributes:
-        name: of the part, the same on every creature that wears it.
-        points: (n, 3) at rest.
+        name: name of the part, the same on every creature that wears it.
+        points: (n, 3) vertices at rest.
         triangles: (m, 3).
-        keys: (n, 3) what stands for the place of each vertex on the part, whatever the mesh.
+        keys: (n, 3) identify the place of each vertex on the part, independently of the mesh.
     """
 
     name: str
@@ -77,7 +76,7 @@ def trousers(rest: np.ndarray) -> np.ndarray:
 
 
 def sleeve(side: int) -> Region:
-    """A sleeve of the shirt alone."""
+    """One sleeve of the shirt."""
     return lambda rest: shirt()(rest) & (side * rest[:, 0] > 0.95)
 
 
@@ -87,11 +86,11 @@ def bodice(rest: np.ndarray) -> np.ndarray:
 
 
 def shell(name: str, region: Region, offset: float, count: int, seed: int) -> Piece:
-    """A garment of `count` even vertices over a region of the skin, so far above it, with open borders."""
+    """A garment with open borders, `offset` above a region of the skin, with `count` evenly spaced vertices."""
     everywhere = directions(DENSITY * count, seed)
     inside = region(at_rest(everywhere))
     where = everywhere[inside][farthest_points(at_rest(everywhere[inside]), count)]
-    # A hull closes every opening, if only with what lies in it: that is left out again.
+    # The hull also closes the openings: include skin outside the region, then drop the triangles that use it.
     triangles = outward_hull(np.vstack([where, everywhere[~inside][::DENSITY]]))
     triangles = triangles[(triangles < len(where)).all(axis=1)]
     triangles = triangles[region(at_rest(unit_vectors(where[triangles].sum(axis=1))))]
@@ -108,7 +107,7 @@ def ball(name: str, above: np.ndarray, radius: float, height: float, count: int,
 
 
 def dress(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0.0) -> Clothed:
-    """A creature of `count` vertices with some pieces, all of it bent."""
+    """A creature of `count` vertices with some pieces, all bent together."""
     where = directions(count, seed)
     body = Piece("skin", at_rest(where), outward_hull(where), where)
     everything = [body, *pieces]
@@ -122,13 +121,13 @@ def dress(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0
 
 
 def true_vertices(source: Clothed, target: Clothed, name: str, source_name: str | None = None) -> np.ndarray:
-    """The source vertex at, or nearest to, the place of each vertex of a target's part."""
+    """The source vertex whose place is nearest to that of each vertex of a target's part."""
     counterpart = source.parts[source_name or name]
     return counterpart[cKDTree(source.keys[counterpart]).query(target.keys[target.parts[name]])[1]]
 
 
 def skin_normals(where: np.ndarray) -> np.ndarray:
-    """(n, 3) outward unit normals there, by differences."""
+    """(n, 3) outward unit normals of the skin at directions (n, 3), by central differences."""
     helper = np.eye(3)[np.argmin(np.abs(where), axis=1)]
     u = unit_vectors(np.cross(where, helper))
     v = np.cross(where, u)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fixtures of the core's tests, and the way to the generators that they share."""
+"""Fixtures of the core's tests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import pytest
 from creatures import Creature, creature
 
-# Tests keep nothing in the cache of this machine's user.
+# Tests write nothing to the user's cache.
 os.environ["ZOOMOUT_CACHE"] = "off"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What tests want to know of the creatures of `zoomout_core.samples`."""
+"""Ground truth on the creatures of `zoomout_core.samples`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["LIMBS", "Creature", "creature", "directions", "mirrored_vertex", "on
 
 
 def on_limb(made: Creature, limb: int) -> np.ndarray:
-    """(n,) whether a vertex's place stands out by the limb of that number, where the creature has it."""
+    """(n,) whether each vertex is on limb number `limb`, if the creature has that limb."""
     return limb_heights(made.directions)[:, limb] > 0.3
 
 
 def mirrored_vertex(source: Creature, target: Creature) -> np.ndarray:
-    """The same with left and right exchanged."""
+    """(n_t,) the source vertex at the mirrored place of each target vertex."""
     return np.asarray(cKDTree(source.directions).query(target.directions * [-1, 1, 1])[1])

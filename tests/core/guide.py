@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Follows CONTRIBUTING.md: puts the blocks of a section where they say, in a copy of the tree, and runs the last."""
+"""Follow CONTRIBUTING.md: insert a section's code blocks into a copy of the tree, and run the last block."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ NEW, TRY = "new", "# try it"
 
 
 def follow(section: str, folder: Path) -> None:
-    """Do what a section says.
+    """Follow the steps of a section.
 
     Args:
-        section: its title.
-        folder: where the copy is made.
+        section: title of the section.
+        folder: destination of the copy.
 
     Raises:
-        AssertionError: a file or a line that a block names is not there, or what was added does not work.
+        AssertionError: a line that a block names is missing, a new file exists already, or the last block fails.
     """
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))

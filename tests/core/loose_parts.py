@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Balls, rods and sheets around a ball of unit area that is their body, and what a match needs of them."""
+"""Balls, rods and sheets around a body, which is a ball of unit area, prepared for matching."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import grid, grid_faces
 from zoomout_core.samples.spheres import Place, ball, directions
 
-# Of the body, so that lengths are those at unit area.
+# Radius of the body, whose area is 1, so that lengths are in units of unit area.
 RADIUS = (4 * np.pi) ** -0.5
 
 
 def egg(radii: np.ndarray | Place = (1.0, 0.6, 0.3), seed: int = 0, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) and triangles of an ellipsoid that is blunt on three sides: it fits itself in one way only."""
+    """Points (n, 3) and triangles of an ellipsoid that is blunt on three sides, which leaves it no symmetry."""
     where = directions(count, seed)
     return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
 
 
 def sheet(width: float, at: Place = (0, 0, 0), count: int = 8, length: float | None = None) -> Surface:
-    """A rectangle across z, of so many squares along either side."""
+    """A rectangle perpendicular to z, with `count` quads along each side."""
     flat = grid(*(side * np.linspace(-0.5, 0.5, count + 1) for side in (width, length or width)))
     return Surface(flat.vertices + np.array(at), grid_faces(count, count))
 
 
 def part_of(surface: Surface, moved: np.ndarray | float = 0.0) -> Part:
-    """A surface of one component as a part, where it is."""
+    """A surface of one component as a part, shifted by `moved`."""
     mesh = surface.working
     n = len(mesh.vertices)
     points = mesh.to_surface(mesh.vertices) + moved
@@ -45,7 +45,7 @@ BODY = ball(RADIUS, count=200)
 
 
 def shape_of(surface: Surface, number: int = 0, functions: int = 20) -> ShapeAnalysis:
-    """The component of that number as the body of a surface."""
+    """Analyse component `number` of a surface as its body."""
     return analyse(surface.working.part(number)[0], functions, 40, 0)
 
 
@@ -59,7 +59,7 @@ def identity(shape: ShapeAnalysis) -> SurfaceMap:
 def pair_around_body(
     source: Sequence[Surface], target: Sequence[Surface], regions: Sequence[tuple[int, int]] = (), number: int = 0
 ) -> Pair:
-    """The body with some parts, and with others; regions pair them by number."""
+    """Pair the body and the source's parts with the body and the target's; regions pair the parts by number."""
     sides = [Surface.joined([BODY, *parts]) for parts in (source, target)]
     first = [np.cumsum([len(BODY.vertices), *(len(part.vertices) for part in parts)]) for parts in (source, target)]
     named = [
@@ -70,6 +70,6 @@ def pair_around_body(
 
 
 def map_parts(pair: Pair, trust: float = 1.0) -> ComponentMap:
-    """What becomes of the parts where the body stays."""
+    """Map the parts while the body stays in place."""
     shape = pair.target_shape
     return map_components(pair, identity(shape), np.full(len(shape.mesh.vertices), trust))

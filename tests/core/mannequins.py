@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated characters that are assembled from loose shells, each limb its own, with the true place of every vertex.
+"""Generated characters that are assembled from loose shells, one per limb, with the true place of every vertex.
 
-A mannequin is ellipsoids along a skeleton that overlap a little where they join. Every seed is another mesh of it.
+A mannequin consists of ellipsoids along a skeleton, which overlap a little at the joints. Each seed meshes them
+differently.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.samples.spheres import outward_hull
 
-# Each part: what it hangs on, the joint that it turns about, its centre and its radii. x is the left, -y the front.
+# Each part: its parent, the joint that it turns about, its centre and its radii. +x is left, -y is front.
 Part = tuple[str, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 MIDDLE: dict[str, Part] = {
     "torso": ("", (0, 0, 1.0), (0, 0, 1.25), (0.21, 0.14, 0.36)),
@@ -35,14 +36,14 @@ LEFT: dict[str, Part] = {
 
 
 def _on_side(part: Part, side: str) -> Part:
-    """A part of the left side, on that side or the other."""
+    """A part of the left side, mirrored if `side` is not "L"."""
     above, joint, centre, radii = part
     sign = np.array([1 if side == "L" else -1, 1, 1])
     return above if above == "torso" else f"{above}.{side}", tuple(sign * joint), tuple(sign * centre), radii
 
 
 PARTS = MIDDLE | {f"{name}.{side}": _on_side(part, side) for side in "LR" for name, part in LEFT.items()}
-# Turns about the joints, in degrees about x, y and z: a step, arms down and bent.
+# Rotations about the joints, in degrees about x, y and z: a step, with bent, lowered arms.
 STEP: Mapping[str, tuple[float, float, float]] = {
     "upper arm.L": (0, 55, -20), "forearm.L": (0, 15, -55), "upper arm.R": (0, -50, -35), "forearm.R": (0, 0, 40),
     "thigh.L": (-40, 0, 0), "shin.L": (35, 0, 0), "thigh.R": (30, 0, 0), "shin.R": (20, 0, 0), "head": (0, 0, 25),
@@ -74,11 +75,11 @@ def mannequin(
     """A mannequin in a pose.
 
     Args:
-        pose: turns of parts about their joints, in degrees about x, y and z, which what hangs on them follows.
+        pose: rotations of parts about their joints, in degrees about x, y and z; their children follow.
         count: vertices of each part.
-        seed: of the mesh.
-        build: factors along x, y and z that make another body.
-        without: parts that it lacks.
+        seed: seed of the mesh.
+        build: scale of the body along x, y and z.
+        without: names of the parts to omit.
     """
     motions: dict[str, tuple[np.ndarray, np.ndarray]] = {"": (np.eye(3), np.zeros(3))}
     points, triangles, names, keys = [], [], [], []
@@ -98,7 +99,7 @@ def mannequin(
 
 
 def as_one_skin(pose: Mapping[str, tuple[float, float, float]] | None = None) -> Mannequin:
-    """The same rebuilt as a single skin, its vertices named by the nearest part; keys are of no meaning."""
+    """Rebuild a mannequin as a single skin; vertices take the name of the nearest part, and keys are meaningless."""
     dense = mannequin(pose, 600)
     surface = Surface(*voxel_remesh(dense.surface.vertices, dense.surface.triangles, 90))
     near = cKDTree(dense.surface.vertices).query(surface.vertices)[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of generated creatures, as parts of them."""
+"""Pieces of generated creatures for partial matching."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FUNCTIONS, SAMPLES = 60, 400
 
 
 def piece_of(made: Creature, kept: Booleans) -> Creature:
-    """What is left of a creature when some of its vertices (n,) are cut off."""
+    """Cut a creature down to the triangles whose vertices are all kept (n,)."""
     triangles = made.surface.triangles[kept[made.surface.triangles].all(axis=1)]
     used = np.unique(triangles)
     number = np.full(len(kept), -1)
@@ -32,13 +32,13 @@ def analyse_piece(made: Creature) -> ShapeAnalysis:
 
 @dataclass(frozen=True, eq=False)
 class PartAndWhole:
-    """A piece of a bent creature, and the creature as it was, in one unit.
+    """A piece of a bent creature and the whole creature at rest, in the same unit.
 
     Attributes:
-        made_part: the piece.
-        made_whole: the creature.
-        part: its shape.
-        whole: its shape.
+        made_part: the generated piece.
+        made_whole: the generated creature.
+        part: analysed shape of the piece.
+        whole: analysed shape of the creature.
     """
 
     made_part: Creature
@@ -48,17 +48,17 @@ class PartAndWhole:
 
     @property
     def everywhere(self) -> Region:
-        """All of the whole, as the region that the part is looked for in."""
+        """The whole surface as the search region of the part."""
         return Region.everywhere(self.part, self.whole)
 
     def true_places(self) -> Integers:
-        """(d,) for each place of the part the number of the place of the whole that is nearest to its image."""
+        """(d,) number of the place of the whole that is nearest to the true image of each place of the part."""
         part, whole = (each.shape.search.samples[: len(each.between)] for each in (self.part, self.whole))
         apart = self.made_part.directions[part] @ self.made_whole.directions[whole].T
         return np.asarray(np.argmax(apart, axis=1))
 
     def errors(self, images: Integers, vertices: Integers | slice = slice(None)) -> np.ndarray:
-        """(q,) distance in space between vertices of the whole (q,) and the true images of vertices of the part."""
+        """(q,) Euclidean distance between images on the whole (q,) and the true images of vertices of the part."""
         true = true_vertex(self.made_whole, self.made_part)[vertices]
         points = self.whole.shape.mesh.vertices
         return np.asarray(np.linalg.norm(points[images] - points[true], axis=1))
@@ -70,6 +70,6 @@ def in_lower_half(made: Creature) -> Booleans:
 
 
 def lower_half(count: int = 1100) -> tuple[Creature, Creature]:
-    """The legs, the tail and one arm of a lopsided creature that has bent its limbs, and the creature as it was."""
+    """The legs, tail and one arm of a lopsided creature with bent limbs, and the whole creature at rest."""
     bent = creature(count, seed=1, bend=0.5, asymmetry=0.3)
     return piece_of(bent, in_lower_half(bent)), creature(1000, seed=0, asymmetry=0.3)

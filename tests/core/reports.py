@@ -13,10 +13,10 @@ Result = TypeVar("Result")
 
 
 def reports_of(work: Callable[[], Result]) -> tuple[Result, list[Progress]]:
-    """Return the result of a computation, and all that it reports, in order.
+    """Return the result of a computation and all its progress reports in order.
 
-    Fractions are as they are reported: those that a listener of `zo.progress` hears never fall, whatever is reported.
-    The computation runs in one thread, as the fractions of several arrive out of order.
+    Fractions are raw: a listener of `zo.progress` would get them clamped so that they never decrease. The computation
+    runs in one thread, as the fractions of several threads arrive out of order.
     """
     reports: list[Progress] = []
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated shapes of every kind whose true correspondence is known, whatever their pose and their mesh.
+"""Generated shapes of many kinds whose true correspondence is known for any pose and mesh.
 
-A shape is made of rods, smoothly joined; its surface is meshed at rest by marching tetrahedra on a grid that each
-seed turns another way. A vertex's place at rest says where it belongs. A pose bends each limb along an arc.
+A shape is a smooth union of rods. Marching tetrahedra mesh its surface at rest, on a grid whose rotation depends on
+the seed. The place of a vertex at rest identifies it across meshes. A pose bends each limb along an arc.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from scipy.spatial import cKDTree
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.arcs import bend_along_arc
 
-# Rods melt into each other over this length.
+# Blending length of the smooth union.
 BLEND = 0.08
 # Grid cells per radius of the thinnest rod.
 RESOLUTION = 1.8
-# So many vertices as asked for are meshed, and then decimated, which evens them out.
+# The grid makes SURPLUS times the requested vertices; decimation then evens them out.
 SURPLUS = 2
 
 Chain = list[tuple[float, float, float, float]]
@@ -30,12 +30,12 @@ Chain = list[tuple[float, float, float, float]]
 
 @dataclass(frozen=True)
 class Figure:
-    """What a shape is made of.
+    """The rods of a shape.
 
     Attributes:
         body: chains of points with radii (x, y, z, r), each a row of rods; they do not move.
         limbs: groups of chains; each group bends along the line of its first chain.
-        kept: which places (n, 3) remain where the shape is cut open; None for a closed one.
+        kept: tells which places (n, 3) remain after the shape is cut open; None for a closed shape.
     """
 
     body: tuple[Chain, ...]
@@ -45,14 +45,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class Shaped:
-    """A mesh with the place at rest (n, 3) that each vertex stands for."""
+    """A mesh and the places (n, 3) of its vertices at rest."""
 
     surface: Surface
     places: np.ndarray
 
 
 def limb(start: tuple[float, float, float], end: tuple[float, float, float], thick: float, thin: float) -> Chain:
-    """A straight limb that grows thinner towards its end."""
+    """A straight limb that tapers towards its end."""
     return [(*start, thick), (*end, thin)]
 
 
@@ -69,7 +69,7 @@ def _handle(x: float, low: float, high: float) -> Chain:
     return [(x + 0.6 * side * float(np.cos(t)), 0.0, middle + size * float(np.sin(t)), 0.13) for t in turn]
 
 
-# No extremities, no symmetry: one map is right.
+# No extremities and no symmetry: only one map is right.
 STONE = Figure(([(0, 0, 0, 0.8), (0.9, 0.1, 0, 0.55)], [(0, 0, 0, 0.8), (0.1, 0.7, 0.25, 0.6)], [(0, 0, 0.3, 0.8)] * 2))
 TORUS = Figure((_ring(1.0, 0.35, 0.35),))
 LOPSIDED_TORUS = Figure((_ring(1.0, 0.5, 0.25), [(0.2, 0.95, 0.25, 0.42)] * 2))
@@ -98,7 +98,7 @@ HAND = Figure(
 
 
 def _both(chain: Chain) -> tuple[tuple[Chain], tuple[Chain]]:
-    """A limb of the left side, and its like on the right."""
+    """A limb of the left side and its mirror image."""
     return (chain,), ([(-x, y, z, r) for x, y, z, r in chain],)
 
 
@@ -141,13 +141,13 @@ HEAD = Figure(
 
 
 def shape(figure: Figure, count: int = 3000, seed: int = 0, bend: float = 0.0) -> Shaped:
-    """A mesh of a figure.
+    """Mesh a figure.
 
     Args:
-        figure: what it is made of.
-        count: of vertices, roughly.
-        seed: of the mesh; the surface is the same for every seed.
-        bend: of the limbs, in radians from root to tip.
+        figure: rods of the shape.
+        count: approximate number of vertices.
+        seed: seed of the mesh; the surface is the same for every seed.
+        bend: bending angle of the limbs, in radians from root to tip.
     """
     random = np.random.default_rng(seed)
     turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
@@ -196,7 +196,7 @@ def _chains(figure: Figure) -> list[Chain]:
 
 
 def _extent(figure: Figure, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The corners of a turned figure's bounding box, and the size of the grid's cells."""
+    """Corners of a rotated figure's bounding box, and the cell size of the grid."""
     knots = np.concatenate([np.array(chain, dtype=float) for chain in _chains(figure)])
     centres, radii = knots[:, :3] @ turn, knots[:, 3:] + BLEND
     return (centres - radii).min(axis=0), (centres + radii).max(axis=0), float(knots[:, 3].min() / RESOLUTION)
@@ -235,12 +235,12 @@ def _meshed(
     value = depth(grid)
     value[value == 0] = 1e-12
     tetrahedra = []
-    for order in permutations(np.eye(3, dtype=int)):  # the paths along a cube's edges between opposite corners
+    for order in permutations(np.eye(3, dtype=int)):  # paths along a cube's edges between opposite corners
         path = np.cumsum([np.zeros(3, dtype=int), *order], axis=0)
         block = [number[tuple(slice(c, size - 1 + c) for c, size in zip(at, number.shape, strict=True))] for at in path]
         tetrahedra.append(np.stack([part.ravel() for part in block], axis=1))
     tetrahedra = np.concatenate(tetrahedra)
-    # The corners inside come first; with one or three of them a triangle, with two a quadrilateral.
+    # Inner corners come first: one or three of them give a triangle, two give a quadrilateral.
     tetrahedra = np.take_along_axis(tetrahedra, np.argsort(-value[tetrahedra], axis=1), axis=1)
     inside = (value[tetrahedra] > 0).sum(axis=1)
     cuts = {1: [((0, 1), (0, 2), (0, 3))], 3: [((0, 3), (1, 3), (2, 3))]}
@@ -263,7 +263,7 @@ def _meshed(
 
 
 def _posed(figure: Figure, points: np.ndarray, bend: float) -> np.ndarray:
-    """Bend the limbs, each in a direction of its own."""
+    """Bend the limbs, each in its own direction."""
     if bend == 0:
         return points
     depths = [_joined(np.stack([_below(chain, points) for chain in figure.body]))]

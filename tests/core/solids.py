@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Convex solids, irregularly meshed and turned: nothing but their shape tells their rotations apart."""
+"""Convex solids, irregularly meshed and randomly rotated, so that only their shape reveals their rotations."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def prism(sides: int, height: float = 1.0) -> np.ndarray:
 
 
 def pyramid(sides: int, height: float = 2.0) -> np.ndarray:
-    """(sides + 1, 3) corners."""
+    """(sides + 1, 3) corners: a base polygon on a circle of radius 1, and the apex."""
     return np.vstack([prism(sides)[:sides], [[0, 0, height - 0.5]]])
 
 
 def solid(corners: np.ndarray, count: int = 900, seed: int = 0, nose: float = 0.0) -> Creature:
-    """The convex hull of corners (c, 3) about the origin; each seed is another mesh of it, turned another way.
+    """The convex hull of corners (c, 3) about the origin; each seed gives another mesh and rotation.
 
-    Directions are those before it was turned.
+    The directions of the result are those before the rotation.
 
     Args:
-        corners: in any order.
-        count: of vertices.
-        seed: of the mesh.
-        nose: height of a bump off the middle of a face, which leaves no rotation.
+        corners: corners of the solid in any order.
+        count: approximate number of vertices.
+        seed: seed of the mesh and of its rotation.
+        nose: height of a bump beside the centre of a face, which removes all symmetry.
     """
     tips = corners / np.linalg.norm(corners, axis=1, keepdims=True)
     where = directions(count, seed)

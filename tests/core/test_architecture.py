@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rooms of the core import each other in one direction only, as ARCHITECTURE.md says."""
+"""The packages of the core import each other in one direction only, as ARCHITECTURE.md says."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import zoomout_core
 
 CORE = Path(zoomout_core.__file__).parent
-# Each may import those that stand before it.
+# Each may import those before it.
 ROOMS = (
     "arrays",
     "messages",
@@ -29,12 +29,12 @@ ROOMS = (
     "samples",
     "collection",
 )
-# Leaves on their way down: they import nothing of the rooms.
+# Every package may import it; it imports none of them.
 RUNTIME = "runtime"
 
 
 def imports(path: Path) -> Iterator[str]:
-    """The core's modules that a module imports."""
+    """Names of the core's modules that a module imports."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("zoomout_core."):
             yield str(node.module)
@@ -56,7 +56,7 @@ def test_rooms_import_those_before_them_only() -> None:
 
 
 def allowed(room: str, other: str) -> bool:
-    """Whether a room may import another one."""
+    """Whether one package may import another."""
     if room == RUNTIME:
         return False
     if room == "matching" and other in ("transfer", "assets"):

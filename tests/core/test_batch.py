@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Jobs one after the other, and the progress of all of them."""
+"""Jobs run one after the other, and their progress adds up."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ JOBS = [Job(Path(f"{number}.ply"), Path(f"{number}.glb")) for number in range(3)
 
 
 def work(job: Job) -> tuple[dict[str, Any], list[str]]:
-    """Fails for the second."""
+    """Fail for the second job."""
     with stage("Working"):
         advance(0.5)
         if job is JOBS[1]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command `zoomout` does its job from files, and says in a sentence what it cannot do."""
+"""The command `zoomout` works on files and reports each error in one sentence."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the documentation says can be followed: links lead somewhere, code runs, commands and names are there."""
+"""The documentation is correct: its links resolve, its code runs, and its commands and names exist."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def without_code(text: str) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link to a page may name after #."""
+    """The anchors that a link to a page may name after #."""
     headings = re.findall(r"(?m)^#+ (.*)$", re.sub(r"(?ms)^```.*?^```$", "", text_of(page)))
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def code_of(page: Path) -> Iterator[str]:
-    """The blocks of Python of a page, without the shell's lines in them."""
+    """The Python blocks of a page, without shell lines."""
     for block in re.findall(r"(?ms)^```(?:python|\{code-cell\} ipython3)\n(.*?)^```$", text_of(page)):
         yield re.sub(r"(?m)^(!.*|:tags:.*|# .*, (after|new).*)$", "", block)
 
@@ -80,7 +80,7 @@ def test_names_of_the_package_are_there(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_code_is_python(page: Path) -> None:
     for code in code_of(page):
-        if not code.lstrip("\n").startswith(" "):  # a line of a table, to be put between others
+        if not code.lstrip("\n").startswith(" "):  # an indented block is a row to insert into a table
             ast.parse(code)
 
 
@@ -119,7 +119,7 @@ def test_the_table_of_pyfmaps_is_whole() -> None:
 
 
 def shell(line: str) -> int:
-    """The exit code of a line of a tutorial, whose command is run in this process."""
+    """Run a command line of a tutorial in this process and return its exit code."""
     from zoomout_core.cli import main
 
     command, *words = shlex.split(line.removesuffix("2> /dev/null"))
@@ -135,7 +135,7 @@ def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.chdir(tmp_path)
-    # So that meshes have a thousand vertices: `make docs` runs the pages with those that they tell of.
+    # Use coarse meshes: `make docs` runs the pages at full resolution.
     monkeypatch.setattr(characters, "FINE", 3000)
     monkeypatch.setattr(characters, "VOXELS", 32)
     code = "\n".join(re.sub(r"(?m)^:tags:.*$", "", cell) for cell in CELL.findall(text_of(page)))

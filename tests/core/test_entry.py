@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands without the packages that they need, and the version."""
+"""Commands explain missing packages, and print the version."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures of a map's quality have the values that follow from their definitions, and `zoomout evaluate` tells them."""
+"""Quality measures of a map match their definitions, and `zoomout evaluate` prints them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_several_maps_are_measured_as_each_alone(small: Creature, other: Creatur
 
 
 def test_errors_are_lengths_of_paths_along_edges_over_the_root_of_the_area() -> None:
-    # A strip of four squares of side 2, split by diagonals from (0, 0) to (2, 2) and so on: area 16, root 4.
+    # A strip of four squares of side 2, split by diagonals: area 16, root 4.
     along = np.arange(0.0, 10, 2)
     vertices = np.concatenate([[(x, y, 0) for x in along] for y in (0, 2)])
     strip = zo.Surface(vertices, [(i, i + 1, i + 6, i + 5) for i in range(4)])
@@ -76,7 +76,7 @@ def test_distances_are_kept_by_the_identity_at_any_size_and_not_by_what_scatters
 @pytest.mark.parametrize("inside_out", [False, True])
 def test_a_map_that_reverses_everything_is_turned_over_throughout(small: Creature, inside_out: bool) -> None:
     surface = small.surface
-    # The mirror image, wound outwards or inwards: that makes no difference.
+    # The mirror image; its winding makes no difference.
     triangles = surface.triangles if inside_out else surface.triangles[:, ::-1]
     mirror = Surface(surface.vertices * [-1, 1, 1], triangles)
     assert flipped_share(identity(mirror), mirror, surface) > 0.99
@@ -135,7 +135,7 @@ def evaluate(folder: Path, map_file: str, *options: str) -> Result:
 
 
 def test_errors_of_offsets_are_relative_and_weighted_by_area() -> None:
-    # Two squares, of which the second is three times as wide.
+    # A unit square and a rectangle three times as wide.
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (5, 0, 0), (5, 1, 0), (2, 1, 0)]
     surface = Surface(points, [(0, 1, 2, 3), (4, 5, 6, 7)])
     truth = np.zeros((8, 3, 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every public name has an example, which runs as it stands."""
+"""Every public name has an example that runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("remember_matches")
 
 @pytest.fixture(scope="module")
 def names() -> dict[str, Any]:
-    """The names that examples begin with."""
+    """The names that examples may use."""
     here, there = creature(500), creature(450, seed=1, bend=0.9)
     source, target = here.surface, there.surface
     return {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What CONTRIBUTING.md says is true: what it adds to the core works."""
+"""The steps of CONTRIBUTING.md work: its additions to the core run."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The package is imported quickly, and its names are where it says."""
+"""The package imports quickly, and its names are in the modules that it lists."""
 
 from __future__ import annotations
 

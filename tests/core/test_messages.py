@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages are English text that keeps its template and values, wherever it goes."""
+"""Messages are English text that keeps its template and values when copied, pickled or saved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEFT_OUT = message("'{name}' was left out: {reason}", name="A", reason=message("
 
 
 def parts(text: str) -> object:
-    """A Message with all that it consists of."""
+    """A Message as its template and values, recursively; other values unchanged."""
     return (text.template, {name: parts(value) for name, value in text.values.items()}) if is_message(text) else text
 
 

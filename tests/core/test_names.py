@@ -18,7 +18,7 @@ PARTICIPLE = re.compile(
     r"([a-z]+ed|bent|bound|built|drawn|found|given|held|kept|laid|left|lost|made|seen|sought|taken|told|worn)"
     r"(_(a|and|as|at|between|both|by|for|from|in|into|of|off|on|onto|open|out|over|through|to|together|with)(_.*)?)?"
 )
-# Public names that scripts use, and commands of the benchmarks.
+# Public names that scripts use, and benchmark commands.
 ALLOWED_FUNCTIONS = {
     "Surface.joined",
     "SpectralBasis.smoothed",
@@ -28,10 +28,10 @@ ALLOWED_FUNCTIONS = {
     "translated",
     "tuned",
 }
-# Samples and demos are described by their shapes: "posed", "mirrored".
+# Functions of samples and demos are named after their shapes: "posed", "mirrored".
 ALLOWED_FOLDERS = ("benchmarks/generate", "blender_addon/demo", "zoomout_core/samples/", "meshlab_filter/samples.py")
 LIMIT = re.compile(r"_?(least|most|fewest)_", re.IGNORECASE)
-# Arguments of public functions, and superlatives that are no limits.
+# Arguments of public functions, and superlatives that are not limits.
 ALLOWED_LIMITS = {"most_angle", "most_bytes", "most_distance", "most_similar"}
 
 
@@ -40,7 +40,7 @@ def _is_property(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 
 def participles(source: str) -> list[str]:
-    """Functions and methods whose name is a participle; properties are adjectives and may."""
+    """Functions and methods named by a participle; properties are exempt, as adjectives."""
     found = []
 
     def visit(node: ast.AST, owner: str) -> None:

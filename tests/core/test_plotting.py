@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures show what they are given: colours that correspond, values, matrices and curves."""
+"""Figures show their data: corresponding colours, values, matrices and curves."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TURNED = zo.SurfaceMap.from_vertices(np.arange(24)[::-1], SHEET)
 
 
 class Found(NamedTuple):
-    """What a match has."""
+    """The fields of a match that figures use."""
 
     surface_map: zo.SurfaceMap
     confidence: np.ndarray
@@ -34,7 +34,7 @@ class Found(NamedTuple):
 
 
 def painted(figure: zo.plotting.Figure, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3) and middles (m, 2) of the triangles of a surface in a figure."""
+    """Colours (m, 3) and centres (m, 2) of the triangles of a surface in a figure."""
     surface = figure.axes[0].collections[number]
     middles = [path.vertices[:3].mean(axis=0) for path in surface.get_paths()]
     return surface.get_facecolor()[:, :3], np.array(middles)
@@ -44,7 +44,7 @@ def test_what_corresponds_has_the_same_colour() -> None:
     figure = zo.plotting.plot_map(SHEET, SHEET, TURNED, sides=1)
     (source, here), (target, there) = painted(figure), painted(figure, 1)
     assert [text.get_text() for text in figure.axes[0].texts] == ["source", "target"]
-    # The map turns the sheet by half, so a triangle of the target looks like that opposite of it on the source.
+    # The map rotates the sheet by 180 degrees: a target triangle has the colour of the opposite source triangle.
     opposite = 2 * there.mean(axis=0) - there - there.mean(axis=0) + here.mean(axis=0)
     nearest = np.linalg.norm(opposite[:, None] - here, axis=2).argmin(axis=1)
     assert np.abs(source[nearest] - target).max() < 0.1
@@ -55,7 +55,7 @@ def test_it_is_seen_from_the_front_unmirrored_and_from_behind() -> None:
     values = np.column_stack([GRID[:, 0] / 3, np.zeros(24), GRID[:, 1] / 5])
     figure = zo.plotting.plot_values(SHEET, values)
     (front, here), (behind, there) = painted(figure), painted(figure, 1)
-    assert np.corrcoef(front[:, 0], here[:, 0])[0, 1] > 0.99  # seen against y, x points to the right
+    assert np.corrcoef(front[:, 0], here[:, 0])[0, 1] > 0.99  # seen from the front, x points right
     assert np.corrcoef(front[:, 2], here[:, 1])[0, 1] > 0.99
     assert np.corrcoef(behind[:, 0], there[:, 0])[0, 1] < -0.99
 

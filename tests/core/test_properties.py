@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What holds for every mesh, map and attribute, looked for on random ones (hypothesis)."""
+"""Properties of every mesh, map and attribute, tested on random ones (hypothesis)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.samples.grids import grid_faces
 from zoomout_core.transfer import RULES
 
-# The same examples each time, few of them, and no limit on the time of a busy machine.
+# Few, deterministic examples, and no deadline: a busy machine would exceed it.
 few = settings(
     max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -38,7 +38,7 @@ def small() -> zo.Surface:
 
 
 def random_map(random: np.random.Generator, count: int, source: zo.Surface) -> zo.SurfaceMap:
-    """Images anywhere on a surface."""
+    """A map to random points on a surface."""
     triangle = random.integers(len(source.triangles), size=count)
     return zo.SurfaceMap(triangle, random.dirichlet([0.5] * 3, count), source.triangles)
 
@@ -69,7 +69,7 @@ def test_eigenvalues_do_not_depend_on_placement_size_order_or_winding(seed: int,
 @few
 @given(seeds, st.integers(3, 40))
 def test_polygons_are_cut_into_triangles_of_the_same_area(seed: int, corners: int) -> None:
-    """Star-shaped ones, turned in space."""
+    """Polygons are star-shaped and randomly rotated."""
     random = np.random.default_rng(seed)
     angle = (np.arange(corners) + 0.8 * random.random(corners)) * 2 * np.pi / corners
     radius = random.uniform(0.2, 1, corners)
@@ -152,8 +152,8 @@ def told(values: Any) -> np.ndarray:
     return values.toarray() if hasattr(values, "toarray") else np.asarray(values)
 
 
-# A chart is laid out by its continuity, offsets are solved for, marks on edges are lines, and numbers there are smooth
-# fields: random ones are none of these.
+# Transfer assumes charts that are continuous, smooth offsets, edge marks that form lines, and smooth edge values.
+# # Random values violate these assumptions.
 SMOOTH = {(zo.Kind.MARK, zo.Domain.EDGE)} | {
     (kind, zo.Domain.EDGE) for kind in (zo.Kind.SCALAR, zo.Kind.VECTOR, zo.Kind.COLOR)
 }
@@ -176,7 +176,7 @@ def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain
     before, after = told(values), told(found.values)
     assert after.dtype == before.dtype
     if kind is zo.Kind.QUATERNION:
-        after = after * np.sign(np.einsum("nx,nx->n", after, before))[:, None]  # either sign is one rotation
+        after = after * np.sign(np.einsum("nx,nx->n", after, before))[:, None]  # both signs are the same rotation
     if after.dtype.kind == "f":
         np.testing.assert_allclose(after, before, atol=1e-6)
     else:
@@ -186,7 +186,7 @@ def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain
 @settings(few, max_examples=4)
 @given(seeds)
 def test_the_identity_gives_back_what_lies_smoothly(seed: int) -> None:
-    """Texture coordinates of a chart, shape keys, and numbers on edges."""
+    """Texture coordinates of a chart, shape keys, and values on edges."""
     random, surface = np.random.default_rng(seed), small()
     linear, at = random.standard_normal((3, 3)), surface.vertices
     chart = (at @ linear[:2].T)[surface.corner_vertex]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`zoomout transfer`: one file in, another out, with all that the first carries."""
+"""`zoomout transfer` writes the target with all attributes of the source."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("remember_matches")
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A coloured creature, and another mesh of it that is bent."""
+    """A coloured creature, and another mesh of it in a bent pose."""
     folder = tmp_path_factory.mktemp("creatures")
     made, other = creature(900, asymmetry=0.3), creature(800, seed=1, bend=0.3, asymmetry=0.3)
     colors = np.clip(0.5 + 0.5 * made.directions, 0, 1)

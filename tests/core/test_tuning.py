@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers that were tuned: each says what it is, its unit, its range, and what set it."""
+"""Tuned numbers declare their meaning, unit, range and the benchmark that set them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ ROOT = Path(zoomout_core.__file__).parents[1]
 
 @dataclass(frozen=True)
 class Toy(Tuning, set_by="tuning"):
-    """A stage of a test.
+    """A stage for tests.
 
     Attributes:
-        width: of a Gaussian.
-        quotas: of two kinds.
+        width: width of a Gaussian.
+        quotas: pairs of quotas.
     """
 
     width: float = tuned(0.05, "at unit area", 0, 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts that users read are plain English: none has the habits of a translation."""
+"""Texts that users read are plain English, without the habits of a translation."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _docstrings(tree: ast.Module) -> set[ast.AST]:
 
 
 def _texts(source: str) -> Iterator[tuple[int, str]]:
-    """The lines and texts of literals with several words, docstrings aside; `{}` stands for values in them."""
+    """Lines and texts of string literals with several words, except docstrings; `{}` replaces formatted values."""
     tree = ast.parse(source)
     seen = _docstrings(tree)
     for node in ast.walk(tree):

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes over a parameter rectangle and maps that keep the parameters: the truth of a transfer is a formula.
+"""Meshes over a parameter rectangle and maps that keep the parameters: a formula gives the exact transfer.
 
-A point has parameters (a, b), of which a goes once around an axis, and b along the profile or around it too.
-Data that is linear in the parameters on the source must arrive as the same formula at the target's corners,
-whatever the target's topology.
+A point has parameters (a, b): a goes once around an axis, b along the profile or around it too. Data that is linear
+in the parameters on the source must have the same formula at the target's corners, for any topology of the target.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ class Sheet:
 
     Attributes:
         surface: the mesh.
-        parameters: (n, 2) of its vertices, each in [0, 1) where it goes around.
-        corners: (c, 2) parameters of the corners, those of one face next to each other.
+        parameters: (n, 2) parameters of the vertices, in [0, 1) along a periodic direction.
+        corners: (c, 2) parameters of the corners, continuous within each face.
     """
 
     surface: Surface
@@ -74,13 +73,13 @@ def sheet(
     """A grid of quads, of triangles with random diagonals, or of hexagons.
 
     Args:
-        shape: from parameters to space.
-        columns: cells along a, and
-        rows: along b.
-        jitter: how far vertices are moved, in cells.
-        twist: how far the lines of constant a sway, in turns.
-        sides: of the faces: 3, 4 or 6.
-        seed: of the random choices.
+        shape: maps parameters (n, 2) to points (n, 3).
+        columns: number of cells along a.
+        rows: number of cells along b.
+        jitter: greatest displacement of vertices, in cells.
+        twist: amplitude of the sway of lines of constant a, in turns.
+        sides: sides of each face: 3, 4 or 6.
+        seed: seed of the random choices.
     """
     random = np.random.default_rng(seed)
     open_ended = shape is tube
@@ -119,14 +118,14 @@ def permute(mesh: Sheet, seed: int = 0) -> tuple[Sheet, np.ndarray]:
 
 
 def split_at_faces(surface: Surface) -> tuple[Surface, np.ndarray]:
-    """The mesh with vertices of their own for every face, and (n,) which vertex each was."""
+    """The mesh with separate vertices for every face, and (n,) the original vertex of each."""
     corners = np.arange(len(surface.corner_vertex))
     vertices = surface.vertices[surface.corner_vertex]
     return Surface.from_corners(vertices, corners, surface.face_start, surface.triangle_corners), surface.corner_vertex
 
 
 def nearest_map(points: np.ndarray, source: Surface) -> SurfaceMap:
-    """The map that sends each vertex of the target to the point of the source closest to one of points (n, 3)."""
+    """The map that sends each target vertex to the source point closest to its entry in points (n, 3)."""
     return SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
 
 
@@ -135,7 +134,7 @@ def identity(surface: Surface) -> SurfaceMap:
 
 
 def true_map(source: Sheet, columns: int, rows: int, parameters: np.ndarray) -> SurfaceMap:
-    """The map of points with parameters (n, 2) onto a source that is a plain grid of quads of that size."""
+    """The map of points with parameters (n, 2) onto a source sheet of columns by rows quads."""
     column, row = np.floor(parameters * [columns, rows] + 1e-9).astype(int).T
     cell = column % columns * rows + np.minimum(row, rows - 1)
     surface = source.surface
@@ -159,7 +158,7 @@ def sphere(directions: np.ndarray) -> Surface:
 
 
 def globe(columns: int, rows: int) -> tuple[Surface, np.ndarray]:
-    """A unit sphere by longitude and latitude, and (c, 2) its UVs: one island, one seam, fans at the poles."""
+    """A unit sphere by longitude and latitude, and its UVs (c, 2): one island, one seam, fans at the poles."""
     turn, height = np.meshgrid(np.arange(columns) / columns, np.arange(1, rows) / rows)
     angle, polar = 2 * np.pi * turn.ravel(), np.pi * height.ravel()
     ring = np.stack([np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tube that two joints bend, as a GLB file: with a seam of texture coordinates, a morph target and an animation."""
+"""Write a tube with two joints as a GLB file, with a UV seam, a morph target and an animation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from zoomout_core.assets.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
 from zoomout_core.samples.grids import grid_faces, triangles_of
 
 RINGS, SIDES, LENGTH = 13, 12, 4.0
-# An image of one pixel.
+# A one-pixel image.
 PNG = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c4944415408d763f8cfc0000003010100"
     "18dd8db00000000049454e44ae426082"
@@ -30,7 +30,7 @@ def tube(rings: int = RINGS, sides: int = SIDES) -> tuple[np.ndarray, np.ndarray
 
 
 def weights_of(height: np.ndarray) -> np.ndarray:
-    """(n, 2) of the lower joint and the upper one."""
+    """(n, 2) weights of the lower and the upper joint."""
     upper = np.clip((height / LENGTH - 0.3) / 0.4, 0, 1)
     return np.column_stack([1 - upper, upper])
 
@@ -39,10 +39,10 @@ def write_tube(path: Path, armature_scale: float = 1.0, bend: float = 0.0, parts
     """Write a tube whose armature node is scaled, with its upper joint bent by an angle in radians.
 
     Args:
-        path: of the .glb file.
-        armature_scale: of the node above the joints; the mesh is bound in the frame of that node.
-        bend: of the upper joint, about z.
-        parts: of the mesh, each a primitive with a material of its own.
+        path: path of the .glb file.
+        armature_scale: scale of the node above the joints; the mesh is bound in the frame of that node.
+        bend: rotation of the upper joint about z, in radians.
+        parts: number of primitives of the mesh, each with its own material.
     """
     positions, uv, triangles = tube()
     made = gltf.GLTF2(asset=gltf.Asset(version="2.0"), scene=0, scenes=[gltf.Scene(nodes=[0, 3])])

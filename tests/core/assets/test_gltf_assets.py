@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF files are read with all that they carry, and written so that they say the same."""
+"""glTF files are read with all their data, and a round trip keeps it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path:
     np.testing.assert_allclose(skin.weights.toarray(), weights_of(skin.rest[:, 1] * armature_scale), atol=1e-6)
     at_rest = skin.rest * armature_scale
     assert np.linalg.norm(at_rest[:, None] - positions, axis=2).min(axis=1).max() < 1e-5
-    # The end of the tube is turned about the joint by 0.9, what is below it stays.
+    # The end of the tube rotates about the joint by 0.9 radians; the part below stays.
     end, fixed = at_rest[:, 1] > 0.99 * LENGTH, at_rest[:, 1] < 0.29 * LENGTH
     turn = np.array([[np.cos(0.9), -np.sin(0.9), 0], [np.sin(0.9), np.cos(0.9), 0], [0, 0, 1]])
     joint = np.array([0, LENGTH / 2, 0])
@@ -63,7 +63,7 @@ def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path:
 
 
 def as_corners(asset: Asset) -> np.ndarray:
-    """(c, ...) where the corners are, their texture coordinates and weights, in an order of their own."""
+    """(c, ...) positions, texture coordinates, weights and rest positions of the corners, sorted by value."""
     uv = asset.find("uv 0")
     assert uv is not None
     assert asset.skin is not None
@@ -75,13 +75,13 @@ def as_corners(asset: Asset) -> np.ndarray:
 
 
 def write_normals(asset: Asset) -> Asset:
-    """The asset with smooth normals, as it is seen."""
+    """The asset with its smooth normals as a corner attribute."""
     smooth = vertex_normals(asset.surface.vertices, asset.surface.triangles)[asset.surface.corner_vertex]
     return replace(asset, attributes=(*asset.attributes, Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, smooth)))
 
 
 def turned_at(asset: Asset, name: str) -> np.ndarray:
-    """What turns with the surface, at its corners, in an order of their own."""
+    """(c, 3) values of a normal or offset attribute at the corners, sorted by position."""
     attribute, surface = asset.find(name), asset.surface
     assert attribute is not None
     values = attribute.values if attribute.domain is Domain.CORNER else attribute.values[surface.corner_vertex, 0]
@@ -104,7 +104,7 @@ def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
     assert after is not None
     np.testing.assert_array_equal(after.inverse_bind, before.inverse_bind)
     assert after.names == before.names
-    # Half of what moves the joints, and the morph target, goes by the new node.
+    # The rotation channel keeps its joint; the weights channel targets the node of the new mesh.
     old, new = Document(path), Document(there)
     (animation,) = new.gltf.animations
     assert [channel.target.path for channel in animation.channels] == ["rotation", "weights"]
@@ -114,7 +114,7 @@ def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
         was = old.gltf.animations[0].samplers[number]
         np.testing.assert_array_equal(new.array(sampler.output), old.array(was.output))
     assert new.gltf.meshes[0].extras == {"targetNames": ["Lean"]}
-    # Nothing of the former mesh is left behind.
+    # The old mesh is gone.
     assert sum(node.mesh is not None for node in new.gltf.nodes) == 1
 
 

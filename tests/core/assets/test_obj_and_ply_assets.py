@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OBJ and PLY files keep texture coordinates, colours and materials, and say what they cannot hold."""
+"""OBJ and PLY files keep texture coordinates, colours and materials; data that they cannot store is reported."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def made() -> Asset:
 def test_what_is_written_is_read_again(tmp_path: Path, made: Asset, ending: str) -> None:
     notes = write_asset(made, tmp_path / f"a{ending}")
     again = read_asset(tmp_path / f"a{ending}")
-    order = [1, 0] if ending == ".obj" else [0, 1]  # faces of a material stand together
+    order = [1, 0] if ending == ".obj" else [0, 1]  # OBJ groups faces by material
     corners = np.concatenate([np.split(np.arange(7), [4])[face] for face in order])
     np.testing.assert_array_equal(again.surface.corner_vertex, made.surface.corner_vertex[corners])
     np.testing.assert_allclose(again.surface.vertices, made.surface.vertices)

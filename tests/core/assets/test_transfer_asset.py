@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an asset carries, on another mesh: bound to the joints at rest, in whatever pose it stood."""
+"""Assets transfer to a mesh in any pose, which is then bound to the joints at rest."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ pytestmark = pytest.mark.usefixtures("remember_matches")
 
 
 def finer_tube() -> Surface:
-    """The tube by other rings and sides, closed along its seam."""
+    """The tube with other rings and sides, closed along its seam."""
     positions, _, triangles = tube(31, 20)
     _, first, number = np.unique(np.round(positions, 9), axis=0, return_index=True, return_inverse=True)
     return Surface(positions[first], number.ravel()[triangles])
 
 
 def matched(source: Asset, at_rest: np.ndarray) -> Any:
-    """The map by which points at rest lie on the source, taken for certain."""
+    """A match of points at rest to their closest points on the source, with full confidence."""
     assert source.skin is not None
     triangles = source.surface.triangles
     surface_map = SurfaceMap(*closest_points(at_rest, source.skin.rest, triangles), triangles)
@@ -39,7 +39,7 @@ def matched(source: Asset, at_rest: np.ndarray) -> Any:
 
 
 def bent(points: np.ndarray, angle: float) -> np.ndarray:
-    """Points as two joints take them, of which the upper one is turned about z."""
+    """Pose points by the two joints; the upper one rotates about z."""
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     joint = np.array([0, LENGTH / 2, 0])
     upper = weights_of(points[:, 1])[:, 1:]
@@ -57,7 +57,7 @@ def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.skin is not None
-    # At rest it lies where it was made, in the frame of the armature.
+    # The rest shape is the generated one, in the frame of the armature.
     off = np.linalg.norm(again.skin.rest[:, None] - 10 * made.vertices, axis=2).min(axis=1)
     assert np.median(off) < 0.01 * 10 * LENGTH
     assert off.max() < 0.05 * 10 * LENGTH

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several targets of one source: those that are sure speak for one that is not."""
+"""Confident matches of one source to several targets correct a doubtful one."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def results() -> dict[str, zo.MatchResult]:
 
 
 def sure(result: zo.MatchResult) -> zo.MatchResult:
-    """The same match, as sure as one of finer meshes."""
+    """The same match with the certainty of a match of finer meshes."""
     first, *others = result.candidates
     return replace(result, candidates=(replace(first, certainty=0.99), *others))
 
 
 def doubtful(result: zo.MatchResult) -> zo.MatchResult:
-    """The same match with a wrong candidate first, of which it is not sure."""
+    """The same match with an uncertain, wrong candidate first."""
     right = result.candidates[0]
     wrong = replace(
         right,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A collection from files to maps that agree, and to a report."""
+"""Match a collection from files to consistent maps and a report."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from zoomout_core.mesh.surface import MeshError, PointCloud
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
-# Seeds and poses of four creatures that are one.
+# Seeds and poses of four meshes of one creature.
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
 
 
@@ -42,7 +42,7 @@ def made(name: str, count: int = 700) -> Creature:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four creatures, and a file that is none."""
+    """Four creatures, and a broken file."""
     place = tmp_path_factory.mktemp("shapes")
     for name in POSES:
         write_shape(made(name).surface, place / f"{name}.ply")
@@ -141,11 +141,11 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
                     sent[done.result.name] = [name for name in done.result.content if name.startswith("cache")]
                 yield done
 
-    zo.forget_shapes()  # what is in memory is not stored again
+    zo.forget_shapes()  # shapes in memory would not be stored again
     sent: dict[str, list[str]] = {}
     files = [folder / "a.ply", folder / "b.ply"]
     found = match_collection(files, tmp_path, template=files[0], options=FAST, engine=Elsewhere())
-    assert {name: len(prepared) for name, prepared in sent.items()} == {"a": 1, "b": 1}  # each its own alone
+    assert {name: len(prepared) for name, prepared in sent.items()} == {"a": 1, "b": 1}  # each sends its own
     assert memory_cache._folder is None
     assert list(found.records) == [PairName("a", "b")]
     one, two = (np.load(place / place_of_map(PairName("a", "b"))) for place in (matched.folder, tmp_path))
@@ -161,7 +161,7 @@ def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
         shutil.copytree(matched.folder / made_before, tmp_path / made_before)
 
     def with_a_wrong_one(path: Path) -> CandidateMaps:
-        """The maps of a file; of one pair with a wrong map before the right one, or in its place."""
+        """Load the maps of a file; for one pair, insert a wrong map before the right one or replace it."""
         maps = load_candidate_maps(path)
         if path != (tmp_path / place_of_map(wrong)).resolve():
             return maps
@@ -182,7 +182,7 @@ def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     assert found.agreement.before[wrong] > found.agreement.after[wrong]
     record = found.records[wrong]
     assert (record.candidate, record.through in ("a", "c")) == ((1, False) if others else (0, True))
-    if not others:  # the map through another shape is the right one
+    if not others:  # the map through another shape is right
         true = true_vertex(made("b"), made("d"))
         places = made("b").surface.vertices
         images = places[found.surface_map(*wrong).vertex]

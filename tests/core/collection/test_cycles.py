@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Candidates that agree: a flip is outvoted, and where no candidate is right a third shape leads to one that is."""
+"""Cycles choose consistent candidates: they outvote a flip, or map through a third shape if no candidate is right."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ SAME, FLIPPED, SHIFTED = np.arange(SAMPLES), np.arange(SAMPLES)[::-1], np.roll(n
 
 
 def strip() -> ShapeSummary:
-    """A strip of length two, which is its own mirror image."""
+    """A strip of length two with mirror symmetry."""
     distances = np.abs(PLACES[:, None] - PLACES)
     points = np.column_stack([PLACES, 0 * PLACES, 0 * PLACES])
     return ShapeSummary("00", SAME, points, distances, np.zeros(1))
 
 
 def candidates(*maps: np.ndarray, certainty: float = 0.9) -> CandidateMaps:
-    """Candidates of a pair, of which the first has a certainty."""
+    """Candidates of a pair; the first has the given certainty, the others 0.05."""
     rest = [0.05] * (len(maps) - 1)
     backward = [np.argsort(each) for each in maps]
     return CandidateMaps(np.array(maps), np.array(backward), np.array([certainty, *rest]), np.zeros(len(maps), bool))
 
 
 def collection(count: int) -> tuple[dict[PairName, CandidateMaps], dict[str, ShapeSummary]]:
-    """All pairs of equal strips, the right map of each first."""
+    """All pairs of equal strips; the right map is each pair's first candidate."""
     names = [f"s{number}" for number in range(count)]
     maps = {PairName(*pair): candidates(SAME, FLIPPED) for pair in combinations(names, 2)}
     return maps, dict.fromkeys(names, strip())
@@ -58,13 +58,13 @@ def test_a_flip_is_outvoted_though_it_is_sure_of_itself() -> None:
 
 
 def test_a_shape_that_is_flipped_as_such_costs_most_of_its_pairs_their_candidates_only_if_these_are_unsure() -> None:
-    # Its cycles close: nothing but the certainty of its maps tells that it is flipped.
+    # Its cycles close, so only the certainty of its maps can reveal the flip.
     maps, shapes = collection(5)
     of_shape = [pair for pair in maps if "s2" in pair]
     for pair in of_shape:
         maps[pair] = candidates(FLIPPED, SAME, certainty=0.9)
     assert agreeing(maps, shapes.__getitem__).changed == []
-    # Three of four choices are turned back together, which no single change of a pair would gain.
+    # Three of four choices change together; changing a single pair would gain nothing.
     for pair in of_shape[:3]:
         flipped = candidates(FLIPPED, SAME, certainty=0.3)
         flipped.certainty[1] = 0.6

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What runs tasks: each after those it needs, and none that fails takes others with it."""
+"""Engines run each task after its dependencies; a failed task does not stop unrelated ones."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_progress_goes_through_each_task_under_the_title_of_the_whole() -> None:
     with progress(told.append):
         assert {done.key: done.result for done in run_tasks(InThisProcess(), CHAIN, titled)} == EXPECTED
     assert told[0] == Progress(0, "0 of 4")
-    assert Progress(0.125, "0 of 4") in told  # halfway through the first
+    assert Progress(0.125, "0 of 4") in told  # halfway through the first task
     assert told[-1] == Progress(1, "4 of 4")
     assert [one.fraction for one in told] == sorted(one.fraction for one in told)
     assert {one.stage for one in told} == {titled(ended) for ended in range(5)}
@@ -94,7 +94,7 @@ def test_progress_goes_through_each_task_under_the_title_of_the_whole() -> None:
 
 def test_a_task_of_this_process_can_be_cancelled_halfway() -> None:
     def listen(latest: Progress) -> None:
-        if latest.fraction > 0.5:  # within the third
+        if latest.fraction > 0.5:  # within the third task
             raise Cancelled
 
     ended = []
@@ -131,7 +131,7 @@ def test_what_may_pass_is_tried_again(tmp_path: Path, retries: int, expected: ob
 def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
     again = Task("again", fail_at_first, (tmp_path / "marks",))
     assert results(cluster, [*CHAIN, again]) == {**EXPECTED, "again": 2}
-    # The same keys once more are other tasks.
+    # Keys of an earlier run may be used again.
     assert results(cluster, CHAIN) == EXPECTED
 
 

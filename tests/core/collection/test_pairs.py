@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which pairs of a collection are matched."""
+"""Selection of the pairs of a collection to match."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_all_pairs_are_taken_once() -> None:
 
 
 def test_neighbours_are_alike_and_all_are_joined() -> None:
-    # Two groups of three, one twice as wide as the other, whose own spectra hardly differ.
+    # Two groups of three; spectra differ by a factor of two between groups, and hardly within a group.
     spectra = {
         f"{group}{number}": group * np.arange(60.0) * (1 + 0.01 * number) for group in (1, 2) for number in range(3)
     }

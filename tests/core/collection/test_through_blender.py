@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a collection asks of Blender, by a program that stands in for it: what is there is not asked for again."""
+"""A collection calls Blender, here a stand-in program, only for files that it has not converted yet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zoomout_core.mesh.blender_files import blender_command
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
 
-# Files of this Blender are PLY files with another ending. Like Blender, it says what it likes on the way.
+# This stand-in reads PLY files with other suffixes. Like Blender, it also prints unrelated lines.
 STAND_IN = """#!{python}
 import json, shutil, sys
 from pathlib import Path
@@ -58,7 +58,7 @@ def program(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A template, targets of several formats, and one that is broken."""
+    """A template, targets of several formats, and a broken target."""
     place = tmp_path / "shapes"
     place.mkdir()
     for number, name in enumerate(("hero.blend", "scan.fbx", "other.ply", "last.off", "naked.blend")):
@@ -108,7 +108,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     assert status == 3
     asked = calls(program)
     roles = {Path(each[1]).name: each[3] for each in asked if each[0] == "surface"}
-    # What Blender does not import is read here, and handed on as PLY.
+    # Formats that Blender cannot import are read here and passed on as PLY.
     assert roles == dict.fromkeys(("broken.blend", "naked.blend", "other.ply", "scan.fbx"), "target") | {
         "hero.blend": "source"
     }
@@ -126,7 +126,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     notes = ["All is well.", "'Eye' received no data: It has none."]
     assert report["transferred"] == dict.fromkeys(("scan", "other", "last"), notes)
 
-    # Once more: nothing but what failed is tried again.
+    # A second run retries only the files that failed.
     assert run(folder, output, *more)[0] == 3
     assert sorted(Path(each[1 if each[0] == "surface" else 2]).name for each in calls(program)) == [
         "broken.blend",
@@ -134,7 +134,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     ]
     assert json.loads((output / "report.json").read_text())["transferred"] == report["transferred"]
 
-    # What was changed or lost is made again, and all of it on demand.
+    # Changed or lost files are rebuilt, and all files on demand.
     write_shape(creature(300, seed=1, bend=0.7, asymmetry=0.3).surface, folder / "made.ply")
     (folder / "made.ply").replace(folder / "scan.fbx")
     (output / "meshes" / "other.blend").unlink()
@@ -197,7 +197,7 @@ def test_the_program_is_what_is_given_else_what_the_environment_names(
     monkeypatch.setenv(blender_files.PROGRAM, str(program))
     assert blender_command()[0] == str(program)
     assert blender_command(sys.executable)[0] == sys.executable
-    # Every command reads the shape of such files then.
+    # With the program set, all readers accept these files.
     assert len(read_surface(folder / "hero.blend").vertices) == 300
     assert len(read_asset(folder / "scan.fbx").surface.vertices) == 300
     with pytest.raises(MeshError, match=r"^It is broken\.$"):

@@ -29,7 +29,7 @@ def at(vertices: np.ndarray, triangles: np.ndarray, triangle: np.ndarray, baryce
 
 def test_closest_points_are_the_closest_of_all_triangles() -> None:
     random = np.random.default_rng(0)
-    # Triangles of very different sizes, crossing each other.
+    # Intersecting triangles of very different sizes.
     centres = random.standard_normal((60, 1, 3)) * 2
     soup = (centres + random.standard_normal((60, 3, 3)) * 10 ** random.uniform(-2, 0.5, (60, 1, 1))).reshape(-1, 3)
     triangles = np.arange(180).reshape(-1, 3)
@@ -88,7 +88,7 @@ def test_projection_in_an_embedding_is_never_farther_than_the_nearest_vertex(res
     random = np.random.default_rng(2)
     vertices, triangles = resting.surface.vertices, resting.surface.triangles
     lift = np.linalg.qr(random.standard_normal((40, 3)))[0].T
-    embedding = vertices @ lift  # distances in the embedding are those in space
+    embedding = vertices @ lift  # distances in the embedding equal those in space
     points = vertices[random.integers(len(vertices), size=2000)] + random.normal(scale=0.02, size=(2000, 3))
     nearest = np.argmin(((points[:, None] - vertices) ** 2).sum(axis=2), axis=1)
     triangle, barycentric = project_to_embedding(
@@ -98,7 +98,7 @@ def test_projection_in_an_embedding_is_never_farther_than_the_nearest_vertex(res
     found, best = (
         np.linalg.norm(at(vertices, triangles, *place) - points, axis=1) for place in ((triangle, barycentric), exact)
     )
-    np.testing.assert_allclose(found, best, atol=1e-4)  # of single precision
+    np.testing.assert_allclose(found, best, atol=1e-4)  # single precision
 
 
 def test_barycentric_coordinates_cover_all_seven_regions() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closest points next to normals that agree, whatever the size of the triangles."""
+"""Closest points with similar normals, for triangles of any size."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_groups_keep_to_themselves(unit: float) -> None:
 
 
 def test_of_two_layers_that_face_alike_the_nearer_one_is_found() -> None:
-    # The upper one winds downwards, and is said to.
+    # The upper sheet is wound downwards and marked as flipped.
     surface = OrientedSurface(SHEETS, CORNERS, np.array([False, False, True, True]), 0.03)
     for height, found in ((0.006, (0, 1)), (0.014, (2, 3))):
         assert surface.closest(np.array([[0.3, 0.6, height]]), UP)[0] in found
@@ -72,7 +72,7 @@ def test_it_finds_what_the_exact_search_finds(unit: float) -> None:
 
 def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, -1, 0.0], [1, 0, 0]])
-    triangles = np.array([[0, 1, 2], [0, 3, 4]])  # of areas 2 and 0.5
+    triangles = np.array([[0, 1, 2], [0, 3, 4]])  # areas 2 and 0.5
     points, triangle = surface_samples(vertices, triangles, 1000)
     assert (triangle == 0).mean() == pytest.approx(0.8, abs=0.01)
     assert (points[triangle == 0] >= 0).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rotations and similarities that align point sets: one pair or many, weighted, of either handedness, of any scale."""
+"""Rotations and similarities that align point sets: one or many pairs, weighted, of either handedness and any scale."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_the_nearest_rotation_is_one_and_a_reflection_where_it_is_asked_for(hand
     found = nearest_rotations(matrices, np.full(40, handed))
     np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(found), handed)
-    # No other one of many is nearer.
+    # No other of many rotations is nearer.
     others = nearest_rotations(np.random.default_rng(1).normal(size=(500, 3, 3)), np.full(500, handed))
     best = np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)
     assert (np.linalg.norm(matrices - found, axis=(1, 2)) <= best + 1e-12).all()
@@ -130,7 +130,7 @@ def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
     np.testing.assert_allclose(rotations_of_blends(blends), nearest_rotations(blends), atol=1e-5)
     clear = np.einsum("nb,nbij->nij", np.tile([0.9, 0.1, 0, 0], (100, 1)), turns)
     np.testing.assert_allclose(rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
-    # The least clear of those that are, which takes longest.
+    # A blend just above the limit, which converges slowest.
     barely = np.diag([1, 1, 0.144])[None]
     assert np.linalg.det(barely) > CLEAR_BLEND * np.linalg.norm(barely) ** 3 > 0.99 * np.linalg.det(barely)
     np.testing.assert_allclose(rotations_of_blends(barely), [np.eye(3)], atol=5e-5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values smoothed over a mesh, held by weights."""
+"""Screened smoothing of values over a mesh, with weights."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""SHOT descriptors say what the surroundings of a vertex look like, wherever the shape stands."""
+"""SHOT descriptors depend on the neighbourhood of a vertex, not on the placement of the shape."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_copy_that_is_moved_turned_scaled_and_permuted_has_the_same_descriptor
     rotation *= np.sign(np.linalg.det(rotation))
     order = random.permutation(600)
     vertices = (made.surface.vertices @ rotation * 9 + [5, 6, 7])[order]
-    triangles = np.argsort(order)[made.surface.triangles[:, ::-1]]  # and wound the other way
+    triangles = np.argsort(order)[made.surface.triangles[:, ::-1]]  # with the opposite winding
     found = shot(Surface(vertices, triangles), 0.25)
     np.testing.assert_allclose(found, descriptors[order], atol=1e-10)
     assert (cKDTree(descriptors).query(found)[1] == order).mean() > 0.97
@@ -50,14 +50,14 @@ def test_the_mirror_image_has_other_descriptors(made, descriptors) -> None:
 
 
 def test_other_meshes_of_the_surface_have_nearly_the_same_descriptors(made, descriptors) -> None:
-    # Twice as dense on one side: areas make up for it.
+    # The mesh is twice as dense on one side; weighting by area compensates.
     where = np.concatenate([directions(800, seed=4), directions(800, seed=5)])
     keep = (where[:, 2] > 0) | (np.arange(1600) < 800)
     ball = where[keep] * [1, 0.7, 0.5]
     even = directions(1000, seed=6) * [1, 0.7, 0.5]
     dense, plain = (shot(Surface(p, ConvexHull(p / [1, 0.7, 0.5]).simplices), 0.3) for p in (ball, even))
     nearest = cKDTree(even).query(ball)[1]
-    # Ends of the axes are symmetric to either axis of theirs; what lies between is not.
+    # Local frames are ambiguous near the ends of the axes, so compare between them.
     between = (np.abs(ball / [1, 0.7, 0.5]) > 0.3).all(axis=1)
     assert np.median((dense * plain[nearest]).sum(axis=1)[between]) > 0.95
 
@@ -70,7 +70,7 @@ def test_on_a_sphere_all_vertices_are_alike_and_on_a_creature_they_are_not(descr
 
 
 def test_neighbours_are_shared_among_the_bins_beside_them() -> None:
-    # In the middle of the bins: azimuth 22.5 degrees, elevation 45, radius 1/4, cosine 0.
+    # Bin centres: azimuth 22.5 degrees, elevation 45 degrees, radius 1/4, cosine 0.
     turn = np.pi / 8
     local = np.array([[np.cos(turn), np.sin(turn), 1.0]])
     one, zero = np.array([1.0]), np.array([0])
@@ -84,7 +84,7 @@ def test_neighbours_are_shared_among_the_bins_beside_them() -> None:
     np.testing.assert_allclose(histogram(distance=0.5)[0, 1, :, 5], [1, 1])
     np.testing.assert_allclose(histogram(cosine=0.5 / 11)[0, 1, 0, 4:8], [0, 1.5, 0.5, 0])
     np.testing.assert_allclose(histogram(np.array([[1.0, 0, 1]]))[:, 1, 0, 5], [1, 0, 0, 0, 0, 0, 0, 1], atol=1e-12)
-    # Beyond the last middle nothing is lost.
+    # Beyond the outermost bin centres nothing is lost.
     assert histogram(cosine=1.0)[0, 1, 0, 10] == pytest.approx(2)
     assert histogram(distance=1.0)[0, 1, 1, 5] == pytest.approx(2)
     assert histogram(local * [1, 1, -9])[0, 0, 0, 5] == pytest.approx(2)

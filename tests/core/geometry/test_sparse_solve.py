@@ -11,7 +11,7 @@ from zoomout_core.geometry.sparse_solve import factorise
 
 
 def second_differences(n: int) -> csc_array:
-    """(n, n) the stiffness of a chain, plus a little mass."""
+    """(n, n) stiffness of a chain, plus a small mass."""
     return csc_array(diags_array([-np.ones(n - 1), np.full(n, 2.01), -np.ones(n - 1)], offsets=[-1, 0, 1]))
 
 
@@ -24,7 +24,7 @@ def test_many_right_hand_sides_are_solved_for() -> None:
 
 
 def test_pivots_are_those_of_the_diagonal_whose_signs_are_the_inertia() -> None:
-    # Off-diagonal entries are larger than some on the diagonal: partial pivoting would take these.
+    # Some off-diagonal entries exceed the diagonal, so partial pivoting would choose them.
     matrix = csc_array(np.array([[1.0, 3.0, 0.0], [3.0, 10.0, 2.0], [0.0, 2.0, -5.0]]))
     factors = factorise(matrix)
     np.testing.assert_array_equal(factors.perm_r, factors.perm_c)

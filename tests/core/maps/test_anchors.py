@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Anchors weigh as much as the eigenfunctions that they stand beside, however many there are of either."""
+"""Anchors weigh as much as eigenfunctions in an embedding, for any number of either."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from zoomout_core.maps.anchors import Anchors, beside, coordinates
 
 @pytest.mark.parametrize(("k", "m"), [(4, 1), (4, 9), (30, 2)])
 def test_eigenfunctions_and_anchors_weigh_the_same(k: int, m: int) -> None:
-    # One place differs in every eigenfunction, another as much, or a little more, in every anchor.
+    # One place differs by 1 in every eigenfunction, the other by `share` in every anchor.
     for share, nearest in ((1.05, 0), (0.95, 1)):
         rows = np.vstack([np.ones((1, k)), np.zeros((1, k))])
         anchors = share * np.vstack([np.zeros((1, m)), np.ones((1, m))])

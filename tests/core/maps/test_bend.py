@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bent maps meet places, few or many, and stay calm between them."""
+"""Bent maps interpolate few or many places and stay smooth between them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ UNIT = float(np.sqrt(SURFACE.area))
 
 
 def bent(places: np.ndarray, moves: np.ndarray) -> np.ndarray:
-    """(n, 3) by how much the images of a map onto itself are moved."""
+    """(n, 3) displacements of the images of the identity map."""
     meshes = SURFACE.vertices, SURFACE.vertices, SURFACE.triangles
     return bend.bend(OWN, *meshes, places, moves, 0.1 * UNIT).interpolate(SURFACE.vertices) - SURFACE.vertices
 
 
 def along_surface(places: np.ndarray, seed: int = 0) -> np.ndarray:
-    """(l, 3) small displacements to other vertices, as landmarks that were placed with a little care."""
+    """(l, 3) displacements to nearby vertices, like those of imprecisely placed landmarks."""
     near = np.linalg.norm(SURFACE.vertices[places][:, None] - SURFACE.vertices, axis=2).argsort(axis=1)
     other = near[np.arange(len(places)), np.random.default_rng(seed).integers(0, 5, len(places))]
     return SURFACE.vertices[other] - SURFACE.vertices[places]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps of a collection through one latent space: they close every cycle, and are no worse for it."""
+"""Maps of a collection through one latent space close every cycle without losing accuracy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BASES = [zo.eigenbasis(made.surface, 40) for made in CREATURES]
 
 
 def start(source: int, target: int) -> np.ndarray:
-    """A rough map: the true one, of twelve functions, and noise."""
+    """A rough map: the true one in twelve functions, plus noise."""
     true = zo.functional_map_of(true_vertex(CREATURES[source], CREATURES[target]), BASES[source], BASES[target], 12, 12)
     return true + 0.1 * np.random.default_rng(source + 3 * target).standard_normal(true.shape)
 

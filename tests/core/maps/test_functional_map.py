@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pointwise maps become functional ones and back, to vertices or to points of triangles."""
+"""Pointwise maps convert to functional maps and back, to vertices or to points of triangles."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_precise_map_of_the_identity_is_the_identity(resting, bases) -> None
 
 
 def test_points_on_triangles_are_nearer_than_vertices(resting: Creature, bases) -> None:
-    """On the same pose meshed anew the true image of a point is the point itself."""
+    """On another mesh of the same pose, the true image of a point is the point itself."""
     finer = creature(6000, seed=4)
     basis = zo.eigenbasis(finer.surface, 60)
     C = zo.zoomout(bases[0], basis, true_vertex(resting, finer), k_final=60).functional_map
@@ -59,7 +59,7 @@ def test_points_on_triangles_are_nearer_than_vertices(resting: Creature, bases) 
 
 
 def test_the_precise_map_crosses_borders_that_coincide(resting: Creature, bases, truth) -> None:
-    """Split along all edges, and with a vertex that no face uses, the source receives the same points."""
+    """Splitting the source along all edges and adding an unused vertex does not change the image points."""
     C = zo.functional_map_of(truth, *bases, 40, 40)
     corners = resting.surface.triangles.ravel()
     soup = zo.Surface(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functional maps that are fitted to descriptors: each term of the energy does what it is there for."""
+"""Functional maps fit descriptors, and each term of the energy has its intended effect."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def source() -> Creature:
 
 @pytest.fixture(scope="module")
 def copy(source: Creature) -> tuple[zo.Surface, np.ndarray]:
-    """The source permuted, turned and moved, and for each of its vertices the original one."""
+    """A permuted, rotated and moved copy of the source, and the original vertex of each of its vertices."""
     random = np.random.default_rng(3)
     order = random.permutation(len(source.surface.vertices))
     rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
@@ -65,7 +65,7 @@ def operators_of(source, copy, bases, signatures, k: int) -> tuple[np.ndarray, n
 
 
 def energy_of(F, G, left, right, mask):
-    """The energy, as its formula says, of a map."""
+    """The energy of a map C, computed directly by its formula."""
 
     def energy(C: np.ndarray) -> float:
         commuting = sum(((L @ C - C @ R) ** 2).sum() for L, R in zip(left, right, strict=True))
@@ -90,7 +90,7 @@ def test_gradient_and_curvature_are_the_derivatives_of_the_energy(part: str) -> 
     np.testing.assert_allclose(matrix @ C.ravel(), fit.curvature(C).ravel(), rtol=1e-9)
     np.testing.assert_allclose(np.diag(matrix).reshape(3, 4), fit.diagonal_curvature(), rtol=1e-9)
     np.testing.assert_allclose(fit.compress().gradient(C), fit.gradient(C), rtol=1e-9)
-    # The constant function goes to itself, whatever sign the others take.
+    # Average over the signs of all functions but the constant one.
     signs = np.stack(np.meshgrid(*[[-1, 1]] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     mean = np.mean([energy(np.eye(3, 4) * [1, *sign, 0]) for sign in signs])
     np.testing.assert_allclose(fit.mean_value(), mean, rtol=1e-9)
@@ -180,7 +180,7 @@ def test_the_orientation_tells_a_copy_from_its_mirror_image(
     source, copy, bases, signatures, orientation, reflected
 ) -> None:
     surface, same = copy
-    if reflected:  # what keeps the orientation of the copy reverses that of its mirror image
+    if reflected:  # a map that preserves the orientation of the copy reverses that of its mirror image
         surface = zo.Surface(surface.vertices * [1, 1, -1], surface.triangles[:, ::-1])
     of_orientation = operators_of(source, (surface, same), bases, signatures, 16)
     C = zo.fit_functional_map(*bases, *signatures, 16, orientation=orientation, orientation_operators=of_orientation)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match in a file is taken for the surfaces that it is of, and for no others."""
+"""A match file is accepted only for the surfaces that it was computed for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRUSTED = np.linspace(0, 1, 100)
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """The file of a match."""
+    """A match file."""
     vertex = np.arange(100) % 90
     surface_map = zo.SurfaceMap.from_vertices(vertex, SOURCE)
     surface_map.save(tmp_path / "map.npz", confidence=TRUSTED, has_partner=TRUSTED > 0.2)

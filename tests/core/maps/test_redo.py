@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map that is replaced in a part of the target, and kept elsewhere."""
+"""A map is replaced in a masked part of the target and kept elsewhere."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
     ends = BODY.edges
     across = np.abs(shares[ends[:, 0]] - shares[ends[:, 1]])
     long = np.linalg.norm(np.ptp(BODY.vertices[ends], axis=1), axis=1)
-    # A smooth step is one and a half times as steep as a straight one.
+    # A smoothstep is at most 1.5 times as steep as a linear ramp.
     assert (across <= 1.5 * long / (TRANSITION_WIDTH * np.sqrt(BODY.area)) + 1e-9).all()
 
 
@@ -62,5 +62,5 @@ def test_between_old_and_new_lies_the_mixture(share):
     of_target[0][: len(ends)], of_target[1][: len(ends)] = ends.T
     before, after = (zo.SurfaceMap.from_vertices(vertex, BODY) for vertex in of_target)
     made = redone(before, after, np.full(len(X), share), BODY).interpolate(BODY.vertices)[: len(ends)]
-    wanted = (1 - share) * BODY.vertices[ends[:, 0]] + share * BODY.vertices[ends[:, 1]]  # on the edges themselves
+    wanted = (1 - share) * BODY.vertices[ends[:, 0]] + share * BODY.vertices[ends[:, 1]]  # on the edges
     np.testing.assert_allclose(made, wanted, atol=1e-9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map to points on triangles carries values, inverts, extends to any point, and survives a file."""
+"""A map to points on triangles transfers values, inverts, extends to any point, and can be saved and loaded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 
 @pytest.fixture(scope="module")
 def finer() -> Creature:
-    """The resting creature, meshed anew in the same pose."""
+    """Another mesh of the resting creature in the same pose."""
     return creature(6000, seed=4)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the papers prove or observe of functional maps and ZoomOut, on a made shape and on a scanned person."""
+"""Results of the papers on functional maps and ZoomOut, tested on a generated shape and a scanned person."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def shapes(request: pytest.FixtureRequest, resting: Creature, bent: Creature) ->
 
 
 def laplacian(surface: zo.Surface, functions: np.ndarray) -> np.ndarray:
-    """(n, d) the Laplacian of functions (n, d) at the vertices, at unit area."""
+    """(n, d) Laplacian of functions (n, d) at the vertices, at unit area."""
     stiffness, areas = mesh_laplacian(surface.working.vertices, surface.working.triangles)
     return (stiffness @ functions) / areas[:, None]
 
 
 def test_a_map_is_an_isometry_exactly_when_its_functional_map_is_diagonal_and_orthonormal(shapes: Shapes) -> None:
-    """And exactly when it commutes with the Laplacian: a moved copy gives all of it, a stretched one nothing."""
+    """It also commutes with the Laplacian exactly then: a moved copy has all properties, a stretched one none."""
     random, source = np.random.default_rng(3), shapes.source
     order = random.permutation(len(source.vertices))
     place = np.argsort(order)
@@ -52,7 +52,7 @@ def test_a_map_is_an_isometry_exactly_when_its_functional_map_is_diagonal_and_or
     functions = random.standard_normal((len(order), 3))
 
     def misses(vertices: np.ndarray) -> tuple[float, float, float]:
-        """How far C is from orthonormal and from diagonal, and the pull-back from commuting with the Laplacian."""
+        """Deviation of C from orthonormal and from diagonal, and of the pull-back from commuting with the Laplacian."""
         copy = zo.Surface(vertices[order], place[source.triangles])
         C = zo.functional_map_of(order, shapes.basis_source, zo.eigenbasis(copy, 60))
         before, after = laplacian(source, functions)[order], laplacian(copy, functions[order])
@@ -67,7 +67,7 @@ def test_a_map_is_an_isometry_exactly_when_its_functional_map_is_diagonal_and_or
 
 
 def test_zoomout_lowers_its_energy_from_step_to_step(shapes: Shapes) -> None:
-    """Of the pointwise map at each step, in more functions than the step has."""
+    """The energy of each step's pointwise map is evaluated in all functions of the bases."""
     C = zo.functional_map_of(shapes.truth, shapes.basis_source, shapes.basis_target, 8, 8)
     vertex = zo.vertex_map_of(C, shapes.basis_source, shapes.basis_target)
     energy = []
@@ -103,7 +103,7 @@ def test_refining_both_ways_comes_closer_to_a_bijection(shapes: Shapes) -> None:
     together = [refined.vertex for refined in zo.zoomout_both_ways(*bases, C, k_final=60)]
 
     def miss(there: np.ndarray, back: np.ndarray) -> float:
-        """How far the source's vertices are from where they return to."""
+        """Mean distance of the source's vertices from their images after a round trip."""
         points = shapes.source.vertices
         return float(np.linalg.norm(points[there[back]] - points, axis=1).mean())
 

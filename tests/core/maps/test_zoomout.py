@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What theory says of functional maps and of ZoomOut holds for the implementation."""
+"""The implementation has the theoretical properties of functional maps and ZoomOut."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def basis(resting: Creature) -> SpectralBasis:
 
 @pytest.fixture(scope="module")
 def moved(resting: Creature) -> tuple[Surface, np.ndarray]:
-    """A permuted, rigidly moved, rescaled copy, and for each of its vertices the original one."""
+    """A permuted, rigidly moved and rescaled copy, and the original vertex of each of its vertices."""
     random = np.random.default_rng(3)
     order = random.permutation(len(resting.surface.vertices))
     place = np.empty_like(order)
@@ -128,7 +128,7 @@ def test_samples_can_be_chosen(basis, moved_basis, moved) -> None:
     counted = zoomout(basis, moved_basis, C, k_final=60, samples=200)
     named = zoomout(basis, moved_basis, C, k_final=60, samples=farthest)
     assert np.array_equal(named.functional_map, counted.functional_map)
-    # Each shape may have samples of its own number; a repeated one tells nothing more and does no harm.
+    # Each shape may have its own number of samples; repeated samples do no harm.
     source, target = farthest_points(basis.points, 900), farthest_points(moved_basis.points, 120)
     any_others = zoomout(basis, moved_basis, C, k_final=40, samples=(source[::-1], np.repeat(target, 2)))
     assert (any_others.vertex == moved[1]).mean() > 0.99
@@ -169,7 +169,7 @@ def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, basis
 
 @pytest.fixture(scope="module")
 def half(bent: Creature) -> tuple[Surface, np.ndarray]:
-    """The left half of the bent creature, and the numbers that its vertices have there."""
+    """The left half of the bent creature, and the original numbers of its vertices."""
     inside = (bent.directions[:, 0] > 0.1)[bent.surface.triangles].all(axis=1)
     used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
     return Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)), used
@@ -191,7 +191,7 @@ def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, basis, h
 
     slanted = missed(zoomout(basis, other, truth, sizes=sizes).vertex)
     assert slanted < 0.8 * missed(zoomout(basis, other, truth, k_final=100).vertex)
-    assert slanted < 0.8 * missed(zoomout(basis, eigenbasis(part, 100), truth, sizes=sizes).vertex)  # not at scale
+    assert slanted < 0.8 * missed(zoomout(basis, eigenbasis(part, 100), truth, sizes=sizes).vertex)  # not rescaled
 
 
 def test_wholes_have_square_sizes(basis: SpectralBasis, moved_basis: SpectralBasis) -> None:
@@ -321,7 +321,7 @@ def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
 @pytest.mark.parametrize(("dimension", "noise"), [(20, 0.01), (60, 0.5), (60, 50.0)])
 def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int, noise: float) -> None:
     random = np.random.default_rng(0)
-    # A curved surface in many dimensions, as embeddings are; then ever less like one.
+    # A curved surface in many dimensions, like an embedding; noise makes it ever less like one.
     place, mixing = random.random((12_000, 2)), random.standard_normal((2, dimension)) * 6
     points = np.sin(place @ mixing)
     queries = np.sin((place + 0.001) @ mixing) + noise * random.standard_normal(points.shape)

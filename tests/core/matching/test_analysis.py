@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What matching knows of a shape: distances, surroundings, curvature, and functions that tell left from right."""
+"""Analysis of a shape: distances, neighbourhoods, curvature, and functions that distinguish left from right."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def part_of(count: int) -> WorkingMesh:
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    """Every vertex is a sample."""
+    """A shape whose vertices are all samples."""
     return analyse(part_of(COUNT), 60, COUNT, 0)
 
 
@@ -84,7 +84,7 @@ def test_surroundings_fade_with_the_distance_and_neighbours_are_mutual(shape: Sh
     relative = weights / np.diag(weights)[:, None]
     assert (relative[between < 0.05] > 0.8).all()
     assert (relative[between > 0.6] < 0.01).all()
-    # A Gaussian: the logarithm falls with the square of the distance.
+    # A Gaussian: its logarithm is quadratic in the distance.
     far = (between > 0.1) & (between < 0.4)
     rates = np.log(relative[far]) / between[far] ** 2
     np.testing.assert_allclose(rates, rates[0], rtol=1e-3)
@@ -103,7 +103,7 @@ def test_cells_are_of_the_vertices_nearest_to_a_sample(shape: ShapeAnalysis) -> 
 
 def test_coordinates_of_maps_are_those_of_eigenfunctions_that_fall_with_their_eigenvalues(shape: ShapeAnalysis) -> None:
     areas = shape.basis.areas[shape.search.samples]
-    np.testing.assert_allclose(areas @ shape.coordinates, 0, atol=1e-9)  # the constant one is not among them
+    np.testing.assert_allclose(areas @ shape.coordinates, 0, atol=1e-9)  # the constant function is excluded
     sizes = np.sqrt(areas @ shape.coordinates**2)
     np.testing.assert_allclose(sizes * shape.basis.eigenvalues[1 : len(sizes) + 1], 1)
 
@@ -117,7 +117,7 @@ def test_curvature_is_of_mean_zero_bounded_and_told_from_coarse_to_fine(shape: S
     at[samples] = curvature
     roughness = (at * (shape.stiffness @ at)).sum(axis=0) / (areas @ curvature**2)
     assert (np.diff(roughness) > 0).all()
-    # Tips bulge out, and the body lies flat between them.
+    # Tips are convex, and the body is flatter between them.
     reach = np.linalg.norm(shape.mesh.vertices[samples], axis=1)
     assert (curvature[reach > np.quantile(reach, 0.97)] > 0).all()
     assert curvature[reach < np.median(reach)].mean() < 0
@@ -141,7 +141,7 @@ def test_pseudo_scalars_are_the_same_at_samples_and_as_coefficients_but_for_thei
     np.testing.assert_allclose(np.linalg.norm(pairs, axis=0), 1)
     at = np.empty_like(shape.pseudo_scalars)
     at[shape.search.samples] = shape.pseudo_scalars
-    # What is fine is damped, but not gone.
+    # High frequencies are damped but not removed.
     raw = pseudo_scalar_signatures(shape.mesh, shape.basis.areas, signature_bands(shape.basis, count, 60))
     damping = shape.basis.coefficients(at)[:, 0] / shape.basis.coefficients(raw)[:, 0]
     assert (np.diff(damping[1:]) < 0).all()

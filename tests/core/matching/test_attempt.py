@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which of several bodies a match goes on with."""
+"""Choice among attempts with several bodies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLACES = np.random.default_rng(1).standard_normal((100, 3))
 
 
 def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.0) -> Attempt:
-    """An attempt that takes each place as far as `moved` (100,) from where it is."""
+    """An attempt that displaces each place by `moved` (100,)."""
     samples, images = np.arange(100), PLACES + np.stack([moved, 0 * moved, 0 * moved], axis=1)
 
     def shape(vertices: np.ndarray) -> Any:
@@ -33,7 +33,7 @@ def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.
 
 
 def is_taken_for_the_same(moved: np.ndarray, scale: float = 1.0) -> bool:
-    """Whether an attempt that covers more lends its surer, but narrower, rival's certainty."""
+    """Whether an attempt of larger coverage inherits the certainty of a more certain, narrower rival."""
     wide, narrow = body(0.4, 1.0, 0 * moved, scale), body(0.9, 0.5, moved, scale)
     chosen = best_of([narrow, wide])
     return chosen.coverage == 1.0 and chosen.candidates[0].certainty == 0.9

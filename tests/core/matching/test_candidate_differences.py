@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Candidates are told apart by what is exchanged, turned or elsewhere."""
+"""Differences between candidates are named: exchanged limbs, rotations, other places."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def line(start, end, count=40):
     return np.linspace(start, end, count)
 
 
-# Points on a person that stands upright and faces -Y, limb by limb, and on a dog, twice as long as it is high.
+# Points per limb of an upright person who faces -Y, and of a dog that is twice as long as high.
 PERSON = {
     "trunk": line((0, 0, 0.9), (0, 0.05, 1.7), 60),
     "nose": line((0, 0, 1.6), (0, -0.15, 1.6), 10),
@@ -32,7 +32,7 @@ LEFT_RIGHT, FRONT_BACK, UP_DOWN = np.array([-1, 1, 1]), np.array([1, -1, 1]), np
 
 
 def points(limbs, **exchanged):
-    """All points, where some limbs have those of others."""
+    """All points, with those of some limbs replaced by those of others."""
     renamed = {name.replace("_", " "): other for name, other in exchanged.items()}
     return np.concatenate([limbs[renamed.get(name, name)] for name in limbs])
 
@@ -61,7 +61,7 @@ def test_what_is_turned_as_a_whole_is_said_so(signs, name):
     here = points(DOG)
     there = mirrored_about_center(here, signs) + np.random.default_rng(0).normal(0, 0.01, here.shape)
     assert name_of(here, there) == name
-    # Whichever of the level axes the sides lie along.
+    # Either horizontal axis may be the lateral one.
     assert name_of(here[:, [1, 0, 2]], there[:, [1, 0, 2]]) == name
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How sure a candidate is, by its rivals and by its fit in space; which maps are compared, and in which order."""
+"""Certainty of candidates from rivals and spatial fit, and selection and order of the compared maps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COUNT = 40
 
 
 def line(sides_are_known: bool = True) -> Any:
-    """A shape whose samples lie along a line of unit length: all that certainty asks of a shape."""
+    """Stand-in for a shape, with samples on a line of unit length."""
     at = np.linspace(0, 1, COUNT)
     return SimpleNamespace(
         distances=np.abs(at[:, None] - at),
@@ -39,7 +39,7 @@ def line(sides_are_known: bool = True) -> Any:
 def candidate(
     total: float, shift: float = 0.0, place: float = 0.005, mirrored: bool = False, in_space: float = 0.0
 ) -> Candidate:
-    """A map that moves all samples along the line."""
+    """A map that shifts all samples along the line."""
     sample_map = np.clip(np.arange(COUNT) + round(shift * (COUNT - 1)), 0, COUNT - 1)
     scores = {"total": total, "place": place, IN_SPACE: in_space}
     nothing = np.zeros((0, 0))
@@ -47,7 +47,7 @@ def candidate(
 
 
 def certainties(*candidates: Candidate, sides_are_known: bool = True) -> list[float]:
-    """In the order of the candidates that are given."""
+    """Certainties in the order of the given candidates."""
     ranked = in_order(list(candidates), line(sides_are_known), line())
     found = {one.origin + str(one.mirrored): one.certainty for one in ranked}
     return [found[one.origin + str(one.mirrored)] for one in candidates]
@@ -115,7 +115,7 @@ def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken
 
 
 def leading(scores: list[float], quotas: tuple[tuple[int, int], tuple[int, int]], **others: Any) -> list[float]:
-    """Scores of the maps that go on, each of which leads elsewhere unless `shifts` says where."""
+    """Scores of the maps that are kept; each has other images unless `shifts` sets them."""
     count = len(scores)
     shifts = others.get("shifts", np.linspace(0, 0.9, count))
     reverses = others.get("reverses", [False] * count)
@@ -148,7 +148,7 @@ def creatures() -> tuple[Creature, Creature]:
 
 @pytest.fixture(scope="module")
 def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], ShapeAnalysis, ShapeAnalysis]:
-    """The true map, its mirror image, and one that turns about, each told by few functions, and what comes of them."""
+    """Ranked candidates of the true map, its mirror image and a half turn, given by few functions, and the shapes."""
     source, target = (analyse(one.surface.working.part(0)[0], 90, 300, 0) for one in creatures)
     about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
     maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
@@ -183,7 +183,7 @@ def test_candidates_are_refined_both_ways(ranked, creatures) -> None:
 
 @pytest.mark.parametrize(("agreement", "reverses"), [(-0.6, True), (-0.1, False), (0.1, False)])
 def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, monkeypatch, agreement, reverses) -> None:
-    # It mirrors some limbs only, which laying it over the source turns back.
+    # It mirrors only some limbs, and the alignment undoes that.
     (first, *_), *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.orientation_agreement", lambda *_: agreement)
     (found,) = rank([Hypothesis("known", first.functional_map[:8, :8])], *shapes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Point clouds are matched as the surfaces that run through them, and results say what points do not tell."""
+"""Point clouds are matched as surfaces through their points, and notes report points off the surface."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_an_open_cloud_without_normals_has_no_outer_side() -> None:
 @pytest.mark.parametrize(("strays", "said"), [(0, False), (5, False), (60, True)])
 def test_points_off_the_surface_are_counted(strays: int, said: bool) -> None:
     ball = directions(600, seed=1)
-    far = np.linspace(4, 20, strays)[:, None] * [1.0, 0.5, 0.2]  # a line, which no surface runs through
+    far = np.linspace(4, 20, strays)[:, None] * [1.0, 0.5, 0.2]  # points on a line, which no surface passes
     cloud = zo.PointCloud(np.concatenate([ball, far]))
     notes = notes_on_cloud("target", cloud, cloud.surface)
     assert bool(notes) == said

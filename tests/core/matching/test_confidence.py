@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Confidence falls where both witnesses speak against the map, and where it turns triangles over."""
+"""Confidence is low where both the round trip and the eigenfunctions disagree, and where triangles flip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from zoomout_core.matching.confidence import (
 from zoomout_core.tuning import retune
 
 MADE = creature(500, seed=0)
-TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
+TAIL = MADE.directions[:, 1] > 0.8  # with its surroundings
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +39,14 @@ def identity(shape: ShapeAnalysis) -> SurfaceMap:
 
 
 def shuffled(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
-    """The identity, but for some vertices that change places with each other."""
+    """The identity, with some vertices permuted."""
     vertex = np.arange(len(where))
     vertex[where] = np.random.default_rng(0).permutation(vertex[where])
     return vertex_map(vertex, shape)
 
 
 def elsewhere(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
-    """The identity, but for some vertices, which all go to the first vertex that is none of them."""
+    """The identity, but some vertices all map to the first other vertex."""
     vertex = np.arange(len(where))
     vertex[where] = np.flatnonzero(~where)[0]
     return vertex_map(vertex, shape)
@@ -66,10 +66,10 @@ def test_where_both_witnesses_speak_against_a_map_it_is_not_trusted(shape: Shape
 
 
 def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> None:
-    # A way back that was lost, where the eigenfunctions at both ends agree.
+    # The way back is wrong, but the eigenfunctions at both ends agree.
     confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False)
     assert confidence[TAIL].mean() > 0.95
-    # And eigenfunctions that disagree, where the way back leads to where it came from.
+    # The eigenfunctions disagree, but the way back returns to the start.
     signs = np.diag(np.where(np.arange(40) % 2, -1.0, 1.0))
     confidence, _ = confidence_of(identity(shape), identity(shape), signs, shape, shape, False)
     assert confidence.mean() > 0.95
@@ -82,7 +82,7 @@ def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> N
 def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
     shape: ShapeAnalysis, cycle: float, spectral: float, low: float, high: float
 ) -> None:
-    # The way back ends beside the start, along an edge.
+    # The way back ends beside the start, on an edge.
     there = identity(shape)
     corner = np.argmax(there.barycentric, axis=1)
     neighbour = shape.mesh.triangles[there.triangle, (corner + 1) % 3]
@@ -91,7 +91,7 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
     back = SurfaceMap(
         there.triangle, (1 - share) * np.eye(3)[corner] + share * np.eye(3)[(corner + 1) % 3], shape.mesh.triangles
     )
-    # The functional map is off in the constant function, and so everywhere alike.
+    # An error in the constant function is the same at all vertices.
     C = np.eye(40)
     C[0, 0] += spectral * np.sqrt(shape.basis.eigenvalues[:40].sum() / 2)
     confidence, _ = confidence_of(there, back, C, shape, shape, False)
@@ -99,7 +99,7 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
 
 
 def test_what_lies_beside_an_error_is_doubted_too() -> None:
-    # So many functions that nothing is smooth unless it is made so.
+    # With all these functions nothing is smooth by itself.
     shape = analyse(MADE.surface.working.part(0)[0], 400, 400, 0)
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
     confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False)
@@ -112,14 +112,14 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
     confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True)
     assert over == pytest.approx(1)
     assert confidence.max() < 0.01
-    # Two neighbours that change places turn the triangles around them over, and no others.
+    # Swapping two neighbours flips only the triangles around them.
     a, b = shape.mesh.triangles[100, :2]
     vertex = np.arange(len(shape.mesh.vertices))
     vertex[[a, b]] = b, a
     swapped = vertex_map(vertex, shape)
     confidence, over = confidence_of(swapped, swapped, np.eye(40), shape, shape, False)
     assert 0 < over < 0.05
-    assert ((confidence > 0.05) & (confidence < 0.95)).any()  # as much as is turned over around each vertex
+    assert ((confidence > 0.05) & (confidence < 0.95)).any()  # by the flipped share around each vertex
 
 
 def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
@@ -139,7 +139,7 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
     there = SurfaceMap.from_vertices(kept, whole.surface)
     back = SurfaceMap.from_vertices(nearest, holed.surface)
     shapes = analyse_piece(whole), analyse_piece(holed)
-    # Ending on the border is what tells: the way there and back is short.
+    # Only the end on the border reveals it: the round trip is short.
     with retune(CONFIDENCE, without_partner=1.0):
         found = counterparts_by_cycle(there, back, *shapes)
         assert found.target.all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user knows beforehand enters the ranking and holds the map in place."""
+"""Constraints from the user enter the ranking and pin the map."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_an_earlier_map_is_a_hypothesis_and_evidence(pair) -> None:
     result = zo.match(source.surface, target.surface, initial_map=earlier)
     best, others = best_and_others(result, "earlier map")
     assert best < 0.1 < max(others)
-    # Evidence is weighed: the right map wins over one that means nothing.
+    # Evidence is weighted: the right map wins over a random earlier map.
     wrong = np.random.default_rng(0).permutation(earlier)
     assert zo.match(source.surface, target.surface, initial_map=wrong).candidates[0].scores["earlier map"] > 0.2
 
@@ -101,7 +101,7 @@ def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
     assert turned_over(bent) == 0
     far = np.linalg.norm(sheet.vertices - [0.5, 0.5, 0], axis=1) > 3 * MIN_PINNING_WIDTH_RATIO * 0.18 + 0.1
     np.testing.assert_array_equal(bent.vertex[far], straight.vertex[far])
-    # Of two points at one vertex the first one counts, and the map is met there.
+    # The first of two points at one vertex is used, and the map meets it exactly.
     twice = bend_to_points(straight, sheet, larger, np.vstack([goal, goal + 0.05]), np.vstack([place, place]))
     np.testing.assert_allclose(landmark_errors(twice, sheet, larger, goal, place), 0, atol=1e-6)
 

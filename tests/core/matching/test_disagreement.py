@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a map disagrees with each thing that a user knows of it."""
+"""Disagreement of a map with each kind of evidence from the user."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def pair() -> Pair:
 
 
 def disagreement(pair: Pair, evidence: Constraints, vertex: np.ndarray) -> dict[str, float]:
-    """Of a map of all vertices, as far as the samples tell it."""
+    """Disagreement of a map of all vertices, evaluated at the samples."""
     shape = pair.source_shape
     samples = shape.search.samples
     image = vertex[samples]
@@ -42,7 +42,7 @@ def disagreement(pair: Pair, evidence: Constraints, vertex: np.ndarray) -> dict[
 
 
 def by_directions(factors: list[float]) -> np.ndarray:
-    """The map that sends each place to where its direction, times factors, leads."""
+    """The map that sends each vertex to the one nearest to its direction scaled by factors."""
     return np.linalg.norm((MADE.directions * factors)[:, None] - MADE.directions, axis=2).argmin(axis=1)
 
 
@@ -68,7 +68,7 @@ def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:
     assert 0 <= disagreement(pair, both, SAME)["regions"] < 0.05
     assert disagreement(pair, both, MIRRORED)["regions"] < 0.4
     assert disagreement(pair, both, UPSIDE_DOWN)["regions"] > 0.8
-    # What is everywhere, or nowhere, tells nothing.
+    # Regions that cover everything or nothing are uninformative.
     all_of_it = np.arange(len(LEG))
     assert disagreement(pair, replace(NOTHING, regions=[(all_of_it, np.flatnonzero(LEG))]), UPSIDE_DOWN) == {}
 
@@ -150,7 +150,7 @@ def test_how_far_a_pinned_landmark_takes_its_surroundings_along_falls_as_a_gauss
     images = pin(identity, Pair(flat, flat, shape, shape, 20, 5), ([counterpart], [inner])).interpolate(places)
     moved = np.linalg.norm(images - places, axis=1)
     assert moved[inner] == pytest.approx(np.linalg.norm(places[counterpart] - places[inner]))
-    # What leaves the sheet is brought back to its border, but for rounding.
+    # Points that leave the sheet are clamped to its border, up to rounding.
     near = (distance > 0.02) & (distance < 0.15) & (moved > 1e-9 * moved[inner])
     rates = np.log(moved[near] / moved[inner]) / distance[near] ** 2
     assert near.sum() > 5
@@ -159,7 +159,7 @@ def test_how_far_a_pinned_landmark_takes_its_surroundings_along_falls_as_a_gauss
 
 @pytest.fixture(scope="module")
 def two() -> tuple[Pair, np.ndarray]:
-    """Two meshes of one surface, each in a frame of its own and with vertices of no face, and the map between them."""
+    """Two meshes of one surface in different frames, with unused vertices, and the map between them."""
     source, target = creature(300, seed=1), creature(260, seed=2)
     stood = source.surface.vertices[:, [1, 2, 0]]
     surfaces = (
@@ -171,7 +171,7 @@ def two() -> tuple[Pair, np.ndarray]:
 
 
 def known(two: tuple[Pair, np.ndarray], evidence: Constraints) -> dict[str, float]:
-    """What speaks against the true map."""
+    """Disagreement of the true map with the evidence."""
     pair, truth = two
     source, target = pair.source_shape, pair.target_shape
     places = source.mesh.vertices
@@ -182,7 +182,7 @@ def known(two: tuple[Pair, np.ndarray], evidence: Constraints) -> dict[str, floa
 
 
 def test_axes_are_those_of_each_surface_in_its_own_frame(two) -> None:
-    # What is up on the target lies along y on the source, and nothing says so: z of the one is x of the other.
+    # The frames differ by an unknown rotation: the target's z axis is the source's y axis.
     z = known(two, replace(NOTHING, common_axes=np.array([[0.0, 0, 1]])))["axes"]
     pair, truth = two
     rows = pair.target_shape.search.samples

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes on disk: the same map as without, whatever happens to the files, and no more room than allowed."""
+"""The disk cache changes no map, survives damaged files, and stays within its size limit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Grows by one with each shape that is prepared anew."""
+    """List that grows by one with each newly computed shape."""
     calls: list[int] = []
     original = memory_cache.analyse
     monkeypatch.setattr(memory_cache, "analyse", lambda *args: (calls.append(1), original(*args))[1])
@@ -171,7 +171,7 @@ def test_the_shapes_used_longest_ago_make_room(folder: Path, computed: list[int]
     prepared(COUNT + 1)
     for age, file in enumerate(sorted(folder.rglob("*.npz"), key=lambda file: file.stat().st_mtime)):
         os.utime(file, (age, age))
-    prepared(COUNT)  # used again, so the other is the one that goes
+    prepared(COUNT)  # used again, so the other one is evicted
     prepared(COUNT + 2)
     assert len(list(folder.rglob("*.npz"))) == 2
     assert len(computed) == 3

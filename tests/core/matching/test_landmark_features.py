@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a few places on a shape tell of every other: how far they are, and in which sense they lie around it."""
+"""Features of every vertex from a few places: their distances, and the sense in which pairs surround it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_two_places_that_are_one_have_no_sense(shape: ShapeAnalysis) -> None:
 
 
 def test_turns_tell_the_sense_in_which_two_places_lie_around_a_point(places: LandmarkFeatures) -> None:
-    # On the chest the left hand is on its own right seen from outside, and on the back on the other side.
+    # Seen from outside, the left hand is to the right of the chest and to the left of the back.
     chest, back = MADE.directions @ [0, -1, 0] > 0.9, MADE.directions @ [0, 1, 0.4] > 0.95
     left_hand_and_leg = places.turns[:, 0, 3]
     assert left_hand_and_leg[chest].mean() * left_hand_and_leg[back].mean() < 0
@@ -71,7 +71,7 @@ def test_features_are_of_unit_scale_and_turns_weigh_less(places: LandmarkFeature
     features = places.features(np.arange(5))
     distances, turns = features[:, :5], features[:, 5:]
     assert turns.shape[1] == 10
-    assert (distances > 0).mean() > 0.99  # nearer is less
+    assert (distances > 0).mean() > 0.99  # smaller means nearer
     assert (np.corrcoef(distances[:, 0], places.distances[:, 0])[0, 1]) > 0.999
     assert (distances.std(axis=0) > 0.5).all()
     assert (distances.std(axis=0) < 2).all()

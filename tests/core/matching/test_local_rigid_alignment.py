@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A target is aligned with its source by rotations, never reflections, and so its map mirrors no limb."""
+"""A target is aligned with its source by rotations, never reflections, so that no limb is mirrored."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_a_mirrored_limb_is_aligned_with_its_own_sense(shape: ShapeAnalysis) -> 
     vertices = shape.mesh.vertices
     arm = vertices[:, 0] > 0.6 * vertices[:, 0].max()
     images = vertices.copy()
-    images[arm, 1] = 2 * vertices[arm, 1].mean() - vertices[arm, 1]  # front and back of the arm exchanged
+    images[arm, 1] = 2 * vertices[arm, 1].mean() - vertices[arm, 1]  # exchanges front and back of the arm
     assert distance(images[arm], vertices[arm]) > 0.02
     assert distance(aligned(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
 
@@ -67,7 +67,7 @@ def test_each_end_of_a_bent_rod_turns_as_it_does_and_not_as_the_other() -> None:
     found = align(rod.basis.coefficients(images), rod, WIDTH, False).normals
     expected = np.where(along[:, None] > 0, turn.apply(normals), normals)
     off = np.degrees(np.arccos(np.clip(np.einsum("nx,nx->n", found, expected), -1, 1)))
-    # The joint is blended over about the width of the rod.
+    # The joint blends over about the width of the rod.
     for far, most in ((0.4, 3.0), (0.6, 1.5)):
         assert np.median(off[np.abs(along) > far]) < most
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a match begins with, which bodies it tries, and what it says of its result: on shapes of few vertices."""
+"""Initial guesses, choice of bodies and notes of a match, on shapes of few vertices."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
     monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
-    # The way there, which is refined and then bent, and the way back, which is refined only.
+    # The map is refined and then bent; the reverse map is only refined.
     forwards = [2 * fraction for fraction in fractions if fraction < 0.5]
     assert forwards == pytest.approx([0.0, 0.3, 0.6, 0.6, 0.8])
     assert fractions[-1] == 1
@@ -196,13 +196,13 @@ def test_an_outline_leads_where_the_candidate_does(result: zo.MatchResult) -> No
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
 
 
-# --- what it begins with ------------------------------------------------------------------------------------
+# --- initial guesses --------------------------------------------------------------------------------------
 
 
 def guesses(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, initial: str = "auto", known: Constraints = NOTHING, **given: Any
 ) -> list[Hypothesis]:
-    """Where guesses are the identity, and what mirrors."""
+    """Guess with the identity and a mirror as the only initial maps."""
     two = [Hypothesis("identity", np.eye(5)), Hypothesis("mirror", np.diag([1.0, -1, 1, 1, 1]))]
     monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
     return guess_module.guess(pair, initial, known, known.disagreement(pair), given.get("earlier"))
@@ -238,7 +238,7 @@ def test_landmarks_and_regions_hold_every_guess_to_the_end(
     alone = guesses(result.pair, monkeypatch, known=by_landmarks)[0].anchors
     regions = guesses(result.pair, monkeypatch, known=replace(NOTHING, regions=[tuple(legs)]))[0].anchors
     assert both[0].anchors.source.shape[1] == alone.source.shape[1] + regions.source.shape[1]
-    # Places that the user names are worth more than those that guesses pair.
+    # Landmarks of the user weigh more than places paired by guesses.
     named = landmark_hypothesis(result.pair.source_shape, result.pair.target_shape, TRUTH[tips], tips).anchors
     ratio = np.abs(alone.source).sum() / np.abs(named.source).sum()
     assert 1.5 < ratio < 4
@@ -265,7 +265,7 @@ def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(resul
     assert places is not None
     there = pair.source_shape.proxy.full.to_surface(places)
     np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
-    assert guess_module._standing(replace(pair, target=pair.source)) is None  # a surface lies on itself anyway
+    assert guess_module._standing(replace(pair, target=pair.source)) is None  # trivial for the surface itself
 
 
 def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
@@ -277,13 +277,13 @@ def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchRe
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
 
 
-# --- which bodies are tried ---------------------------------------------------------------------------------
+# --- choice of bodies ---------------------------------------------------------------------------------------
 
 
 def tried(
     result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch, *certainties: float | None, skins: bool = False
 ) -> tuple[int, float]:
-    """How many of three bodies are tried, and how sure the one is that is taken; None for one without a landmark."""
+    """Number of bodies tried of three, and certainty of the chosen one; None marks a body without a landmark."""
     part = SOURCE.surface.working.part(0)[0]
     bodies = [Bodies(replace(part, is_hull=skins), TARGET.surface.working.part(0)[0], 1.0, np.ones(1))] * 2
     count = 0
@@ -338,7 +338,7 @@ def test_a_landmark_that_a_later_body_lacks_leaves_the_earlier_one(result: zo.Ma
         tried(result, monkeypatch, None)
 
 
-# --- where nothing is likely --------------------------------------------------------------------------------
+# --- no likely candidate ------------------------------------------------------------------------------------
 
 
 def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatch: pytest.MonkeyPatch) -> None:

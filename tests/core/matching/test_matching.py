@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`match` finds the right map with no hint, whatever the mesh, and says what it is unsure of."""
+"""`match` finds the right map without hints on any mesh, and reports where it is uncertain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import zoomout_core as zo
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.spectral import eigenbasis
 
-# Mean geodesic error over sqrt(area) that a right map of the bent creature stays below; flips cost ten times it.
+# Limit of the mean geodesic error over sqrt(area) for a right map of the bent creature; flips exceed it tenfold.
 RIGHT = 0.03
 
 
@@ -35,7 +35,7 @@ def result(watched: tuple[zo.MatchResult, list[zo.Progress]]) -> zo.MatchResult:
 
 @pytest.fixture(scope="module")
 def coarse() -> tuple[Creature, Creature]:
-    """The same two with fewer vertices, of which most that decides on a map can be told as well."""
+    """The same two creatures with fewer vertices, which suffice for most tests of map selection."""
     return creature(1400), creature(1000, seed=1, bend=0.9)
 
 
@@ -53,7 +53,7 @@ def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, resu
 
 @pytest.mark.slow
 def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Creature, result) -> None:
-    # On the same pose the true image is known to be the vertex's own place in space.
+    # In the same pose the true image is the vertex's own position.
     again = creature(2500, seed=1)
     images = zo.match(resting.surface, again.surface).surface_map
     precise = np.linalg.norm(images.interpolate(resting.surface.vertices) - again.surface.vertices, axis=1)
@@ -121,7 +121,7 @@ def test_a_round_shape_is_called_uncertain() -> None:
 
 
 def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
-    # A target without an arm and a leg: what lies at the cuts cannot be matched well.
+    # A target without an arm and a leg, which cannot be matched well at the cuts.
     whole = creature(3000, seed=2, bend=0.4)
     removed = (np.abs(whole.surface.vertices[:, 0]) > 1.5)[whole.surface.triangles].any(axis=1)
     partial = Surface(whole.surface.vertices, whole.surface.triangles[~removed])
@@ -217,7 +217,7 @@ def test_a_match_can_be_cancelled_and_reports_nothing_after_that(resting: Creatu
 
     with pytest.raises(zo.Cancelled):
         zo.match(resting.surface, bent.surface, progress=listen)
-    # Each of the computations side by side reports once more at most, and is cancelled, too.
+    # Each concurrent computation reports at most once more before it is cancelled.
     assert 20 <= len(seen) < 20 + 10
     assert seen[-1].fraction < 0.9
 
@@ -233,8 +233,8 @@ def test_landmarks_settle_the_side(coarse: tuple[Creature, Creature]) -> None:
     )
     right = matched(coarse, initial="landmarks", landmarks=(truth[tips], tips))
     assert mean_error(right, resting.surface, truth) < RIGHT
-    assert right.candidates[0].scores["landmarks"] < 3 * 0.15  # of three landmarks
-    # Landmarks on the wrong side bring up the map that honours them best, not the one that they contradict.
+    assert right.candidates[0].scores["landmarks"] < 3 * 0.15  # three landmarks
+    # Landmarks on the wrong side select the map that fits them best, not the right one.
     wrong = matched(coarse, initial="landmarks", landmarks=(mirrored[tips], tips))
     assert wrong.candidates[0].scores["landmarks"] < 3 * 0.15
     assert mean_error(wrong, resting.surface, truth) > 3 * RIGHT
@@ -281,7 +281,7 @@ def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature
 
 @pytest.mark.slow
 def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creature, bent: Creature) -> None:
-    """Split at every face, wound inwards in part, with an unused vertex: as an importer may deliver it."""
+    """The target is split at every face, partly wound inwards, and has unused vertices, as importers may produce."""
     triangles = bent.surface.triangles.copy()
     triangles[::3] = triangles[::3, ::-1]
     soup = Surface(
@@ -297,7 +297,7 @@ def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creat
 
 
 def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[Surface, list[np.ndarray]]:
-    """A creature with small copies of itself floating above some of its vertices, and their vertex numbers."""
+    """A body with small copies of a creature floating above some of its vertices, and their vertex numbers."""
     eye = creature(80, seed=5).surface
     vertices, triangles, parts = [body.surface.vertices], [body.surface.triangles], []
     for place, size in zip(places, sizes, strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was prepared for one match serves the next, as long as the mesh is the same."""
+"""Shapes prepared for one match are reused by the next, if the mesh is the same."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeyp
     first, second = prepared(part, 20), prepared(part, 21)
     monkeypatch.setattr(memory_cache, "MAX_BYTES", 2.5 * memory_cache._bytes(second))
     assert prepared(part, 20) is first
-    prepared(part, 22)  # there is no room for three
+    prepared(part, 22)  # no room for three
     assert prepared(part, 20) is first
     assert prepared(part, 21) is not second
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match that does not fit into the memory is refused before it begins, with what would fit."""
+"""A match that exceeds the memory is rejected before it starts, with a suggestion that would fit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MILLION = [1_000_000, 800_000]
 
 
 def refusal(monkeypatch: pytest.MonkeyPatch, free: float, vertices: list[int], proxy_vertices: int | None) -> str:
-    """What is said where some GiB are free."""
+    """The error message when `free` GiB are available."""
     monkeypatch.setattr(memory_need, "free_memory", lambda: int(free * GIB))
     with pytest.raises(zo.MeshError) as refused:
         check_memory(vertices, 200, proxy_vertices)

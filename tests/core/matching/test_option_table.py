@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of options agrees with the library, and its doors keep their names."""
+"""The table of options agrees with the library, and its interfaces keep their names."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from zoomout_core.matching.proximity import match_by_proximity
 
 LIBRARY = {field.name: field.default for field in fields(MatchOptions)}
 PROXIMITY = {name: each.default for name, each in signature(match_by_proximity).parameters.items()}
-# Arguments of `match` that a door has in another form: 0 eigenfunctions are as many as the detail says.
+# Arguments of `match` with another form in interfaces: 0 eigenfunctions means the number of the detail level.
 OTHERWISE = {"k_final"}
 
 
@@ -53,7 +53,7 @@ def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
 def test_filters_take_what_the_command_line_of_meshlab_hands_on() -> None:
     flags = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.COMMAND_LINE)}
     parameters = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.MESHLAB)}
-    assert flags - parameters == {"earlier_map"}  # `read_options` makes it the initial map
+    assert flags - parameters == {"earlier_map"}  # `read_options` turns it into the initial map
 
 
 def test_detail_offers_all_presets() -> None:

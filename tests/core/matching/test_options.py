@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The options of a match, and those that a preset stands for."""
+"""The options of a match, and the presets."""
 
 from __future__ import annotations
 

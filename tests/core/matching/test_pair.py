@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user pairs and hands in is understood, or refused in one sentence."""
+"""Landmarks and maps from the user are accepted, or rejected with a one-sentence error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def shape_of(surface: Surface, proxy_vertices: int | None = None) -> ShapeAnalys
 
 @pytest.fixture(scope="module")
 def pair(resting: Creature, bent: Creature) -> Pair:
-    """The source scaled and moved, with a small loose part at its end; its stand-in has 1,000 vertices."""
+    """The scaled and moved source, with a small loose part at its end; its proxy has 1,000 vertices."""
     body, eye = resting.surface, creature(80, seed=5).surface
     n = len(body.vertices)
     vertices = np.vstack([body.vertices, 0.05 * eye.vertices + [0, 0, 9]]) * 100 + [500, 0, -3]
@@ -45,7 +45,7 @@ def test_vertices_and_points_of_the_surfaces_lead_to_the_same_landmarks(pair: Pa
     by_number = landmarks_on_parts(pair, (vertices, vertices // 2))
     by_place = landmarks_on_parts(pair, (pair.source.vertices[vertices], pair.target.vertices[vertices // 2].tolist()))
     np.testing.assert_array_equal(by_place, by_number)
-    assert np.array_equal(by_number[1], vertices // 2)  # the target is matched in full
+    assert np.array_equal(by_number[1], vertices // 2)  # the target has no proxy
     stand_in = pair.source_shape.proxy.vertices
     assert len(stand_in) < 1200
     places = pair.source_shape.proxy.full.vertices[vertices]
@@ -57,7 +57,7 @@ def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
     corners = pair.target.triangles[::50]
     inside = np.einsum("c,mcx->mx", [0.2, 0.1, 0.7], pair.target.vertices[corners])
     normals = triangle_normals(pair.target.vertices, corners)
-    lifted = inside + 1e-3 * np.sqrt(pair.target.area) * normals  # as from a tool that picks beside the surface
+    lifted = inside + 1e-3 * np.sqrt(pair.target.area) * normals  # like a tool that picks points off the surface
     for points in (inside, lifted):
         _, found = landmarks_on_parts(pair, (np.arange(len(points)), points))
         distance = np.linalg.norm(pair.target.vertices - inside[:, None], axis=2)
@@ -96,7 +96,7 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
     off[1] = pair.target.vertices[tip] + [0, 0, 0.06 * np.sqrt(pair.target.area)]
     with pytest.raises(LandmarkError, match=r"Landmark 1 on the target, at .* away from its surface") as error:
         landmarks_on_parts(pair, ([0, 1], off))
-    assert (error.value.role, error.value.number) == ("target", 1)  # for those who number them otherwise
+    assert (error.value.role, error.value.number) == ("target", 1)  # for callers with other numbering
 
 
 def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair) -> None:
@@ -109,7 +109,7 @@ def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair)
         landmarks_on_parts(pair, (np.arange(4), off))
     assert error.value.number == 1
     assert f"at {off[1].tolist()}, is {0.2 * unit:.3g} away" in error.value.fault
-    # What lies in a corner of a face that is off is named by the first of its corners.
+    # A point in a face off the body is reported as the face's first corner.
     face = pair.source.triangles[-1]
     with pytest.raises(LandmarkError, match=f"at vertex {face[0]}, is not on"):
         landmarks_on_parts(pair, (pair.source.vertices[face].mean(axis=0)[None], [0]))
@@ -124,7 +124,7 @@ def test_a_point_beside_the_surface_is_on_it_whatever_the_unit(pair: Pair) -> No
 
 @pytest.fixture(scope="module")
 def with_strays() -> tuple[Surface, ShapeAnalysis]:
-    """A surface in another unit, whose first and last vertices no face uses, and its analysis."""
+    """A surface in another unit, whose first and last vertices are unused, and its analysis."""
     made = creature(200).surface
     vertices = 300 * np.vstack([[9.0, 9, 9], made.vertices, [7.0, 7, 7]]) + [1, 20, 3]
     surface = Surface(vertices, made.triangles + 1)

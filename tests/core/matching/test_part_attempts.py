@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When one shape is tried as a part of the other, and which of the two maps a match goes on with."""
+"""When partial matching is tried, and whether the whole or the partial map is chosen."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def gone_on_with(
     areas: tuple[float, float] = (LARGE, SMALL),
     image: np.ndarray = THERE,
 ) -> tuple[str, float]:
-    """The map that is gone on with, and its certainty, by that of either, the areas, and the images as a part."""
+    """The chosen map and its certainty, given both maps' certainties, the areas, and the images of the partial map."""
 
     def shape(area: float) -> Any:
         full = SimpleNamespace(to_surface=lambda points: points, scale=1.0)
@@ -181,7 +181,7 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     found, reports = reports_of(lambda: retry(first, known, options))
     fractions = [report.fraction for report in reports]
     assert found is first if gone_on_with == "first" else found == gone_on_with
-    # What is tried after a part that was refused does not begin again.
+    # Progress does not restart after a rejected part.
     assert fractions == sorted(fractions)
 
 
@@ -215,7 +215,7 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
         other_unit = target.with_vertices(target.vertices * factor)
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
     assert (OTHER_UNITS in result.notes) == told
-    # In the unit that they are given in they are compared if they may have it in common.
+    # They are matched in the given unit only if both may share it.
     assert len(in_one) == (factor == 1)
 
 

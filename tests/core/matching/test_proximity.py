@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clothes on a body: what is near and faces the same way is mapped, and the rest is known to be unknown."""
+"""Proximity maps clothes to nearby body parts with similar normals, and gives the rest no confidence."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.samples.creatures import at_rest
 from zoomout_core.samples.grids import ring_faces
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
-# Places that bones pull at, of the creature at rest.
+# Centres of the bones' influence on the creature at rest.
 BONES = np.array(
     [[0, 0, 0], [0.8, 0.1, 0.35], [1.6, 0.1, 0.5], [0.3, 0, -0.9], [0.6, 0, -1.8], [0, 0, 1.2], [0, 1, -0.2]]
 )
@@ -23,13 +23,13 @@ BONES = np.unique(np.concatenate([BONES, BONES * [-1, 1, 1]]), axis=0)
 
 
 def skin_weights(rest: np.ndarray) -> np.ndarray:
-    """(n, bones) smooth weights of places (n, 3) at rest, that sum to one."""
+    """(n, bones) smooth weights at places (n, 3) at rest; rows sum to one."""
     weights = np.exp(-((np.linalg.norm(rest[:, None] - BONES, axis=2) / 0.45) ** 2)) + 1e-9
     return weights / weights.sum(axis=1, keepdims=True)
 
 
 def wearing(region: Region, offset: float, bend: float) -> tuple[zo.Surface, np.ndarray, zo.Surface, np.ndarray]:
-    """A body and a garment on it, in one pose, with the true weights of each."""
+    """A body and a garment on it in one pose, with the true weights of each."""
     both = dress([shell("garment", region, offset, 1500, seed=3)], 4000, bend=bend)
     parts = []
     for name in ("skin", "garment"):
@@ -46,7 +46,7 @@ def wearing(region: Region, offset: float, bend: float) -> tuple[zo.Surface, np.
 def weights_error(
     body: zo.Surface, weights: np.ndarray, garment: zo.Surface, truth: np.ndarray, **options: float
 ) -> np.ndarray:
-    """(n,) sums of the errors of a vertex's weights."""
+    """(n,) sum of absolute weight errors per vertex."""
     result = zo.match_by_proximity(body, garment, **options)
     attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(weights))
     return np.abs(transfer(attribute, result, body, garment, fill_below=0.5).values.toarray() - truth).sum(axis=1)
@@ -71,9 +71,10 @@ def test_tight_clothes_are_mapped_as_good_as_whole() -> None:
 
 
 def legs(radius: float, layers: tuple[float, ...] = ()) -> tuple[zo.Surface, np.ndarray]:
-    """Two upright tubes so close that each lies nearer to the other's surface than to itself, and whose are left.
+    """Two close upright tubes, and which vertices belong to the left one.
 
-    With layers each tube has an inner and an outer one, joined at the hems.
+    Garment vertices between them may be nearer to the other leg. With layers, each tube has an inner and an outer
+    surface, joined at the hems.
     """
     around, rows = 48, 20
     turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, around, endpoint=False), np.linspace(0, 4, rows))
@@ -88,7 +89,7 @@ def legs(radius: float, layers: tuple[float, ...] = ()) -> tuple[zo.Surface, np.
 
 
 def of_leg(surface: zo.Surface, left: np.ndarray, cloth: zo.Surface, **options: float | bool) -> np.ndarray:
-    """(n,) the weight that the left leg has on cloth."""
+    """(n,) weight of the left leg on the vertices of a cloth."""
     sides = Attribute("side", Domain.POINT, Kind.WEIGHT, csr_array(np.stack([left, ~left], axis=1).astype(float)))
     result = zo.match_by_proximity(surface, cloth, **options)
     return transfer(sides, result, surface, cloth, fill_below=0.5).values.toarray()[:, 0]
@@ -98,7 +99,7 @@ def of_leg(surface: zo.Surface, left: np.ndarray, cloth: zo.Surface, **options: 
 def test_trousers_between_the_thighs_belong_to_their_own_leg(inside_out: bool) -> None:
     body, left = legs(1.0)
     cloth, of_left = legs(1.17)
-    if inside_out:  # as open cloth may be wound
+    if inside_out:  # open cloth may be wound either way
         cloth = zo.Surface(cloth.vertices, cloth.corner_vertex.reshape(-1, 4)[:, ::-1])
     alone = of_leg(body, left, cloth, most_angle=180)
     assert (np.abs(alone - of_left) > 0.5).mean() > 0.02
@@ -123,7 +124,7 @@ def turned(profile: np.ndarray, around: int = 40) -> tuple[np.ndarray, np.ndarra
 
 
 def arc(radius: float, first: float, last: float, rows: int = 16) -> np.ndarray:
-    """(rows, 2) of a circle about the origin, by angles from its lowest point."""
+    """(rows, 2) points on a circle about the origin, at angles from its lowest point."""
     angle = np.linspace(first, last, rows)
     return radius * np.column_stack([np.sin(angle), -np.cos(angle)])
 
@@ -134,7 +135,7 @@ BOWL = zo.Surface(*turned(np.vstack([arc(1, 0.01, 1.5), arc(0.9, 1.5, 0.01)])))
 @pytest.mark.parametrize("winding", [1, -1])
 def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_does_not(winding: int) -> None:
     cloth, faces = turned(arc(0.87, 0.3, 1.0))
-    cloth[cloth[:, 0] > 0.6, 0] -= 0.3  # some of it is too far off, where it faces another way
+    cloth[cloth[:, 0] > 0.6, 0] -= 0.3  # moves a part too far away to be mapped
     ball, around = turned(arc(0.1, 0.0, np.pi, 9))
     ball[:, 2] -= 0.78
     both = np.vstack([[[np.nan] * 3], cloth, ball, [[0.0, 0, 9]]])
@@ -150,7 +151,7 @@ def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_doe
 
 @pytest.mark.parametrize("winding", [1, -1])
 def test_which_side_of_a_cloth_is_the_outer_one_is_a_matter_of_area(winding: int) -> None:
-    profile = np.vstack([arc(0.87, 0.3, 1.0, 6), arc(0.86, 0.99, 0.94, 14)])  # a hem of many small faces, folded under
+    profile = np.vstack([arc(0.87, 0.3, 1.0, 6), arc(0.86, 0.99, 0.94, 14)])  # with a folded hem of many small faces
     cloth, faces = turned(profile)
     confidence = zo.match_by_proximity(BOWL, zo.Surface(cloth, faces[:, ::winding])).confidence
     assert (confidence[: 4 * 40] == 1).all()

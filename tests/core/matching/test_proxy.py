@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stand-ins lie on their surface, keep its thin parts, and lift maps back to it."""
+"""Proxies stay on their surface, keep its thin parts, and lift maps back to it."""
 
 from __future__ import annotations
 
@@ -95,11 +95,11 @@ def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pyt
     part = creature(600).surface.working
 
     def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        # Five vertices went into a triangle of their own beside a hand.
+        # Five vertices merge into a separate triangle beside a hand.
         beside = points[np.argmax(points[:, 0])] + np.array([[0.01, 0, 0], [0.01, 0.001, 0], [0.01, 0, 0.001]])
         merged = np.arange(len(points))
         merged[[0, 1, 2, 3, 4]] = len(points)
-        merged[-1] = 0  # far from it, as on the other side of a gap
+        merged[-1] = 0  # a distant vertex, as across a gap
         return np.vstack([points, beside]), np.vstack([triangles, len(points) + np.arange(3)]), merged
 
     monkeypatch.setattr("zoomout_core.matching.proxy.decimate", with_a_splinter)
@@ -111,7 +111,7 @@ def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pyt
 
 @pytest.fixture
 def threads_that_take_turns() -> Iterator[None]:
-    """Threads change after nearly every instruction: what goes wrong rarely otherwise goes wrong at once."""
+    """Switch threads after nearly every instruction, so that rare race conditions occur at once."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
@@ -157,6 +157,6 @@ def test_dense_and_sliver_meshes_have_stand_ins_that_lie_on_them(benchmark_data:
     part, _ = read_surface(benchmark_data / "faust_discretisation" / f"{name}.ply").working.part(0)
     for count in (3000, 4000):
         proxy = make_proxy(part, count)
-        # Both ways: no vertex of the stand-in is off the mesh, and none of the mesh off its place on the stand-in.
+        # Proxy vertices are close to the mesh, and mesh vertices to their places on the proxy.
         assert cKDTree(part.vertices).query(proxy.vertices)[0].max() < 0.02
         assert np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1).max() < 0.02

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hypotheses are told apart: the right map from its mirror image, duplicates from new ones."""
+"""Ranking distinguishes the right map from its mirror image, and duplicates from new maps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_orientation_is_kept_by_the_true_map_and_reversed_by_the_mirrored_one(sh
 def test_every_criterion_prefers_the_true_map_to_a_wrong_one(shapes, resting, bent) -> None:
     source, target = shapes
     truth = true_vertex(resting, bent)
-    turned = np.asarray(cKDTree(resting.directions).query(bent.directions * [-1, -1, 1])[1])  # front to back
+    turned = np.asarray(cKDTree(resting.directions).query(bent.directions * [-1, -1, 1])[1])  # half turn
     scores = []
     for vertex in (truth, turned):
         C = functional_map_of(vertex, source.basis, target.basis, 60, 60)

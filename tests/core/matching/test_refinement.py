@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rounds that make a dense map of a candidate: how large the map is in each, and what positions in space weigh."""
+"""Refinement rounds from a candidate to a dense map: map sizes, and weights of positions in space."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def shape() -> ShapeAnalysis:
 
 
 class Rounds:
-    """What each round is asked for, where the misses say to weigh positions by a factor."""
+    """Records the arguments of each round; positions are weighted by a fixed factor."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, factor: float = 1.0) -> None:
         self.sizes: list[int] = []
@@ -61,7 +61,7 @@ def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeA
     rounds = Rounds(monkeypatch)
     assert refined(shape).shape == (40, 40)
     assert rounds.sizes == [10, 25, 40, 12, 19, 26, 33, 40, 40, 40]
-    # While the map is to grow, the samples are close enough.
+    # Samples suffice while the map still grows.
     assert rounds.counts[:3] == [200, 200, 640]
     assert rounds.widths == [0.08, 0.05, *[0.04] * 8]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much places in space count beside eigenfunctions, and how blends of rotations become rotations."""
+"""Weight of spatial positions relative to eigenfunctions, and normalisation of blended rotations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def shape() -> ShapeAnalysis:
 
 
 def weight_factor(shape: ShapeAnalysis, off_in_space: float, off_along: float) -> float:
-    """For a map that misses by a distance in space, and by about another one along the surface."""
+    """Weight factor of a map with errors of `off_in_space` in space and about `off_along` along the surface."""
     samples = shape.sampled.samples
     vertices = shape.mesh.vertices
     noise = np.random.default_rng(0).normal(scale=off_along, size=(len(samples), 3))
@@ -59,7 +59,7 @@ def test_a_map_that_misses_by_nothing_in_space_is_weighed_without_dividing_by_ze
 
 
 def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:
-    # Neighbours along the surface are as far apart in the one as in the other.
+    # Neighbours on the surface are equally far apart in both.
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
     aligned = Alignment(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
     rows = shape.basis.eigenvectors[:, :30]
@@ -79,7 +79,7 @@ def test_normals_tell_the_two_sides_of_a_limb_apart(shape: ShapeAnalysis) -> Non
     other_side = np.linalg.norm(queries[:, None] - embedded, axis=2).argmin(axis=1)
     assert np.median(np.einsum("nx,nx->n", normals, normals[other_side])) < -0.3
     off = np.linalg.norm(shape.mesh.vertices[other_side] - shape.mesh.vertices, axis=1)
-    assert np.median(off) < 0.3  # and no farther off than that is worth
+    assert np.median(off) < 0.3  # but not far away
 
 
 def test_the_nearest_vertex_is_found_around_the_nearest_sample(shape: ShapeAnalysis) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Torn places of a finished map are found, filled in from their surroundings, and reported where they remain."""
+"""Tears of a finished map are found and filled in from their surroundings; remaining ones are reported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.repair import REPAIR, Repair, repair
 
-# Mean distance at unit area within which filled places are right: some edges.
+# Accepted mean error of filled places at unit area: a few edges.
 NEAR = 0.08
 
 
@@ -31,26 +31,26 @@ def truth(resting: Creature, bent: Creature) -> zo.SurfaceMap:
 
 
 def patch_around(pair: Pair, vertex: int, radius: float) -> np.ndarray:
-    """Vertices of the target near one of them, at unit area."""
+    """Target vertices within a radius of a vertex, at unit area."""
     mesh = pair.target.working
     return np.flatnonzero(np.linalg.norm(mesh.vertices - mesh.vertices[vertex], axis=1) < radius)
 
 
 def send(surface_map: zo.SurfaceMap, vertices: np.ndarray, images: np.ndarray, pair: Pair) -> zo.SurfaceMap:
-    """The map with other source vertices as images of some vertices."""
+    """Replace the images of some vertices by other source vertices."""
     vertex = surface_map.vertex.copy()
     vertex[vertices] = images
     return zo.SurfaceMap.from_vertices(vertex, pair.source)
 
 
 def misses(pair: Pair, found: zo.SurfaceMap, truth: zo.SurfaceMap, vertices: np.ndarray) -> np.ndarray:
-    """Distances at unit area between images and true ones."""
+    """Distances between images and true images, at unit area."""
     off = found.interpolate(pair.source.vertices) - truth.interpolate(pair.source.vertices)
     return np.linalg.norm(off[vertices], axis=1) / np.sqrt(pair.source.area)
 
 
 def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, bent) -> None:
-    # Limbs of these creatures have few vertices, so the patch is on the body's side.
+    # Limbs have too few vertices here, so the patch is on the side of the body.
     on_body = ~np.any([on_limb(bent, limb) for limb in range(len(LIMBS))], axis=0)
     patch = patch_around(pair, int(np.argmax(pair.target.vertices[:, 0] * on_body)), 0.06)
     torn = send(truth, patch, mirrored_vertex(resting, bent)[patch], pair)
@@ -76,7 +76,7 @@ def test_single_vertices_that_are_flung_far_off_are_filled_in(pair, truth) -> No
 
 
 def test_a_large_patch_is_left_and_its_border_is_reported(pair, truth, resting, bent) -> None:
-    # Which of two halves is right is not for a repair to decide.
+    # A repair cannot decide which of two halves is right.
     half = np.flatnonzero(pair.target.vertices[:, 0] > 0)
     torn = send(truth, half, mirrored_vertex(resting, bent)[half], pair)
     found = repair(pair, torn)
@@ -93,7 +93,7 @@ def test_exact_landmarks_keep_their_images(pair, truth) -> None:
 
 
 def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
-    """A strip folded so that its two ends face each other closely, and the strip as target, unfolded."""
+    """A source strip folded so that its ends nearly touch, and the unfolded strip as the target."""
     n = 60
     u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 0.3, 18), indexing="ij")
     angle = np.clip((u - 0.45) / 0.1, 0, 1) * np.pi
@@ -117,6 +117,6 @@ def test_a_patch_on_the_surface_that_faces_it_is_found_by_geodesic_distance() ->
     across = other_end[cKDTree(places[other_end]).query(places[patch])[1]]
     torn = send(truth, patch, across, pair)
     apart = np.linalg.norm(places[across] - places[patch], axis=1) / np.sqrt(pair.source.area)
-    assert apart.max() < REPAIR.min_length * 3  # no edge is long in space
+    assert apart.max() < REPAIR.min_length * 3  # no edge is long in Euclidean distance
     found: Repair = repair(pair, torn)
     assert (u[found.surface_map.vertex[patch]] < 0.5).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Results are kept whole, shown in a few lines, and hold what a transfer needs."""
+"""Results can be saved completely, print in a few lines, and contain the input of a transfer."""
 
 from __future__ import annotations
 

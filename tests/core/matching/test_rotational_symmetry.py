@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes that look the same when they are turned say so: of all their maps none is called certain."""
+"""Rotationally symmetric shapes are reported, and none of their maps is called certain."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from zoomout_core.matching.rotational_symmetry import MAX_ROTATIONS, certainty_b
 from zoomout_core.mesh.surface import Surface
 
 BOX = CUBE * [1.0, 1.4, 2.1]
-# The turns of a cube: permutations of the axes with signs, of determinant 1.
+# The rotations of a cube: signed permutations of the axes with determinant 1.
 OF_CUBE = np.array(
     [
         matrix
@@ -32,7 +32,7 @@ OF_CUBE = np.array(
 
 
 def analysed(surface: Surface) -> ShapeAnalysis:
-    """With few functions and samples."""
+    """Analyse a surface with few functions and samples."""
     return analyse(surface.working.part(0)[0], 60, 400, 0)
 
 
@@ -77,7 +77,7 @@ def test_round_shapes_of_any_kind_have_rotations() -> None:
     assert len(self_maps(analysed(shape(TORUS, 1500).surface))) > 8
     corners = np.array([[x, y, 0.0] for x in range(9) for y in range(9)])
     faces = [[9 * x + y, 9 * x + y + 1, 9 * x + y + 10, 9 * x + y + 9] for x in range(8) for y in range(8)]
-    assert len(self_maps(analysed(Surface(corners, faces)))) >= 6  # a square, which may be turned over
+    assert len(self_maps(analysed(Surface(corners, faces)))) >= 6  # a square may also be flipped
 
 
 @pytest.mark.slow(but=1)
@@ -169,7 +169,7 @@ def test_a_map_that_the_user_began_with_is_not_turned(initial: str) -> None:
 
 
 def listed(*certainties: float, turns: int) -> list[Any]:
-    """Candidates, of which the first ones, as many as `turns`, differ by rotations."""
+    """Candidates; the first `turns` of them differ by rotations."""
     return [SimpleNamespace(certainty=one, turns=turns if i < turns else 1) for i, one in enumerate(certainties)]
 
 

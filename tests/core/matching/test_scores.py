@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Each criterion and each kind of evidence counts, in the sense that it is meant to."""
+"""Each criterion and each kind of evidence affects the score in the intended direction."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def test_a_map_is_ranked_by_each_criterion(criterion: str) -> None:
 
 @pytest.mark.parametrize("kind", ["landmarks", "earlier map", "place in space", "axes", "regions"])
 def test_a_map_that_disagrees_with_what_is_known_is_ranked_behind(kind: str) -> None:
-    # A tenth of complete disagreement, or of the square root of the area, counts in each of them.
+    # For each kind, 10% of full disagreement, or of the square root of the area, changes the score.
     assert kind in EVIDENCE_WEIGHTS
     assert total_score(SCORES | {kind: 0.1}) > total_score(SCORES) + 0.1
 
 
 def test_landmarks_outweigh_what_a_map_and_its_mirror_image_differ_by() -> None:
-    # A flip is worth two to four of the total score; a landmark on the wrong hand is off by much more than a tenth.
+    # A flip changes the total score by 2 to 4; a landmark on the wrong hand is off by much more than 0.1.
     for criterion, off in (("landmarks", 0.25), ("earlier map", 0.45)):
         assert total_score(SCORES | {criterion: off}) > total_score(SCORES) + 4
 
@@ -184,7 +184,7 @@ def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
 
 @pytest.fixture(scope="module")
 def rough(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> tuple[np.ndarray, np.ndarray]:
-    """(s,) the true source vertex of each search sample of the target, and (s,) a source sample near to it."""
+    """(s,) true source vertex of each search sample of the target, and (s,) a source sample near it."""
     source, target = shapes
     truth = true_vertex(creature(500, seed=0), creature(480, seed=1))[target.search.samples]
     places = source.mesh.vertices
@@ -211,7 +211,7 @@ def test_the_map_after_alignment_leads_to_vertices_between_the_samples_too(shape
     source = shapes[0]
     vertex, _ = map_after_alignment(sample_map, None, False, *shapes)
     assert not np.isin(vertex, source.sampled.samples).all()
-    # It goes through a round of nothing but samples, in which what is far off comes near.
+    # The first round uses only samples, and brings distant images near.
     places = source.mesh.vertices
     off, before = (
         np.linalg.norm(places[v] - places[truth], axis=1) for v in (vertex, source.search.samples[sample_map])

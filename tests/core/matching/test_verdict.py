@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One verdict on a map: its level, its reason, and what to do."""
+"""One verdict on a map: its level, its reason and advice."""
 
 from __future__ import annotations
 

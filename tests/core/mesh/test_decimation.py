@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decimation: the size asked for, the surface kept, and every vertex accounted for."""
+"""Decimation reaches the requested size, preserves the surface and maps every vertex."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 
 
 def fine_creature() -> Surface:
-    """Some 120,000 vertices."""
+    """A creature with about 120,000 vertices."""
     coarse = creature(30000).surface
     return Surface(*subdivide(coarse.vertices, coarse.triangles))
 
@@ -49,7 +49,7 @@ def test_every_vertex_went_into_one_nearby() -> None:
 
 
 def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
-    """A tube of four long sides on a body of very many vertices: its vertices are far apart, so none merge."""
+    """A four-sided tube beside a very dense body: the tube's vertices are too far apart to merge."""
     body = fine_creature().working
     ring = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * 0.02
     tube = np.concatenate([np.add(ring, (0, 0, 2 + 0.1 * level)) for level in range(9)])

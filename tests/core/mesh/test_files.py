@@ -13,7 +13,7 @@ trimesh = pytest.importorskip("trimesh")
 
 @pytest.fixture
 def shuffled_sphere():
-    """A sphere whose vertices no reader would put into this order, one of them used by no face."""
+    """A sphere with randomly ordered vertices and one unused vertex."""
     sphere = trimesh.creation.icosphere(subdivisions=3)
     order = np.random.default_rng(0).permutation(len(sphere.vertices))
     number = np.argsort(order)
@@ -42,7 +42,7 @@ def ply_bytes(vertices, faces, texcoord=None):
 
 
 def obj_text(vertices, faces, texcoords):
-    """Every corner has a texture coordinate and a normal of its own, and materials alternate."""
+    """OBJ text with a texture coordinate and a normal per corner, and alternating materials."""
     lines = ["mtllib none.mtl"]
     lines += ["v " + " ".join(map(repr, map(float, vertex))) for vertex in vertices]
     lines += [f"vt {u} {v}" for u, v in texcoords] + ["vn 0 0 1", "vn 0 1 0"]
@@ -151,7 +151,7 @@ def test_stl_keeps_the_corners_of_its_triangles(tmp_path, shuffled_sphere):
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "a.stl")
     surface = read_surface(tmp_path / "a.stl")
     np.testing.assert_allclose(surface.vertices, vertices[faces].reshape(-1, 3), atol=1e-6)
-    assert len(surface.working.vertices) == len(vertices) - 1  # welded, and without the loose vertex
+    assert len(surface.working.vertices) == len(vertices) - 1  # welded, without the unused vertex
 
 
 def test_a_scene_is_concatenated_in_the_order_of_the_file_with_its_transforms(tmp_path, shuffled_sphere):
@@ -169,7 +169,7 @@ def test_a_scene_is_concatenated_in_the_order_of_the_file_with_its_transforms(tm
     np.testing.assert_allclose(surface.vertices[:n], vertices * [-2, 1, 1] + [5, 6, 7], atol=1e-5)
     np.testing.assert_allclose(surface.vertices[n : n + 8], meshes[1].vertices, atol=1e-6)
     np.testing.assert_allclose(surface.vertices[n + 8 :], meshes[2].vertices + np.array([0, 0, 9]), atol=1e-6)
-    np.testing.assert_array_equal(surface.triangles[: len(faces)], faces[:, ::-1])  # outside stays outside
+    np.testing.assert_array_equal(surface.triangles[: len(faces)], faces[:, ::-1])  # flipped, as the transform mirrors
     np.testing.assert_array_equal(surface.triangles[len(faces) + 12 :], meshes[2].faces + n + 8)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Formats of other programs, where their libraries are installed; without these a sentence says how to get them."""
+"""Formats that need optional libraries; without them the error names the package to install."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_meshes_of_a_usd_stage_are_placed_and_joined(tmp_path: Path) -> None:
     assert np.array_equal(np.diff(surface.face_start), [4, 3])
     assert np.array_equal(surface.vertices[0], [10, 0, 0])
     assert np.array_equal(surface.vertices[5], [9, 0, 1])
-    # A mirror image keeps its outer side.
+    # A mirrored mesh keeps its outer side.
     a, b, c = surface.vertices[surface.corner_vertex[4:]]
     assert np.cross(b - a, c - a)[2] > 0
 

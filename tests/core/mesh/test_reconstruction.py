@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Point clouds become oriented surfaces through their points, without bridges between limbs that lie close."""
+"""Point clouds become oriented surfaces through their points, without bridges between nearby limbs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 
 
 def bordering(triangles: np.ndarray) -> np.ndarray:
-    """How many triangles share each edge."""
+    """Number of triangles that share each edge."""
     _, edge_of = unique_edges(triangles)
     return np.bincount(edge_of.ravel())
 
@@ -37,7 +37,7 @@ def test_points_in_a_plane_have_their_delaunay_triangulation() -> None:
     inner = {
         triangle
         for triangle in expected
-        if np.abs(flat[list(triangle)] - 0.5).max() < 0.4  # at the border the nearest points are on one side
+        if np.abs(flat[list(triangle)] - 0.5).max() < 0.4  # border points have neighbours on one side only
     }
     assert inner <= found
 
@@ -56,7 +56,7 @@ def test_a_hull_is_that_of_the_points_and_the_origin() -> None:
 
 
 def test_sheets_that_lie_close_are_not_joined() -> None:
-    """Two sheets at a quarter of the distance between their points."""
+    """Two sheets whose distance is a quarter of their point spacing."""
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
     grid = grid + np.random.default_rng(4).uniform(-0.3, 0.3, grid.shape)
     lower = np.column_stack([grid, np.zeros(len(grid))])
@@ -78,7 +78,7 @@ def test_given_normals_say_which_side_is_outside() -> None:
 
 def test_a_creature_is_reconstructed_from_its_vertices_alone(resting: Creature) -> None:
     surface = PointCloud(resting.surface.vertices).surface
-    assert 0.85 < surface.area / resting.surface.area < 1.05  # thin limbs end a little sooner
+    assert 0.85 < surface.area / resting.surface.area < 1.05  # thin limbs lose their tips
     own, true = surface.working, resting.surface.working
     used = (own.vertex_of >= 0) & (true.vertex_of >= 0)
     agreement = np.einsum(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What users hand in as a shape: the same result of each, and words for what is none."""
+"""Every accepted form of a shape gives the same surface; other objects raise a clear error."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def surface() -> zo.Surface:
 
 @pytest.fixture(params=["surface", "arrays", "list", "trimesh", "triangles", "path", "text"])
 def given(request: pytest.FixtureRequest, surface: zo.Surface, tmp_path: Path) -> Any:
-    """The surface, as users may have it."""
+    """The surface in each form that users may pass."""
     vertices, triangles = surface.vertices, surface.triangles
     if request.param in ("path", "text"):
         path = tmp_path / "mesh.ply"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What users hand in is checked once, and the working copy is a mesh that geometry can be computed on."""
+"""Input is checked once, and the working copy is a mesh that geometry can be computed on."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_borders_split_by_an_exporter_are_welded_and_nothing_else(resting: Creat
     soup = Surface(surface.vertices[surface.triangles].reshape(-1, 3), np.arange(surface.triangles.size).reshape(-1, 3))
     assert len(soup.working.vertices) == len(surface.vertices)
     assert soup.components.max() == 0
-    # Two closed copies share no border: side by side they are two.
+    # Two closed copies share no border, so they stay separate components.
     n = len(surface.vertices)
     beside = surface.vertices + 1e-3 * np.ptp(surface.vertices)
     twice = Surface(np.vstack([surface.vertices, beside]), np.vstack([surface.triangles, surface.triangles + n]))

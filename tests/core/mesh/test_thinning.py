@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decimation in stages and by thinning, on small meshes: stages are made small instead."""
+"""Decimation in stages and by thinning, tested on small meshes with small stage sizes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def small_stages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def plane(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """A flat grid of unit size."""
+    """A flat unit square as a grid."""
     along = np.arange(side) / (side - 1.0)
     return grid(along, along).vertices, triangles_of(grid_faces(side - 1, side - 1))
 
@@ -51,10 +51,10 @@ def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
     dense, triangles = plane(60)
     decimate(dense, triangles, 40)
     thinned = given[0]
-    assert 40 < len(thinned) < 0.6 * len(dense)  # a spacing of 0.16 against one of 0.017
+    assert 40 < len(thinned) < 0.6 * len(dense)  # result spacing 0.16, mesh spacing 0.017
     given.clear()
     decimate(dense, triangles, 1200)
-    assert len(given[0]) == len(dense)  # 0.029 against 0.017
+    assert len(given[0]) == len(dense)  # result spacing 0.029, mesh spacing 0.017
 
 
 def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
@@ -70,5 +70,5 @@ def test_a_flat_square_stays_flat_and_whole() -> None:
     dense, triangles = plane(60)
     points, faces, _ = decimate(dense, triangles, 200)
     np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
-    # Thinning rounds off corners of the border, by a part of the result's spacing of 0.07.
+    # Thinning rounds off border corners by a fraction of the result's spacing of 0.07.
     assert 0.95 < triangle_areas(points, faces).sum() <= 1.001

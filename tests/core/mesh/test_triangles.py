@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edges, areas and normals of triangles, and polygons cut into them: known shapes, by hand."""
+"""Edges, areas, normals and triangulation, compared with values computed by hand."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_areas_and_normals_of_a_corner() -> None:
     np.testing.assert_allclose(triangle_areas(CORNER, TETRAHEDRON), [1, 1.5, 3.5, 3])
     np.testing.assert_allclose(triangle_normals(CORNER, TETRAHEDRON[[0, 1, 3]]), [[0, 0, -1], [0, -1, 0], [-1, 0, 0]])
     np.testing.assert_allclose(vertex_areas(CORNER, TETRAHEDRON), np.array([5.5, 6, 7.5, 8]) / 3)
-    # Each face counts by its area.
+    # Faces are weighted by area.
     np.testing.assert_allclose(vertex_normals(CORNER, TETRAHEDRON)[0], -np.array([3, 1.5, 1]) / 3.5)
     flat = np.array([[0, 1, 1]])
     assert (triangle_normals(CORNER, flat) == 0).all()
@@ -62,7 +62,7 @@ def test_areas_and_normals_of_a_corner() -> None:
 @pytest.mark.parametrize("first", range(4))
 @pytest.mark.parametrize("notch", [0.2, 0.9])
 def test_quads_are_cut_along_the_diagonal_that_folds_nothing(first: int, notch: float) -> None:
-    # An arrowhead or a kite, from whichever corner it is listed.
+    # An arrowhead or a kite, listed from any corner.
     ring = np.roll(np.array([[0.0, 0, 0], [1, 0, 0], [notch, notch, 0], [0, 1, 0]]), first, axis=0)
     triangles = triangulate(ring, np.arange(4), np.array([0, 4]))
     area = triangle_areas(ring, triangles).sum()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One skin around many shells: closed, outside of them all, and joined where they are close."""
+"""Voxel remeshing puts one closed skin around many shells and bridges small gaps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def is_closed(triangles: np.ndarray) -> bool:
-    """Whether every edge is passed as often in one direction as in the other."""
+    """Whether every edge occurs in both directions."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ascending = edges[:, 0] < edges[:, 1]
     there = {tuple(edge) for edge in edges[ascending].tolist()}
@@ -70,7 +70,7 @@ def test_shells_that_overlap_touch_or_lie_close_become_one_and_what_lies_inside_
 
 
 def test_a_skin_that_is_drawn_below_parts_what_touches() -> None:
-    # Two rods that join at one end and nearly touch, as legs do.
+    # Two rods that join at one end and nearly touch, like legs.
     left, right = (ball((0, 0, 0), 1) for _ in range(2))
     rods = [(points * [0.1, 0.1, 1] + [x, 0, 0], corners) for (points, corners), x in ((left, -0.11), (right, 0.11))]
     legs = together(*rods, (ball((0, 0, 0.9), 0.25)))
@@ -88,7 +88,7 @@ def test_what_is_far_off_is_left_out() -> None:
 def test_a_mesh_with_a_hole_is_filled() -> None:
     open_box = np.vstack([SIDES[1:, [0, 1, 2]], SIDES[1:, [0, 2, 3]]])
     hole = 0.3
-    lid = np.array([[0, 0, 1, 1], [0, 0, 1 - hole, 1 - hole]])  # y of a lid that leaves a gap
+    lid = np.array([[0, 0, 1, 1], [0, 0, 1 - hole, 1 - hole]])  # y of a lid with a gap
     rim = np.array([[0, lid[1, 0], 0], [0, lid[1, 2], 0], [0, lid[1, 2], 1], [0, lid[1, 0], 1]])
     vertices = np.vstack([BOX, rim])
     triangles = np.vstack([open_box, [[8, 9, 10], [8, 10, 11]]])
@@ -121,11 +121,11 @@ def test_the_same_voxels_are_filled_however_many_points_are_looked_at_once(monke
         np.testing.assert_array_equal(ours, theirs)
 
 
-# --- by voxels ------------------------------------------------------------------------------------------------------
+# --- voxels ---------------------------------------------------------------------------------------------------------
 
 
 def block(shape: tuple[int, int, int], *boxes: tuple[tuple[int, int, int], tuple[int, int, int]]) -> np.ndarray:
-    """A grid in which some boxes, from a voxel to another one, are solid."""
+    """A grid with solid boxes, each from one voxel to another inclusive."""
     grid = np.zeros(shape, dtype=bool)
     for low, high in boxes:
         grid[tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))] = True
@@ -133,7 +133,7 @@ def block(shape: tuple[int, int, int], *boxes: tuple[tuple[int, int, int], tuple
 
 
 def walls_of_a_box() -> np.ndarray:
-    """A hollow box of 9 voxels a side, one voxel thick, in a grid of 17."""
+    """A hollow box, 9 voxels wide with walls of one voxel, in a grid of 17 per side."""
     box = block((17, 17, 17), ((4, 4, 4), (12, 12, 12)))
     box[5:12, 5:12, 5:12] = False
     return box
@@ -147,14 +147,14 @@ def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
     expected[:, :, 3] = (i >= 2) & (j >= 2) & (i + j <= 16)
     expected[15, 15, 9] = True
     sure = np.ones_like(expected)
-    sure[:, :, 3] = i + j != 17  # which the hypotenuse passes through at a corner
+    sure[:, :, 3] = i + j != 17  # the hypotenuse only touches corners of these voxels
     np.testing.assert_array_equal(found[sure], expected[sure])
     alone = _rasterise(corners[:3], np.array([[0, 1, 2]]), np.array([18, 18, 12]))
     np.testing.assert_array_equal(alone[:, :, 3], found[:, :, 3])
 
 
 def test_a_triangle_is_rasterised_up_to_its_corners() -> None:
-    # Each of which is all that lies in its voxel.
+    # Each corner is the only part of the triangle in its voxel.
     corners = np.array([[2.45, 2.45, 3], [13.55, 2.45, 3], [2.45, 13.55, 3]])
     found = _rasterise(corners, np.array([[0, 1, 2]]), np.array([18, 18, 12]))
     assert found[[2, 14, 2], [2, 2, 14], 3].all()
@@ -185,14 +185,14 @@ def test_walls_are_met_in_the_directions_in_which_they_stand() -> None:
     plane = np.zeros((9, 9, 9), dtype=bool)
     plane[:, :, 2] = True
     assert _walls_around(plane)[4, 4, 4] == 9
-    # A row of voxels: itself, at most.
+    # A single voxel is met in one direction at most.
     assert set(np.unique(_walls_around(block((9, 9, 9), ((4, 4, 4), (4, 4, 4)))))) == {0, 1}
 
 
 @pytest.mark.parametrize(("holes", "filled"), [(0, True), (2, True), (6, False), (9, False)])
 def test_a_box_is_filled_unless_its_holes_let_too_many_directions_out(holes: int, filled: bool) -> None:
     box = walls_of_a_box()
-    # Where the lid is met in the nine directions upwards from the middle.
+    # Open the lid where the nine upward directions from the centre meet it.
     for i, j in list(product((8, 4, 12), repeat=2))[:holes]:
         box[i, j, 12] = False
     assert _fill(box)[8, 8, 8] == filled
@@ -221,7 +221,7 @@ def test_pieces_that_are_near_are_joined_where_they_are_nearest() -> None:
 
 @pytest.mark.parametrize(("widest", "joined"), [(3.5, True), (2.5, False)])
 def test_gaps_are_bridged_up_to_a_width(widest: float, joined: bool) -> None:
-    # Three empty voxels.
+    # The gap is three voxels wide.
     found = _bridge(block((20, 12, 12), ((2, 2, 2), (7, 6, 6)), ((11, 2, 2), (14, 6, 6))), widest)
     assert found[13, 4, 4] == joined
     assert found[4, 4, 4]
@@ -238,7 +238,7 @@ def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
 def test_a_single_piece_stays_and_of_several_the_largest() -> None:
     one = block((12, 12, 12), ((2, 2, 2), (5, 5, 5)))
     np.testing.assert_array_equal(_bridge(one, 3.0), one)
-    touching = one | block((12, 12, 12), ((6, 6, 6), (7, 7, 7)))  # at a corner
+    touching = one | block((12, 12, 12), ((6, 6, 6), (7, 7, 7)))  # touching at a corner
     np.testing.assert_array_equal(_bridge(touching, 3.0), touching)
     two = one | block((12, 12, 12), ((8, 8, 8), (9, 9, 9)))
     np.testing.assert_array_equal(_bridge(two, 1.5), one)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices that are one but for rounding are one in the working copy, and what lies twice is there once."""
+"""The working copy welds vertices that differ by rounding, and drops duplicate faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DIAMETER = 2 * float(np.linalg.norm(VERTICES - VERTICES.mean(axis=0), axis=1).ma
 
 
 def soup(jitter: float, frame: Floats | None = None) -> Surface:
-    """Every triangle with corners of its own, moved by some tolerances."""
+    """The mesh with separate corners for every triangle, displaced by `jitter` tolerances."""
     points = VERTICES[TRIANGLES].reshape(-1, 3)
     away = np.random.default_rng(0).uniform(-1, 1, points.shape)
     points = points + jitter * DIAMETER * welding.TOLERANCE * away / np.linalg.norm(away, axis=1, keepdims=True)
@@ -36,7 +36,7 @@ def test_corners_within_the_tolerance_are_one_in_whatever_frame(seed: int) -> No
 
 
 def test_what_others_connect_is_one() -> None:
-    """A row of vertices, each within the tolerance of the next."""
+    """A row of vertices, each within tolerance of the next, is welded into one."""
     square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     step = 0.9 * 2 * np.linalg.norm(square - square.mean(axis=0), axis=1).max() * welding.TOLERANCE
     along = np.array([step, 0, 0])
@@ -73,7 +73,7 @@ def test_what_lies_twice_is_there_once(name: str, jitter: float) -> None:
 
 
 def test_a_surface_may_touch_itself_off_its_borders() -> None:
-    """Two closed shapes that share a place of one vertex, and a copy that has moved."""
+    """Two closed shapes with one vertex in the same place stay separate."""
     shift = VERTICES[0] - VERTICES[1]
     both = Surface(np.concatenate([VERTICES, VERTICES + shift]), np.concatenate([TRIANGLES, TRIANGLES + len(VERTICES)]))
     assert len(both.working.vertices) == 2 * len(VERTICES)
@@ -81,16 +81,16 @@ def test_a_surface_may_touch_itself_off_its_borders() -> None:
 
 
 def test_a_fold_of_two_triangles_stays() -> None:
-    """They lie on one another, but are of one closed surface, which would be torn."""
+    """The two coincide, but removing them would tear a closed surface."""
     tetrahedron = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    # The face 0 2 1 is cut into a fold along 0 1, whose far corners 2 and 4 are in one place, and what it hides.
+    # Vertex 4 coincides with vertex 2; the face 0 2 1 is replaced by 0 4 1 and two faces of zero area.
     folded = Surface([*tetrahedron, tetrahedron[2]], [[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 4, 1], [1, 4, 2], [2, 4, 0]])
     assert len(folded.working.vertices) == 5
-    # And so it is where the corners are one, as decimation leaves it: a fin on the edge from 0 to 1.
+    # A fin on the edge from 0 to 1, as decimation leaves it, also stays.
     closed = [[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]]
     fin = Surface([*tetrahedron, [1, 1, -1]], [*closed, [0, 1, 4], [0, 4, 1]])
     assert len(fin.working.triangles) == 6
-    # What turns the same way twice is no fold.
+    # Two faces with the same winding are duplicates, not a fold.
     assert len(Surface(tetrahedron, [*closed, closed[0]]).working.triangles) == 4
 
 

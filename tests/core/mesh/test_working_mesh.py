@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outside and inside: told by volume where there is one, and left open where a cloth may bend either way."""
+"""Volume decides the orientation where there is one; for open sheets it stays undecided."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from zoomout_core.samples.spheres import outward_hull
 
 
 def cap(lowest: float, inwards: bool = False) -> Surface:
-    """The part of a ball above a height from -1 to 1, wound outwards or inwards."""
+    """The part of a unit ball above a height, wound outwards or inwards."""
     where = directions(800, 0)
     corners = outward_hull(where)[:, :: -1 if inwards else 1]
     return Surface(where, corners[where[corners][:, :, 2].min(axis=1) > lowest])
 
 
 def outward(surface: Surface) -> float:
-    """The share of triangles that the working mesh turns away from the centre of the ball."""
+    """Share of triangles whose working-mesh orientation points away from the centre of the ball."""
     mesh = surface.working
     corners = mesh.to_surface(mesh.vertices)[mesh.oriented_triangles]
     a, b, c = corners.transpose(1, 0, 2)
@@ -76,7 +76,7 @@ def test_a_piece_is_the_largest_connected_one_between_some_vertices() -> None:
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     assert areas.sum() == pytest.approx(1)
     assert (piece.component == 0).all()
-    # Of a vertex that no triangle is left of, there is nothing.
+    # A vertex without remaining triangles is dropped.
     alone = inside & (mesh.vertices[:, 2] > 0.1)
     alone[np.argmin(mesh.vertices[:, 2])] = True
     np.testing.assert_array_equal(mesh.piece(alone)[1], vertices)

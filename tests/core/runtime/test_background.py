@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A computation in the background is polled and cancelled, and its caller waits for nothing."""
+"""A background computation can be polled and cancelled without blocking its caller."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from zoomout_core.runtime.background import Background
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.runtime.threads import side_by_side
 
-# Seconds after which a test fails that waits for a thread.
+# Timeout in seconds of a test that waits for a thread.
 LONG = 10
 
 
 class Work:
-    """A computation that goes on when it is told to, and reports a tenth more each time."""
+    """A computation of three steps; each waits for `go_on` and reports another tenth."""
 
     def __init__(self, ends_with: str | Exception = "done") -> None:
         self.may_go_on, self.reported, self.cancelled = (threading.Semaphore(0) for _ in range(3))

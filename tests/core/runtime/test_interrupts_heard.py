@@ -15,7 +15,7 @@ from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
 class Thing:
-    """What can be referred to weakly."""
+    """An object that supports weak references."""
 
 
 def interrupted(_: object) -> None:
@@ -37,7 +37,7 @@ def interrupted_and_ending_with(error: BaseException) -> None:
 
 @pytest.fixture
 def hearing() -> Iterator[None]:
-    """Interrupts are raised, though the tests may run in the background, which is deaf to them."""
+    """Raise interrupts even if the tests run in the background, where the shell ignores them."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

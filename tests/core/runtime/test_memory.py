@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is free of the memory, on systems of all kinds."""
+"""Free memory on all operating systems."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def written(root: Path, **texts: str) -> None:
 
 @pytest.fixture(autouse=True)
 def no_such_calls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on Windows."""
+    """Remove the calls that Windows lacks."""
     monkeypatch.delattr(os, "sysconf", raising=False)
     monkeypatch.setitem(__import__("sys").modules, "resource", None)
 

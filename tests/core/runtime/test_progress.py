@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Progress of nested computations, what listeners hear of it, and how they end it."""
+"""Progress of nested computations; listeners receive it and can cancel the computation."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Computations side by side: their results, progress and errors, and BLAS on one thread meanwhile."""
+"""Concurrent computations: results, progress and errors, with BLAS limited to one thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side, threads
 from zoomout_core.tuning import retune
 
-# Seconds after which a test fails that waits for another thread.
+# Timeout in seconds of a test that waits for another thread.
 LONG = 10
 
 
@@ -30,12 +30,12 @@ def two_threads() -> Iterator[None]:
 
 
 def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Callable[[], str]:
-    """A computation of some steps; with a meeting, each of them takes place as the other one's does."""
+    """A computation of `steps` steps; a barrier synchronises each step with another computation."""
 
     def work() -> str:
         for step in range(steps):
             if meeting is not None:
-                meeting.wait(timeout=LONG)  # breaks unless the other one is at work meanwhile
+                meeting.wait(timeout=LONG)  # breaks unless the other computation runs at the same time
             advance(step / steps)
         return result
 
@@ -134,7 +134,7 @@ def failing() -> None:
 
 
 class Endless:
-    """A computation that reports as often as it is told to, until it is stopped."""
+    """A computation that reports without end, once it may, until it is cancelled."""
 
     def __init__(self) -> None:
         self.begun, self.may_report, self.stopped = threading.Event(), threading.Event(), threading.Event()
@@ -174,7 +174,7 @@ def test_after_an_error_nothing_else_is_begun() -> None:
 
     def work(item: int) -> None:
         begun.append(item)
-        time.sleep(0.001)  # the caller gets time to stop the other threads, on busy cores too
+        time.sleep(0.001)  # gives the caller time to stop the other threads, even on busy cores
         failing()
 
     for count in (1, 2):
@@ -200,7 +200,7 @@ def test_computations_are_cancelled_by_a_listener(count: int) -> None:
         side_by_side(*works)
     for work in works[:count]:
         assert not work.begun.is_set() or work.stopped.wait(timeout=LONG)
-    # The next ones begin as ever.
+    # Later computations run normally.
     assert side_by_side(counting(3, "first"), counting(3, "second")) == ("first", "second")
 
 
@@ -228,9 +228,9 @@ def threads_of_blas() -> set[int]:
 
 @pytest.fixture
 def two_blas_threads() -> Iterator[None]:
-    """BLAS has two threads, whatever the environment says.
+    """Give BLAS two threads, whatever the environment sets.
 
-    Set by threads that have ended, as threadpoolctl lets no other thread than that which set a limit change it.
+    Short-lived threads set the limit, as threadpoolctl lets only the thread that set a limit change it.
     """
     limits: list[threadpool_limits] = []
     in_a_thread(lambda: limits.append(threadpool_limits(2, user_api="blas")))
@@ -309,7 +309,7 @@ def test_nested_computations_and_their_threads_have_one_blas_thread() -> None:
 
 
 def most_at_work(count: int) -> int:
-    """How many of many nested computations were at work at a time."""
+    """Greatest number of nested computations that ran at the same time."""
     lock, at_work, most = threading.Lock(), 0, 0
 
     def work(_: int) -> None:

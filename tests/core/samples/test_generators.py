@@ -17,7 +17,7 @@ from zoomout_core.samples.spheres import ball, directions, outward_hull
 
 
 def volume(surface: Surface) -> float:
-    """Positive where faces are wound outwards."""
+    """Signed volume, positive if faces are wound outwards."""
     a, b, c = surface.vertices[surface.triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 

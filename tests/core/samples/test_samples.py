@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The meshes to try things on are what they are said to be: alike but for pose and triangles, and complete."""
+"""The sample meshes are complete and differ only in pose and triangulation."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ def test_limbs_have_their_share_of_vertices_and_coordinates_cross_the_seam(folde
     found = zo.read_asset(folder / "character.glb").find("uv 0")
     assert found is not None
     across = np.ptp(np.asarray(found.values).reshape(-1, 3, 2)[:, :, 0], axis=1)
-    assert (across > 0.5).sum() <= 4  # above and below, where all longitudes meet
+    assert (across > 0.5).sum() <= 4  # at the poles, where all longitudes meet
 
 
 def test_the_truth_names_the_same_places(folder: Path) -> None:
     pairs = np.loadtxt(folder / "truth.txt", dtype=int)
     source, target = zo.read_surface(folder / "character.glb"), zo.read_surface(folder / "scan.ply")
     assert len(pairs) > 300
-    # The body does not move, so what corresponds lies beside each other there.
+    # The body does not move, so corresponding points are close.
     body = np.flatnonzero(samples.limb_weights(samples.scan().directions)[pairs[:, 1], 0] > 0.999)
     apart = np.linalg.norm(source.vertices[pairs[body, 0]] - target.vertices[pairs[body, 1]], axis=1)
     assert len(body) > 50
     assert np.quantile(apart, 0.99) < 0.15
-    # The limbs do.
+    # The limbs move.
     assert np.linalg.norm(source.vertices[pairs[:, 0]] - target.vertices[pairs[:, 1]], axis=1).max() > 1
 
 

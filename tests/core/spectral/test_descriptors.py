@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signatures are intrinsic; pseudo-scalars and curvature know the outside from the inside."""
+"""Signatures are intrinsic; pseudo-scalars and curvature distinguish outside from inside."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, b
 
 @pytest.mark.parametrize("signature", [wave_kernel_signature, heat_kernel_signature])
 def test_loose_parts_leave_signatures_of_a_surface_as_they_are(signature) -> None:
-    # What is constant on each part, however its eigenvalue is rounded, says nothing of a place.
+    # Functions that are constant on each part are uninformative, even if rounding makes their eigenvalues nonzero.
     alone = eigenbasis(creature(600, seed=1).surface, 40)
     part = SpectralBasis(
         np.concatenate([[0, 1e-13, 1e-7], alone.eigenvalues[1:]]),
@@ -93,7 +93,7 @@ def test_pseudo_scalars_of_coordinates_on_a_sphere_are_the_normal() -> None:
     points = directions(4000, seed=2)
     working = Surface(points, ConvexHull(points).simplices).working
     areas = mesh_laplacian(working.vertices, working.triangles)[1]
-    # <n, grad x cross grad y> = n_z, whatever the scale of the mesh when x and y scale with it.
+    # <n, grad x cross grad y> = n_z at any scale, if x and y scale with the mesh.
     found = pseudo_scalars(working, areas, working.vertices[:, [0]], working.vertices[:, [1]])[:, 0]
     np.testing.assert_allclose(found, points[:, 2], atol=0.05)
 

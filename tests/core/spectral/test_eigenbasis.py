@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The eigenbasis is complete, exact, orthonormal, and depends on the shape alone."""
+"""The eigenbasis is complete, exact, orthonormal, and depends only on the shape."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_eigenpairs_agree_with_arpack(resting: Creature) -> None:
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     values, vectors = eigsh(stiffness, 80, diags_array(areas), sigma=-1.0)
     np.testing.assert_allclose(basis.eigenvalues, values, rtol=1e-5, atol=1e-5)
-    # Signs and repeated values aside, the two span the same space.
+    # Both span the same space; signs and bases of repeated eigenvalues may differ.
     cosines = np.linalg.svd(vectors[:, :79].T @ (areas[:, None] * basis.eigenvectors), compute_uv=False)
     assert cosines.min() > 1 - 1e-5
 
@@ -118,7 +118,7 @@ def test_a_mesh_with_slivers_and_non_manifold_edges_has_a_basis(resting: Creatur
     fin = surface.vertices[c] * 1.02
     broken = Surface(
         np.vstack([surface.vertices, [middle, fin]]),
-        np.vstack([surface.triangles, [[a, b, n], [a, b, n + 1]]]),  # a face without area, and a fin on an edge
+        np.vstack([surface.triangles, [[a, b, n], [a, b, n + 1]]]),  # a face of zero area, and a fin on an edge
     )
     eigenvalues = eigenbasis(broken, 30).eigenvalues
     np.testing.assert_allclose(eigenvalues, eigenbasis(surface, 30).eigenvalues, rtol=0.02, atol=1e-4)
@@ -134,7 +134,7 @@ def test_a_missing_eigenvalue_is_noticed(resting: Creature) -> None:
 
 
 def test_pairs_that_the_iteration_missed_are_found_later(resting: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if eigenvalues were missing at first: it goes on, and ends with the same ones."""
+    """If the completeness check fails at first, the iteration goes on and finds the same eigenvalues."""
     working = resting.surface.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     expected = eigenbasis(resting.surface, 60).eigenvalues
@@ -176,7 +176,7 @@ def test_blas_is_left_as_it_was(resting: Creature) -> None:
 
 @pytest.mark.parametrize("count", [1, 5, 8])
 def test_the_number_of_threads_changes_nothing(resting: Creature, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not a bit, though vectors as short as these are worked on by several threads."""
+    """Results are bitwise equal, with thresholds lowered so that several threads share these short vectors."""
     monkeypatch.setattr(module, "MIN_THREADED_VERTICES", 100)
     monkeypatch.setattr(module, "MIN_SPARSE_VERTICES", 200)
 

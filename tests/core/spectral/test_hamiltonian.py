@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functions of a Hamiltonian live where its potential is low, and lead maps of parts to their places."""
+"""Hamiltonian eigenfunctions are confined to low potential and lead maps of parts to their places."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from scipy.spatial import ConvexHull
 import zoomout_core as zo
 from zoomout_core.spectral import eigenbasis
 
-# Eigenvalues on a hemisphere, at the unit area of its sphere, whose functions vanish on the equator: of the degree l
-# there are l.
+# Eigenvalues of a hemisphere whose sphere has unit area, for functions that vanish on the equator: l of degree l.
 DEGREE = np.repeat([1, 2, 3], [1, 2, 3])
 HEMISPHERE = 4 * np.pi * DEGREE * (DEGREE + 1)
 
@@ -83,13 +82,13 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
 
 
 def test_signatures_leave_out_what_is_constant_alone() -> None:
-    """A sphere whose upper half is closed off, beside a small one without a potential: one function is constant."""
+    """A sphere with a potential on its upper half, beside a small free one: one function is constant."""
     points = directions(900, seed=3)
     triangles = ConvexHull(points).simplices
     sphere, above = zo.Surface(points, triangles), points[:, 2] > 0
     alone = zo.hamiltonian_basis(sphere, above, 8)
     assert alone.components == 0
-    lowest = zo.wave_kernel_signature(alone, 1, k=1)  # of the first function
+    lowest = zo.wave_kernel_signature(alone, 1, k=1)  # signature of the first function alone
     np.testing.assert_allclose(lowest[:, 0], alone.eigenvectors[:, 0] ** 2)
     both = zo.Surface(np.vstack([points, 0.5 * points + [3, 0, 0]]), np.vstack([triangles, triangles + 900]))
     basis = zo.hamiltonian_basis(both, np.append(above, np.zeros(900, dtype=bool)), 8)
@@ -99,7 +98,7 @@ def test_signatures_leave_out_what_is_constant_alone() -> None:
 
 
 def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
-    """Started from a map of which one half is wrong, in functions that live on the same region of the whole."""
+    """ZoomOut starts from a half-wrong map and uses functions confined to the same region of the whole."""
     bent = creature(2500, seed=1, bend=0.5)
     inside = (bent.directions[:, 0] > 0.1)[bent.surface.triangles].all(axis=1)
     used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
@@ -114,13 +113,13 @@ def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
     assert outside[start].mean() > 0.2
     assert outside[vertex].mean() < 0.01
     assert off(resting, vertex, truth) < 0.3 * off(resting, start, truth)
-    # A region that lacks some of the part leads astray.
+    # A region that misses some of the part gives a worse map.
     lacking = zo.hamiltonian_basis(resting.surface, resting.directions[:, 0] < 0.5, 60)
     assert off(resting, zo.zoomout(lacking, basis_part, start, k_final=60).vertex, truth) > off(resting, vertex, truth)
 
 
 def off(source: Creature, vertex: np.ndarray, truth: np.ndarray) -> float:
-    """Mean distance in space between images and true images on the source."""
+    """Mean Euclidean distance between images and true images on the source."""
     return float(np.linalg.norm(source.surface.vertices[vertex] - source.surface.vertices[truth], axis=1).mean())
 
 

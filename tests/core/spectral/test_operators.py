@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators of descriptors: products with them, and derivatives along their level lines."""
+"""Descriptor operators: products with descriptors, and derivatives along their level lines."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_orientation_operators_of_coordinates_on_a_sphere_turn_about_an_axis() -
     basis = eigenbasis(sphere, 4)
     operator = orientation_operators(sphere, basis, points[:, 2], 4)[0]
     x, y, z = basis.coefficients(points).T
-    # At unit area lengths are divided by the root of 4 pi, and two derivatives are taken.
+    # Unit area divides lengths by sqrt(4 pi), and the operator takes two derivatives.
     np.testing.assert_allclose(operator @ x / (4 * np.pi), y, atol=0.02)
     np.testing.assert_allclose(operator @ y / (4 * np.pi), -x, atol=0.02)
     np.testing.assert_allclose(operator @ z, 0, atol=0.02 * 4 * np.pi)
@@ -52,7 +52,7 @@ def test_orientation_operators_are_antisymmetric_and_turn_their_sign_in_the_mirr
     triangles = made.surface.triangles[:, ::-1]
     mirrored = Surface(made.surface.vertices * [-1, 1, 1], triangles)
     np.testing.assert_allclose(orientation_operators(mirrored, basis, f, 20), -operators, atol=1e-9)
-    # Which way triangles are wound is the mesh's affair, not the surface's.
+    # The winding belongs to the mesh, not to the surface.
     inside_out = Surface(made.surface.vertices, triangles)
     np.testing.assert_allclose(orientation_operators(inside_out, basis, f, 20), operators, atol=1e-9)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples cover the shape and depend on nothing but the shape."""
+"""Samples cover the shape and depend only on the shape."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_samples_cover_evenly_and_are_distinct(resting: Creature) -> None:
     assert len(np.unique(samples)) == 200
     hole = cKDTree(points[samples]).query(points)[0].max()
     gap = cKDTree(points[samples]).query(points[samples], k=2)[0][:, 1].min()
-    assert hole <= gap + 1e-12  # no point is farther from the samples than these are from each other
+    assert hole <= gap + 1e-12  # no point is farther from the samples than they are from each other
 
 
 def test_samples_do_not_depend_on_order_or_place(resting: Creature) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tests of symmetries share: a posed creature, detected once."""
+"""Fixtures of the symmetry tests: the symmetry of a posed creature, detected once."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ import zoomout_core as zo
 
 @pytest.fixture(scope="session")
 def reflection(bent: Creature) -> zo.Symmetry:
-    """The posed creature's left and right."""
+    """The left-right symmetry of the posed creature."""
     return zo.detect_symmetry(bent.surface)[0]

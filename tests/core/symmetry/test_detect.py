@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Symmetries are found in any pose, all of them, and told from what is none."""
+"""All symmetries are found in any pose, and asymmetric shapes have none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.hypotheses import _there_and_back
 
-# A letter S: a half turn leads it to itself, and no mirror does.
+# A letter S has a half-turn symmetry but no mirror symmetry.
 S_SHAPE = Figure(
     (
         [(-1.5, -0.6, 0, 0.2), (-0.7, -0.6, 0, 0.25)],
@@ -35,7 +35,7 @@ STARFISH = Figure(
 
 
 def rigid_part(symmetry: zo.Symmetry, made: Shaped) -> tuple[np.ndarray, float]:
-    """The orthogonal map (3, 3) of places that fits a symmetry best, and how far it is off, at unit area."""
+    """Best orthogonal fit (3, 3) to a symmetry's map of places, and its mean error at unit area."""
     here = made.places - made.places.mean(axis=0)
     there = symmetry.surface_map.interpolate(made.places) - made.places.mean(axis=0)
     U, _, Vt = np.linalg.svd(there.T @ here)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stone's only symmetry is found in a third of a second: what it is, on which sides, and among which bodies."""
+"""A stone's only symmetry is found in a third of a second, with its sides, and among several bodies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CLEAR = np.abs(EVEN[:, 0]) > 0.1
 
 
 def stone(places: np.ndarray) -> Surface:
-    """A stone whose left and right are alike and nothing else is, with vertices that stand for places on the sphere."""
+    """A stone with left-right symmetry only; its vertices correspond to places on the sphere."""
     triangles = outward_hull(places)
     _, y, z = places.T
     return Surface(places * (1 + 0.25 * z + 0.2 * y * z + 0.15 * y)[:, None] * [1, 0.75, 0.55], triangles)
@@ -33,7 +33,7 @@ def about_z(angle: float) -> np.ndarray:
 
 
 def turned(angle: float) -> Surface:
-    """The stone, turned about z."""
+    """The stone, rotated about z."""
     straight = stone(EVEN)
     return straight.with_vertices(straight.vertices @ about_z(angle).T)
 
@@ -83,7 +83,7 @@ def test_on_a_mesh_that_has_no_mirror_it_leads_back_all_the_same() -> None:
     off = np.linalg.norm(mirror.surface_map.interpolate(mesh.vertices) - mesh.vertices * MIRROR, axis=1)
     assert (mirror.order, mirror.reverses_orientation) == (2, True)
     assert off.mean() < 0.02
-    # 0.007 before it is made to undo itself
+    # 0.007 before it is made an involution
     assert mirror.return_error < 0.004
 
 
@@ -108,13 +108,13 @@ def test_progress_never_goes_back_and_tells_of_all_parts() -> None:
     assert sum(0.69 < fraction < 1 for fraction in fractions) > 3
 
 
-# --- which body, and how many of its symmetries --------------------------------------------------------------
+# --- choice of the body and of its symmetries ----------------------------------------------------------------
 
 
 def chosen(
     monkeypatch: pytest.MonkeyPatch, bodies: list[tuple[float, list[float]]], **options: int
 ) -> tuple[list[float], int]:
-    """The certainties of what is returned of bodies with a coverage and candidates each, and how many were analysed."""
+    """Certainties of the returned symmetries of bodies with given coverages and candidates, and the number analysed."""
     analysed = []
 
     def candidates(shape: list[float]) -> list[SimpleNamespace]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names change sides as they do in Blender; `tests/blender/test_flipped_names.py` compares with Blender itself."""
+"""Names flip sides as in Blender; `tests/blender/test_flipped_names.py` compares with Blender itself."""
 
 from __future__ import annotations
 

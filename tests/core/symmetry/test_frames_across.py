@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Displacements, shapes and layouts across a symmetry of a small shape: what turns, what stays, what is asymmetric."""
+"""Mirror displacements, shapes and layouts of a small shape, and measure their asymmetry."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from zoomout_core.symmetry.uv import symmetrise_uv
 
 
 def egg(scale: float = 1.0) -> SelfMap:
-    """A surface that its mirror takes to itself exactly, vertex by vertex."""
+    """A surface with exact mirror symmetry, vertex by vertex."""
     triangles = outward_hull(EVEN)
     surface = Surface(scale * EVEN * [1, 0.8, 1.3], triangles)
     shape = analyse(surface.working, 100, 150, 0)
@@ -49,7 +49,7 @@ def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
 
 
 def turned_about(mirror: SelfMap) -> tuple[SelfMap, np.ndarray]:
-    """The half turn of the egg about z, nearly, and (3,) its diagonal."""
+    """The half turn of the egg about z to the nearest points, and its diagonal (3,)."""
     half_turn = np.array([-1.0, -1, 1])
     there = nearest_map(mirror.surface.vertices * half_turn, mirror.surface)
     return replace(mirror, surface_map=there, reverses_orientation=False), half_turn
@@ -77,13 +77,13 @@ def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_i
         places = shape.mesh.vertices[shape.search.samples]
         linear = np.linalg.lstsq(places, places[one.sample_map], rcond=None)[0]
         reached.append((one.reverses_orientation, tuple(np.sign(np.diag(linear)).astype(int))))
-    # And not the identity, which is one of the guesses.
+    # The identity, one of the guesses, is excluded.
     assert sorted(reached) == [(False, (-1, -1, 1)), (True, (-1, 1, 1))]
 
 
 def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mirror: SelfMap) -> None:
     near, surface = np.array([3, 70]), mirror.surface
-    # Uneven, so that frames differ from place to place.
+    # Uneven, so that frames differ between vertices.
     uneven = surface.vertices * (1 + 0.3 * EVEN[:, :1] * EVEN[:, 1:2])
     more = Surface(np.vstack([uneven, 1.001 * uneven[near], [[np.nan] * 3]]), surface.triangles)
     shape = analyse(more.working, 100, 150, 0)
@@ -175,12 +175,12 @@ def test_over_puts_each_side_where_the_other_one_is() -> None:
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
 @pytest.mark.parametrize("flip", [1, -1])
 def test_a_side_that_has_the_same_layout_elsewhere_keeps_it_there(turn: float, flip: int) -> None:
-    # The right side is laid out like the left one, but turned, half as large, perhaps mirrored, and somewhere else.
+    # The right layout is the left one, rotated, halved in size, perhaps mirrored, and moved.
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.diag([flip, 1])
     there = 0.5 * (CORNERS * [-1, 1]) @ rotation.T + [8, 3]
     own = np.where(LEFT[:, None], CORNERS, there)
     np.testing.assert_allclose(laid(own, "own"), own, atol=1e-9)
-    # One corner was moved by hand, which the left side does not have.
+    # One corner of the right side was moved by hand.
     moved = own.copy()
     one = np.flatnonzero(~LEFT & (np.abs(CORNERS[:, 0] + 0.8) < 1e-9) & (np.abs(CORNERS[:, 1] - 0.5) < 1e-9))
     moved[one] += 0.05
@@ -218,7 +218,7 @@ def test_what_an_island_shares_with_the_winning_side_stays_and_holds_the_rest() 
     found = laid(whole, "own")
     on_line = np.abs(CORNERS[:, 0]) < 1e-9
     np.testing.assert_allclose(found[on_line], whole[on_line])
-    # What is next to the line is held by it, though a better fit to the rest would push it off.
+    # Corners next to the line stay near it, although the best fit to the rest would move them away.
     beside = np.abs(CORNERS[:, 0] + 0.2) < 1e-9
     assert np.abs(found[beside] - CORNERS[beside])[:, 0].max() < 0.05
     far = np.abs(CORNERS[:, 0] + 1.2) < 1e-9

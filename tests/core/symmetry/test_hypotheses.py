@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a symmetry may begin as: the right map is among few guesses, and round things get more of them."""
+"""The right map is among a few initial guesses; round shapes get more guesses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def prepared(surface: Surface) -> ShapeAnalysis:
 
 
 def mirror_of(shape: ShapeAnalysis, places: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The functional map of the mirror of a shape whose vertices stand for places (n, 3) on the sphere."""
+    """Functional map of the mirror of a shape whose vertices correspond to places (n, 3) on the sphere."""
     triangle, weights = closest_points(places * MIRROR, places, triangles)
     images = np.einsum("nc,nck->nk", weights, shape.basis.eigenvectors[triangles[triangle]])
     return shape.basis.coefficients(images)
@@ -50,7 +50,7 @@ def animal() -> tuple[ShapeAnalysis, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def stone() -> tuple[ShapeAnalysis, np.ndarray]:
-    """A stone without limbs, whose left and right are alike and nothing else is."""
+    """A stone without limbs, with left-right symmetry only, and the functional map of its mirror."""
     places = directions(400, seed=2)
     _, y, z = places.T
     radius = 1 + 0.25 * z + 0.2 * y * z + 0.15 * y
@@ -60,7 +60,7 @@ def stone() -> tuple[ShapeAnalysis, np.ndarray]:
 
 
 def column(sides: int) -> Surface:
-    """An upright column that tapers, with flutes."""
+    """A tapering, fluted, upright column."""
     turn = np.linspace(0, 2 * np.pi, 8 * sides, endpoint=False)
     rim = 1 + 0.3 * np.cos(sides * turn)
     rings = [np.column_stack([r * rim * np.cos(turn), r * rim * np.sin(turn), 0 * turn + z]) for z, r in PROFILE]
@@ -78,7 +78,7 @@ PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6
 
 
 def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
-    """How far each guess is from the true map of the first functions, relatively."""
+    """Relative distance of each guess from the true map of the first functions."""
     k = COUNT
     return [
         float(np.linalg.norm(guess.functional_map[:k, :k] - truth[:k, :k]) / np.linalg.norm(truth[:k, :k]))
@@ -108,13 +108,13 @@ def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple
     maps = [guess.functional_map for guess in blocks_of_eigenfunctions(shape)]
     assert 2 <= len(maps) <= 8
     for i, one in enumerate(maps):
-        assert len(one) == COUNT + 1  # the constant function among them
+        assert len(one) == COUNT + 1  # including the constant function
         np.testing.assert_allclose(one @ one.T, np.eye(len(one)), atol=1e-9)
         assert all(np.linalg.norm(one - other) > 0.5 * np.linalg.norm(other) for other in maps[:i])
 
 
 def turned(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.ndarray:
-    """The functional map of a turn around z, or a mirror through it."""
+    """Functional map of a rotation about z, or of a mirror through the z axis."""
     vertices = shape.mesh.vertices
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ np.diag([1, -1 if mirrored else 1, 1])
@@ -135,7 +135,7 @@ def test_axes_of_a_cube_change_places() -> None:
     box = trimesh.creation.box().subdivide().subdivide().subdivide()
     shape = prepared(Surface(box.vertices, box.faces))
     maps = [guess.functional_map[1:4, 1:4] for guess in blocks_of_eigenfunctions(shape)]
-    # In each eigenspace of three a symmetry of the cube permutes the axes, with signs.
+    # In each three-dimensional eigenspace a symmetry of the cube is a signed permutation of the axes.
     axes = np.linalg.lstsq(shape.basis.eigenvectors[:, 1:4], shape.mesh.vertices, rcond=None)[0]
     axes /= np.linalg.norm(axes, axis=0)
     orders = set()
@@ -203,7 +203,7 @@ def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
         up_to = np.arange(30.0) ** 1.5
         up_to[[4, last]] = 1.001 * up_to[[3, last - 1]]
         assert asked(up_to) == within
-    # Four alike are more than any turn makes of one.
+    # Four nearly equal eigenvalues are more than a rotation explains.
     four = apart.copy()
     four[3:7] = four[3] * np.array([1, 1.001, 1.002, 1.003])
     assert asked(four)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A noisy mirror becomes one that undoes itself, without falling through thin parts."""
+"""A noisy mirror becomes an involution, without jumping across thin parts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from zoomout_core.symmetry.involution import involution, return_error
 
 
 def lens(thickness: float, count: int = 400) -> Surface:
-    """A sphere, flattened."""
+    """A flattened sphere."""
     points = directions(count, seed=3)
     triangles = outward_hull(points)
     return Surface(points * [1, 1, thickness], triangles)
@@ -35,7 +35,7 @@ def shape_of(surface: Surface) -> ShapeAnalysis:
 
 
 def noisy_mirror(surface: Surface, noise: float) -> SurfaceMap:
-    """The mirror, off by a part of an edge along the surface."""
+    """The mirror with random displacements in x and y."""
     random = np.random.default_rng(0)
     off = noise * random.normal(size=surface.vertices.shape) * [1, 1, 0]
     return SurfaceMap(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Attributes cross over to the other side of a posed, unevenly meshed creature, by the rules of their kind."""
+"""Attributes are mirrored on a posed, unevenly meshed creature by the rules of their kind."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def test_sides_change_places(reflection: zo.Symmetry, bent: Creature) -> None:
 
 
 def ring(made: Creature, axis: int) -> np.ndarray:
-    """(e,) the edges between faces on the one and on the other side of the middle plane across an axis."""
+    """(e,) mask of the edges between faces on opposite sides of the middle plane perpendicular to an axis."""
     surface = made.surface
     beyond = made.directions[surface.triangles, axis].mean(axis=1) > 0
     n, sides = len(surface.vertices), np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], axis=-1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whose value counts on which side of a symmetry, for each domain, kind and direction: a flat shape, exactly."""
+"""Which side's value wins, for each domain, kind and direction, tested exactly on a flat shape."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_each_direction_keeps_its_sides(direction: str, on_left: float, on_right
 
 
 def test_faces_and_their_corners_lie_where_their_middle_does_and_edges_likewise() -> None:
-    surface = grid(columns=5, rows=2)  # the middle column of faces lies across the line
+    surface = grid(columns=5, rows=2)  # the middle column of faces straddles the line
     symmetry = self_map(surface)
     middles = surface.vertices[surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
     np.testing.assert_allclose(distance_of(zo.Domain.FACE, symmetry), middles, atol=1e-12)
@@ -67,7 +67,7 @@ def test_edges_along_the_line_are_kept_and_no_others() -> None:
 
 
 def test_edges_beside_the_line_count_as_along_it_if_they_are_long_against_their_distance() -> None:
-    # Columns of faces narrow towards the middle: edges beside it lie nearer than half their length, or not.
+    # The width decides whether edges beside the line are nearer to it than half their length.
     for width, kept in ((0.3, True), (6.0, False)):
         surface = grid(columns=5, rows=2, width=width)
         symmetry = self_map(surface)
@@ -185,7 +185,7 @@ def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:
     )
     apart = np.where(LEFT[:, None], [1.0, 0, 0], [0, 0, 1.0])
     both_sides = asymmetry(weights(apart, NAMES), SYMMETRY)
-    np.testing.assert_allclose(both_sides[~MIDDLE], 1)  # all of a vertex's weight lies in other groups
+    np.testing.assert_allclose(both_sides[~MIDDLE], 1)  # all weight of a vertex is in other groups
     np.testing.assert_allclose(both_sides[MIDDLE], 0)
 
 
@@ -224,7 +224,7 @@ def test_a_split_goes_over_smoothly_within_its_blend_and_is_clean_beyond() -> No
         np.testing.assert_allclose(share + share[mirrored_vertex(fine.surface)], 1, atol=1e-12)
         ascending = share[np.argsort(x, kind="stable")]
         assert (np.diff(ascending) >= -1e-12).all()
-        # Smooth at both ends: it begins and ends flat.
+        # The split has zero slope at both ends.
         near_end = np.abs(np.abs(x) - blend * root) < 0.1 * blend * root
         assert np.minimum(share, 1 - share)[near_end].max(initial=0) < 0.02
     hard = left_share(fine, 0.0)

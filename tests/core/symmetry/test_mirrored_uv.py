@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps take the layout of one side on the other one, beside it or over it."""
+"""UV maps copy the layout of one side to the other, beside it or over it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from zoomout_core.symmetry.uv import symmetrise_uv
 
 
 def left_layout(bent: Creature) -> np.ndarray:
-    """(c, 2) the same on both sides: a side's faces, seen from the side."""
+    """(c, 2) UVs that project both sides onto each other, seen from the side."""
     corners = bent.directions[bent.surface.corner_vertex]
     return corners[:, 1:] / 10 + [0.25, 0.5]
 
 
 def on_left(bent: Creature) -> np.ndarray:
-    """(c,) whether a corner's face lies on the left side."""
+    """(c,) whether a corner's face is on the left side."""
     return np.repeat(bent.directions[bent.surface.triangles, 0].mean(axis=1) > 0, 3)
 
 
@@ -45,7 +45,7 @@ def test_each_side_keeps_its_place_in_the_atlas(reflection: zo.Symmetry, bent: C
 def test_both_sides_can_share_their_texels(reflection: zo.Symmetry, bent: Creature) -> None:
     layout = left_layout(bent)
     elsewhere = np.where(on_left(bent)[:, None], layout, 0.9)
-    for given in ("over", "own"):  # what has no extent has no place of its own
+    for given in ("over", "own"):  # a layout without extent has no position of its own
         found = symmetrise_uv(uv_map(elsewhere), reflection, layout=given).values
         assert np.median(np.linalg.norm(found - layout, axis=1)[clear_of_the_line(bent)]) < 0.003
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Displacements cross over in the frame of each place, so that they hold on a posed creature."""
+"""Displacements are mirrored in local frames, so that they fit a posed creature."""
 
 from __future__ import annotations
 

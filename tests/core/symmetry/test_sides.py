@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which side is which: signed distances, the line between the sides, and where loose parts and shells lie."""
+"""Assign sides: signed distances, the line between the sides, and the sides of loose parts and shells."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def shape(made: Creature) -> ShapeAnalysis:
 
 
 def onto(made: Creature, places: np.ndarray) -> SurfaceMap:
-    """The map that takes each vertex to where the sphere of directions has another place (n, 3)."""
+    """The map that sends each vertex to the point whose direction is closest to its entry in places (n, 3)."""
     return SurfaceMap(*closest_points(places, made.directions, made.surface.triangles), made.surface.triangles)
 
 
@@ -45,7 +45,7 @@ def test_a_mirror_divides_a_body_in_two(made: Creature, shape: ShapeAnalysis) ->
     side = np.sign(distance * x)[clear]
     assert (side == side[0]).all()
     assert np.abs(distance + mirror.interpolate(distance)).mean() < 0.1 * np.abs(distance).mean()
-    # It is half the distance between a place and its image, as long as the line is near.
+    # Near the line, the distance is half the distance between a point and its image.
     near = (np.abs(x) > 0.05) & (np.abs(x) < 0.12) & (made.directions[:, 2] < 0.3) & (made.directions[:, 2] > -0.3)
     half = np.abs(made.surface.working.vertices[:, 0])[near]
     assert np.median(np.abs(distance)[near] / half) == pytest.approx(1, abs=0.35)
@@ -87,7 +87,7 @@ def test_what_lies_to_the_left_of_its_image_is_left() -> None:
 
 
 def test_in_what_is_left_large_areas_count_for_more_than_many_vertices() -> None:
-    # Two squares beside the line, one of which is finely divided and says the opposite.
+    # Two surfaces across the line; the finely divided one votes for the opposite.
     coarse, fine = grid(2, 1, width=2), grid(20, 1, width=2, height=0.1)
     surface = Surface(
         np.concatenate([coarse.vertices, fine.vertices + np.array([0, 3, 0])]),
@@ -102,7 +102,7 @@ def test_in_what_is_left_large_areas_count_for_more_than_many_vertices() -> None
 
 
 def joined(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray]:
-    """Surfaces at places (3,), and (n,) the number of each vertex's part."""
+    """Join surfaces at places (3,); also return (n,) the number of each vertex's part."""
     starts = np.cumsum([0, *(len(part.vertices) for part, _ in parts)])
     vertices = np.concatenate([part.vertices + place for part, place in parts])
     faces = np.concatenate(
@@ -112,7 +112,7 @@ def joined(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray
 
 
 def around(surface: Surface, body: np.ndarray, scale: float, is_hull: bool = False) -> ShapeAnalysis:
-    """What is asked of a shape whose mesh is some vertices (n,) of a surface, at another scale."""
+    """Stand-in for a shape whose mesh has some vertices (n,) of a surface, at another scale."""
     number = np.where(body, np.cumsum(body) - 1, -1)
     full = SimpleNamespace(vertex_of=number, scale=scale, is_hull=is_hull)
     place = SimpleNamespace(interpolate=lambda values: values)
@@ -128,7 +128,7 @@ def test_eyes_lie_on_the_side_of_the_body_that_is_near_and_a_nose_on_both() -> N
     scale = 5.0
     distance = on_whole_surface(x[body] / scale, there, around(surface, body, scale), surface)
     np.testing.assert_allclose(distance[body], x[body])
-    # Half of how far vertices and their images are apart.
+    # Half the distance between vertices and their images.
     np.testing.assert_allclose(distance[~body], x[~body], atol=1e-9)
 
 
@@ -148,7 +148,7 @@ def test_an_eye_lies_as_a_whole_where_most_of_it_does() -> None:
 
 @pytest.mark.parametrize(("reach", "whole"), [(0.1, True), (0.45, False)])
 def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reach: float, whole: bool) -> None:
-    """A shell beside the line, which reaches over it by a part of its width."""
+    """A shell beside the line reaches across it by a fraction of its width."""
     shell = grid(20, 2, width=1.0, height=0.3)
     middle = 0.5 - reach
     surface, part = joined(
@@ -156,7 +156,7 @@ def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reac
     )
     image = np.arange(len(part))
     image[part == 0] = mirrored_vertex(grid())
-    # Columns of vertices in reverse order.
+    # Reverse the order of the vertex columns.
     reverse = np.arange(21 * 3).reshape(21, 3)[::-1].ravel()
     image[part == 1], image[part == 2] = np.flatnonzero(part == 2)[reverse], np.flatnonzero(part == 1)[reverse]
     there = SurfaceMap.from_vertices(image, surface)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A figure of loose shells is as symmetric as one skin: left shells change places with right ones."""
+"""A figure of loose shells is as symmetric as one skin: left and right shells swap."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry
 from zoomout_core.tuning import retune
 
-# Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
+# Ellipsoids: centre and radii. The figure faces -y; its left is +x. SIDED lists the left side only.
 MIDDLE = {
     "hips": ((0, 0, 1.0), (0.2, 0.15, 0.17)),
     "chest": ((0, 0, 1.35), (0.24, 0.17, 0.28)),
@@ -31,7 +31,7 @@ SIDED = {
     "shin": ((0.14, 0, 0.3), (0.08, 0.09, 0.26)),
     "foot": ((0.14, -0.08, 0.03), (0.07, 0.17, 0.06)),
 }
-# A pose: what turns about a joint, by how much and about which axis, outer joints first.
+# A pose lists moves (side, shells, joint, angle, axis), outer joints first.
 ARM, LEG = ("upper arm", "lower arm", "hand"), ("thigh", "shin", "foot")
 JOINTS = {"elbow": (0.6, 0, 1.52), "shoulder": (0.2, 0, 1.52), "knee": (0.14, 0, 0.5), "hip": (0.12, 0, 1.0)}
 Move = tuple[int, tuple[str, ...], str, float, tuple[float, float, float]]
@@ -48,7 +48,7 @@ WALK: tuple[Move, ...] = (
 
 @dataclass(frozen=True)
 class Doll:
-    """A surface with the name and the side of the shell, and the place at rest (n, 3), of each vertex."""
+    """A surface with the shell's name, the shell's side and the place at rest (n, 3) of each vertex."""
 
     surface: zo.Surface
     shell: np.ndarray
@@ -57,7 +57,7 @@ class Doll:
 
 
 def doll(moves: tuple[Move, ...] = ()) -> Doll:
-    """The figure in a pose: shells that each have a mesh of their own."""
+    """The figure in a pose; each shell has its own mesh."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     shells = [(0, name, *shape) for name, shape in MIDDLE.items()]
     shells += [(side, name, *shape) for side in (1, -1) for name, shape in SIDED.items()]
@@ -83,7 +83,7 @@ def posed(points: np.ndarray, side: int, name: str, moves: tuple[Move, ...]) -> 
     for of_side, names, joint, angle, axis in moves:
         if side == of_side and name in names:
             about = np.array(JOINTS[joint]) * [side, 1, 1]
-            # What turns about y or z on the left turns the other way on the right.
+            # Rotations about y and z change sign on the right.
             sense = np.array([1, side, side])
             turn = trimesh.transformations.rotation_matrix(angle, sense * axis)[:3, :3]
             points = (points - about) @ turn.T + about
@@ -91,7 +91,7 @@ def posed(points: np.ndarray, side: int, name: str, moves: tuple[Move, ...]) -> 
 
 
 def heap() -> zo.Surface:
-    """Ellipsoids thrown together, with no symmetry."""
+    """A random heap of ellipsoids without symmetry."""
     random = np.random.default_rng(1)
     ball = trimesh.creation.icosphere(subdivisions=1)
     places = [ball.vertices * random.uniform(0.15, 0.6, 3) + random.uniform(-1, 1, 3) for _ in range(14)]
@@ -106,7 +106,7 @@ def walking() -> Doll:
 
 @pytest.fixture(scope="module")
 def found(walking: Doll) -> zo.Symmetry:
-    """Its symmetry."""
+    """The first symmetry of the walking figure."""
     return zo.detect_symmetry(walking.surface)[0]
 
 

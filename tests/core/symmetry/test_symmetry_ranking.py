@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which self-maps are symmetries, in what order and how surely: each criterion counts, and none alone decides."""
+"""Rank self-maps as symmetries: each criterion counts, and none decides alone."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_
 
 SIDE = 10
 AT = (np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=1) + 0.5) / SIDE
-# What a right map of a body has.
+# Scores of a right map of a body.
 GOOD = {"commutativity": 0.6, "distance": 0.03, "place": 0.02, "curvature": 0.9}
 
 
 def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> ShapeAnalysis:
-    """What is asked of a shape, for samples (s, d) in a space of unit size; pseudo-scalars (s, p) or zeros."""
+    """Stand-in for a shape with samples (s, d) in a unit cube and pseudo-scalars (s, p), zero by default."""
     count = len(places)
     between = np.linalg.norm(places[:, None] - places, axis=2)
     values = np.zeros((count, 1)) if pseudo_scalars is None else pseudo_scalars
@@ -39,7 +39,7 @@ def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> Sh
 
 
 def image(places: np.ndarray) -> np.ndarray:
-    """(s,) the samples at places (s, 2)."""
+    """(s,) samples nearest to places (s, 2)."""
     return np.argmin(np.linalg.norm(AT[:, None] - places[:, None].transpose(1, 0, 2), axis=2), axis=0)
 
 
@@ -54,7 +54,7 @@ def candidate(sample_map: np.ndarray, reverses: bool = True, **scores: float) ->
 
 @pytest.fixture(autouse=True)
 def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing has to be turned back."""
+    """Disable the alignment before ranking."""
     monkeypatch.setattr(ranking, "map_after_alignment", lambda sample_map, *_: (sample_map, None))
 
 
@@ -89,10 +89,10 @@ def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: Shap
         for name in ("commutativity", "place", "distance", "curvature")
     ]
     (half_as_far,) = in_order([candidate(np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT))))], square)
-    # Each by a quarter to three quarters more than the next, as fitted to the benchmark.
+    # Each weighs 1.2 to 1.75 times as much as the next, as fitted to the benchmark.
     for more, less in pairwise([half_as_far.scores["total"] - total(), *twice]):
         assert 1.2 < more / less < 1.75
-    # Pseudo-scalars that turn the wrong way count as much as some three times the error of commutativity.
+    # Pseudo-scalars of the wrong sign cost 1.5 to 3 times as much as doubling the error of commutativity.
     lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5]))
     first, second = in_order([candidate(LEFT_RIGHT), candidate(UP_DOWN)], lopsided)
     assert 1.5 < (second.scores["total"] - first.scores["total"]) / twice[0] < 3
@@ -128,7 +128,7 @@ def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: Sha
 
 def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> None:
     def first_reverses(place: float) -> bool:
-        # They lead to the same places, and are two nevertheless.
+        # Both have the same images but count as two maps.
         first, _ = in_order([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
         return first.reverses_orientation
 
@@ -138,7 +138,7 @@ def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> Non
 
 
 def test_maps_that_lead_to_about_the_same_places_are_one(square: ShapeAnalysis) -> None:
-    # Some samples go one place too far, a tenth of the side: 0.07 off on average, or 0.2.
+    # Maps that are 0.07 off on average count as one, those that are 0.2 off as two.
     for share, count in ((0.7, 1), (1.0, 2)):
         off = image(np.clip(AT[LEFT_RIGHT] + [0, 0.1 if share < 1 else 0.25], 0, 0.95))
         nearly = np.where(np.arange(len(AT)) < share * len(AT), off, LEFT_RIGHT)
@@ -177,7 +177,7 @@ def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAna
     maps = LEFT_RIGHT, UP_DOWN
     assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > SURE_SYMMETRY_CERTAINTY
     assert max(certainties(square, *(candidate(one) for one in maps))) < 0.8
-    # What commutes well but lies far behind in all else is no symmetry of the same thing.
+    # A map that commutes well but fails all other criteria is no rival.
     bad = {"distance": 1.0, "place": 1.0, "curvature": -0.5}
     one, other = certainties(
         square,
@@ -194,7 +194,7 @@ def test_an_exact_symmetry_is_as_sure_with_any_lead_and_less_behind_another(squa
         certainties(square, candidate(LEFT_RIGHT, place=1.0, **exact), candidate(UP_DOWN, place=place, **exact))[1]
         for place in (1.0, 0.9)
     )
-    # The error of commutativity alone says 0.76.
+    # The error of commutativity alone gives 0.76.
     assert (alone, level) == pytest.approx((0.761, 0.761), abs=1e-3)
     assert behind < level - 0.02
 
@@ -217,7 +217,7 @@ def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(squ
     assert max(tried) > SURE_SYMMETRY_CERTAINTY
 
 
-# --- how far maps move things -------------------------------------------------------------------------------
+# --- displacement by maps -----------------------------------------------------------------------------------
 
 
 def test_a_symmetry_moves_nearly_everything(square: ShapeAnalysis) -> None:
@@ -259,7 +259,7 @@ def test_the_order_of_a_turn_is_how_often_it_leads_back(order: int) -> None:
     [(4.0, 1, True), (4.0, 5, True), (4.0, 12, False), (0.4, 9, True), (0.4, 14, False)],
 )
 def test_a_half_turn_may_miss_by_a_part_of_how_far_it_goes_or_by_a_cell(length: float, off: int, back: bool) -> None:
-    # Each time it goes too far by half of what it misses by.
+    # Each application overshoots a half turn by `off`, so two of them miss by twice as much.
     count = 120
     turn = np.roll(np.arange(count), -(count // 2 + off))
     assert (order_of(turn, ring(count, length)) == 2) == back

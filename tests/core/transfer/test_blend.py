@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blending with what is there: the same modes, factor and mask for every kind of value."""
+"""Blend with existing values: modes, factor and mask work alike for every kind."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_uvs_are_chosen_for_whole_faces() -> None:
 
 
 def skin(labels: tuple[str, ...], seed: int) -> Attribute:
-    """Weights of some groups, two to a vertex, that sum to one."""
+    """Weights of some groups, two per vertex, that sum to one."""
     random = np.random.default_rng(seed)
     weights = np.zeros((N, len(labels)))
     for row in weights:
@@ -113,7 +113,7 @@ def test_mixed_weights_keep_the_sum_and_the_order_of_the_transferred_groups() ->
 def test_vertices_with_weights_of_any_sharing_group_lack_none_but_masks_are_each_for_themselves() -> None:
     new = skin(("a", "b", "mask"), 1)
     table = np.zeros((N, 3))
-    table[: N // 2, 0] = 1  # of a bone that the source lacks
+    table[: N // 2, 0] = 1  # weights of a bone that the source lacks
     table[::2, 1] = 0.3
     old = Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(table), ("other", "mask", "unrelated"))
     result = blend(new, old, TARGET, Blend("missing"), {"a", "b", "other"}).values.toarray()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bone transforms are found again from what they did to a surface."""
+"""Bone transforms are recovered from the surface that they posed."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_a_bend_says_whether_a_surface_stands_at_rest():
     np.testing.assert_allclose(pose.common(surface.vertices), elsewhere, atol=1e-6)
     pose = _estimate(surface, pose_surface(surface, bend((30, 0, 0), (0, 0, 0))).vertices)
     assert not pose.is_rest
-    assert 12 < pose.bend < 18  # a third of the tube against two thirds
+    assert 12 < pose.bend < 18  # one third of the tube bends against two thirds
 
 
 def test_points_that_are_mapped_wrongly_hardly_count():
@@ -71,7 +71,7 @@ def test_points_that_are_mapped_wrongly_hardly_count():
 def test_images_that_are_exact_are_all_taken_for_right():
     surface, transforms = tube(), bend()
     moved = pose_surface(surface, transforms).vertices
-    moved[weights_of(surface.vertices).toarray()[:, 2] == 1] += 1e-4  # a whole bone is off by a little
+    moved[weights_of(surface.vertices).toarray()[:, 2] == 1] += 1e-4  # a whole bone is slightly off
     with retune(BONES, precision=1e-9, rounds=8):
         assert np.isfinite(_estimate(surface, moved).transforms.translation).all()
     assert np.abs(_estimate(surface, moved).transforms.translation - transforms.translation).max() < 1e-3
@@ -126,7 +126,7 @@ def test_images_that_slid_along_the_surface_are_fitted_along_normals():
     target = pose_surface(surface, transforms)
     normals = target.working.vertex_normals[target.working.vertex_of]
     slide = np.array([0.15, 0.0, 0.0])
-    images = target.vertices + slide - (normals @ slide)[:, None] * normals  # a map that is off alike everywhere
+    images = target.vertices + slide - (normals @ slide)[:, None] * normals  # a map with the same error everywhere
     given = weights_of(surface.vertices), np.ones(len(images)), PARENTS
     start = estimate_pose(surface.vertices, images, *given)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces cut open: what hangs together, and walks that do not cross a cut."""
+"""Cut surfaces: their connected parts, and walks that do not cross a cut."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_cut_needs_a_real_jump_at_one_end_of_the_edge() -> None:
     values = mesh.corners.copy()
     cut = cut_surface(mesh.surface, values)
     assert cut.island.max() == 0
-    assert len(cut.border) == 2 * 60 + 2 * 40  # the two ends, and both sides of the seam
+    assert len(cut.border) == 2 * 60 + 2 * 40  # both ends, and both sides of the seam
     noise = np.random.default_rng(0).uniform(-1, 1, values.shape) * 1e-6
     assert len(cut_surface(mesh.surface, values + noise).border) == len(cut.border)
 
@@ -79,7 +79,7 @@ def test_walks_stop_at_a_cut() -> None:
 
 
 def test_walks_find_their_way_over_slivers_that_stand_up() -> None:
-    # Hexagons with a straight side: its middle corner stands off the plane, and makes a sliver.
+    # Hexagons with a straight side, whose middle corner is slightly off the plane and makes a sliver.
     surface = sheet(torus, 120, 80, sides=6).surface
     triangle = np.arange(len(surface.triangles))
     middle = surface.vertices[surface.triangles].mean(axis=1)

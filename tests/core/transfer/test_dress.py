@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress: what belongs to a body on another one, on balls and eggs, where distances to the skin are formulas."""
+"""Dress a body in another one's clothes, on balls and eggs with analytic distances to the skin."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ UNIT = np.sqrt(BODY.area)
 
 
 def onto_egg(points: np.ndarray) -> np.ndarray:
-    """Points of the space around the body in that around the egg."""
+    """Map points around the body to the space around the egg."""
     return np.asarray(SIZE * TURN.apply(points * RADII) + MOVED)
 
 
 def off_egg(points: np.ndarray) -> np.ndarray:
-    """About how far outside of the egg points are, over its size."""
+    """Approximate distance of points outside the egg, relative to its size."""
     back = TURN.inv().apply(np.asarray(points) - MOVED) / SIZE
     level = np.linalg.norm(back / RADII, axis=1)
     return np.asarray((level - 1) * level / np.linalg.norm(back / RADII**2, axis=1))
@@ -40,7 +40,7 @@ EGG = BODY.with_vertices(onto_egg(BODY.vertices))
 
 
 def noisy(amount: float) -> np.ndarray:
-    """The egg's vertices as a bad match has them, in and out of its skin."""
+    """The egg's vertices as a bad match displaces them, inside and outside its skin."""
     wave = np.sin(9 * BODY.vertices[:, :1]) * np.sin(7 * BODY.vertices[:, 1:2])
     return onto_egg(BODY.vertices * (1 + amount * wave))
 
@@ -52,7 +52,7 @@ def shell(radius: float, count: int = 600) -> Surface:
 
 
 def similar(points: np.ndarray, rest: np.ndarray) -> float:
-    """How far points are from a similar image of what they were, over their extent."""
+    """Greatest distance of points from the best similarity of `rest`, relative to their extent."""
     return float(np.linalg.norm(procrustes(rest, points)(rest) - points, axis=1).max() / np.ptp(points, axis=0).max())
 
 
@@ -86,7 +86,7 @@ def test_a_match_alone_dresses_the_target_and_progress_is_told() -> None:
 
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(q,) which of the others is nearest to each point."""
+    """(q,) number of the nearest of the others for each point."""
     return np.asarray(np.linalg.norm(points[:, None] - others, axis=2).argmin(axis=1))
 
 
@@ -117,7 +117,7 @@ def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
 
 
 def test_the_skin_does_not_come_through_large_faces() -> None:
-    """Of a coarse shirt, over a body with a narrow bump between its points and the middles of its edges and faces."""
+    """A coarse shirt covers a body whose narrow bump misses the shirt's vertices, edge centres and face centres."""
     shirt = shell(1.06, 80)
     corner = shirt.triangles[0]
     place = np.array([0.6, 0.2, 0.2]) @ shirt.vertices[corner]
@@ -139,7 +139,7 @@ def test_layers_stay_in_their_order() -> None:
     worn = np.unique(jacket.triangles)
 
     def between() -> float:
-        """The least distance of the jacket from the shirt, by their radii."""
+        """Smallest distance (2nd percentile) of the jacket from the shirt, by their radii."""
         under, over = carry(BODY, noisy(0.1), EGG, [shirt, jacket]).vertices
         middles = under[shirt.triangles].mean(axis=1)
         near = nearest(over[worn], middles)
@@ -195,7 +195,7 @@ def test_strands_keep_their_roots_on_the_skin_and_turn_with_it() -> None:
 
 
 def test_far_off_a_wide_patch_is_followed() -> None:
-    """A tear of the map beneath it does not tear a wide skirt."""
+    """A wide skirt does not tear where the map beneath it tears."""
     torn = BODY.vertices + 0.1 * np.sign(np.sin(25 * BODY.vertices[:, :1])) * [0, 1, 0]
     skirt = shell(1.6)
     worn = np.unique(skirt.triangles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What decides about lines of edges: gaps, tears and trust on flat grids, where every line is known."""
+"""Rules of edge lines: gaps, tears and trust, on flat grids with known lines."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def band(columns: int = SIZE) -> Surface:
 
 
 def on_row(surface: Surface, first: float = 0.0, last: float = 9.0, height: float = 0.2) -> np.ndarray:
-    """(e,) the edges that lie at a height, from one place to another."""
+    """(e,) mask of the edges at a height, between two x coordinates."""
     x, y = surface.vertices[surface.edges][:, :, :2].transpose(2, 0, 1)
     inside = (np.abs(y - height) < 1e-9) & (x > first - 1e-9) & (x < last + 1e-9)
     return np.asarray(inside.all(axis=1))
@@ -47,7 +47,7 @@ def carried(
 
 
 def left_out(result: Attribute) -> float:
-    """The part of the length that the user is told was left out."""
+    """The share of the length that the notes report as left out."""
     return float(result.notes[0].split("line: ")[1].split("%")[0]) / 100 if result.notes else 0.0
 
 
@@ -105,7 +105,7 @@ def test_a_line_that_ends_next_to_a_border_is_not_drawn_on_to_it() -> None:
 
 
 def test_an_area_of_marks_in_the_last_corner_stays() -> None:
-    # The last face of all is filled, with all edges around it.
+    # All edges up to the mesh's last face are marked.
     mesh = band()
     middle = mesh.vertices[mesh.edges].mean(axis=1)
     filled = (middle[:, 0] > 0.69) & (middle[:, 1] > 0.19)
@@ -113,7 +113,7 @@ def test_an_area_of_marks_in_the_last_corner_stays() -> None:
 
 
 def slit(depth: int) -> tuple[Surface, np.ndarray]:
-    """A grid that is slit from its lower border, its lips apart in height, and (n, 3) where it was whole."""
+    """A grid slit from its lower border, with its lips apart in height, and (n, 3) its vertices before the slit."""
     whole = plate(SIZE, SIZE)
     at, below = whole.vertices[:, 0], whole.vertices[:, 1] < (depth - 0.5) / SIZE
     lip = np.flatnonzero((np.abs(at - 0.5) < 1e-9) & below)
@@ -157,7 +157,7 @@ def test_a_tear_that_is_too_deep_to_go_around_is_told() -> None:
 
 
 def diagonal(surface: Surface) -> np.ndarray:
-    """(n,) how far vertices lie from the diagonal."""
+    """(n,) distance of vertices from the diagonal."""
     return np.abs(surface.vertices[:, 0] - surface.vertices[:, 1]) / np.sqrt(2)
 
 
@@ -200,7 +200,7 @@ def test_a_closed_line_stays_closed_however_small(cells: int) -> None:
 
 
 def test_edges_are_strung_from_junction_to_junction_each_in_order() -> None:
-    # A fork: 0-1-2 meet 2-3-4 and 2-5 in 2; a triangle 7-8-9 is apart.
+    # A fork: 0-1-2, 2-3-4 and 2-5 meet at 2; the triangle 7-8-9 is separate.
     edges = np.array([[1, 0], [2, 1], [2, 3], [4, 3], [5, 2], [8, 7], [8, 9], [7, 9]])
     chains = polylines_of(edges)
     assert sorted(chains.edge.tolist()) == list(range(len(edges)))
@@ -240,7 +240,7 @@ def test_samples_hold_all_vertices_and_are_no_farther_apart_than_asked() -> None
 
 @pytest.mark.parametrize("spacing", [1.0, 0.4])
 def test_points_are_told_where_they_are_beside_their_own_line(spacing: float) -> None:
-    # Two lines that cross, far from the origin, and a point beside each that is nearer to the other one.
+    # Two crossing lines far from the origin; beside each, a point that is nearer to the other line.
     at = np.arange(0, 10, spacing)
     lines = np.stack([at - 5, 0 * at, 0 * at], axis=1), np.stack([0 * at, at - 5, 0 * at], axis=1)
     samples: Any = SimpleNamespace(point=np.concatenate(lines) + 100, along=np.concatenate([at, at]))

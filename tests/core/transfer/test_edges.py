@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lines of edges arrive as lines: connected, as long as they were, and where they belong."""
+"""Edge lines transfer as connected lines of the same length in the right place."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def map_of(source: Creature, target: Creature) -> SurfaceMap:
 
 
 def route(surface: Surface, places: list[int]) -> list[int]:
-    """Vertices along the shortest way over edges from place to place."""
+    """Vertices of the shortest edge paths between successive places."""
     ends = surface.edges
     lengths = edge_lengths(surface.vertices, ends)
     graph = csr_array((lengths, (ends[:, 0], ends[:, 1])), shape=(len(surface.vertices),) * 2)
@@ -61,7 +61,7 @@ def nearest(made: Creature, direction: np.ndarray) -> int:
 
 
 def ring(made: Creature, axis: list[float], cosine: float) -> list[int]:
-    """A closed way around an axis."""
+    """A closed edge path around an axis."""
     along = np.array(axis) / np.linalg.norm(axis)
     across = np.cross(along, [0.3, 0.5, 0.7])
     across /= np.linalg.norm(across)
@@ -72,7 +72,7 @@ def ring(made: Creature, axis: list[float], cosine: float) -> list[int]:
 
 
 def seams(made: Creature) -> np.ndarray:
-    """From hand to foot and to the other hand, up the other leg; a loop around neck and tail; a line of its own."""
+    """Lines from a hand to a foot and the other hand, up the other leg, around neck and tail, and a separate line."""
     tips = [nearest(made, np.array(tip)) for tip in TIPS]
     ways = [
         *(route(made.surface, [tips[a], tips[b]]) for a, b in ((0, 2), (0, 1), (3, 4))),
@@ -84,7 +84,7 @@ def seams(made: Creature) -> np.ndarray:
 
 
 def shape_of(surface: Surface, marked: np.ndarray) -> tuple[int, int, int]:
-    """How many parts marked edges form, how many loops, and how many loose ends."""
+    """Numbers of connected parts, loops and loose ends of marked edges."""
     vertices, number = np.unique(surface.edges[marked], return_inverse=True)
     number = number.reshape(-1, 2)
     graph = coo_array((np.ones(len(number)), tuple(number.T)), shape=(len(vertices),) * 2)
@@ -101,7 +101,7 @@ def points_on(vertices: np.ndarray, ends: np.ndarray, spacing: float) -> np.ndar
 
 @dataclass(frozen=True)
 class Figures:
-    """How far lines are from where they belong: lengths in mean edges of the target."""
+    """Errors of transferred lines: length ratio, and distances in mean edge lengths of the target."""
 
     ratio: float
     mean: float
@@ -134,7 +134,7 @@ def test_lines_stay_whole_and_where_they_belong_in_another_pose(source_count: in
     found = figures(posed, source.surface.edges[marked], target.surface, result.values)
     assert 0.97 < found.ratio < 1.1
     assert found.mean < 0.35
-    assert found.hausdorff < 4  # at the tips of limbs edges are several times as long as elsewhere
+    assert found.hausdorff < 4  # edges at the tips of limbs are several times longer than elsewhere
 
 
 def test_edges_nearest_to_the_source_s_are_dashes_and_traced_lines_are_not() -> None:
@@ -231,7 +231,7 @@ def test_lines_end_where_the_target_does_and_the_user_is_told() -> None:
 
 
 def test_two_reaches_of_a_line_are_not_short_cut() -> None:
-    # A hairpin, three edges of the target wide and forty long.
+    # A hairpin, 3 target edges wide and 40 long.
     source, target = sheet(torus, 240, 160), sheet(torus, 120, 80, jitter=0.2, sides=3, seed=2)
     surface_map = true_map(source, 240, 160, target.parameters)
     number = np.arange(240 * 160).reshape(240, 160)
@@ -354,7 +354,7 @@ def test_no_mark_is_no_mark() -> None:
 
 def test_lines_that_end_at_a_border_end_at_the_target_s() -> None:
     source, target = sheet(tube, 120, 40), sheet(tube, 97, 31, jitter=0.2, sides=3, seed=1)
-    # The map puts the second last vertices onto the border as well.
+    # The map also sends the second-last vertices to the border.
     stretched = np.clip((target.parameters - [0, 0.5]) * [1, 1.08] + [0, 0.5], 0, 1)
     surface_map = true_map(source, 120, 40, stretched)
     ends = source.parameters[source.surface.edges]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filling in what the map cannot tell: smooth, from around it, and nothing else is touched."""
+"""Fill in unreliable values smoothly from their surroundings, without changing others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from zoomout_core.transfer.inpaint import filling
 
 @dataclass
 class Known:
-    """A map that is known to be true where confidence is one."""
+    """A map that is right where its confidence is one."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray
@@ -33,12 +33,12 @@ def mesh() -> Sheet:
 
 
 def hole(mesh: Sheet, radius: float = 0.12) -> np.ndarray:
-    """(n,) vertices around the middle of the parameters."""
+    """(n,) mask of the vertices around the centre of the parameters."""
     return np.linalg.norm(mesh.parameters - 0.5, axis=1) < radius
 
 
 def waves(parameters: np.ndarray) -> np.ndarray:
-    """(n, 2) smooth around a torus, between zero and one."""
+    """(n, 2) smooth functions on a torus, in [0, 1]."""
     a, b = 2 * np.pi * parameters.T
     return np.stack([0.5 + 0.4 * np.sin(a), 0.5 + 0.3 * np.cos(a) * np.sin(b)], axis=1)
 
@@ -102,7 +102,7 @@ def test_weights_are_filled_in_like_numbers_and_stay_sparse(mesh: Sheet) -> None
     whole = filling(mesh.surface, ~holes)
     filled = whole.fill_weights(csr_array(np.concatenate([spoilt(values, holes), far], axis=1)))
     np.testing.assert_allclose(filled[:, :4].toarray(), whole.fill(spoilt(values, holes)), atol=1e-4)
-    # Groups that do not occur around the hole do not occur in it.
+    # Groups absent around the hole stay absent in it.
     assert filled[holes][:, 4:].nnz == 0
 
 
@@ -115,13 +115,13 @@ def test_borders_that_coincide_are_filled_in_as_one(mesh: Sheet) -> None:
 
 
 def astray(mesh: Sheet, holes: np.ndarray) -> np.ndarray:
-    """(n,) each vertex itself, but all those of the holes elsewhere."""
+    """(n,) each vertex itself, but one distant vertex for those of the holes."""
     elsewhere = np.argmin(np.linalg.norm(mesh.parameters - 0.25, axis=1))
     return np.where(holes, elsewhere, np.arange(len(holes)))
 
 
 def two_sheets(size: float, polygons: bool = False) -> tuple[Surface, np.ndarray]:
-    """A torus, and beside it another one of a size, and (n,) which vertices are the second's."""
+    """A torus beside another of a given size, and (n,) which vertices belong to the second."""
     one, two = sheet(torus, 40, 30, sides=6 if polygons else 3), sheet(torus, 30, 20)
     vertices = np.concatenate([one.surface.vertices, size * two.surface.vertices + [4, 0, 0]])
     faces = [*_faces(one.surface), *(face + len(one.parameters) for face in _faces(two.surface))]
@@ -165,7 +165,7 @@ def test_where_nothing_is_trusted_all_is_left_as_mapped(mesh: Sheet) -> None:
 
 
 def test_bad_meshes_are_filled_in(mesh: Sheet) -> None:
-    # A fin on an edge, a sliver, a double face, and vertices of no face, one of them nowhere.
+    # A fin on an edge, a sliver, a duplicate face, and two unused vertices, one of them NaN.
     a, b, c = mesh.surface.triangles[len(mesh.surface.triangles) // 2]
     n = len(mesh.parameters)
     middle = (mesh.surface.vertices[a] + mesh.surface.vertices[b]) / 2
@@ -198,7 +198,7 @@ def test_numbers_and_colours_of_low_confidence_are_filled_in(mesh: Sheet, kind: 
     assert np.abs(filled.values - values[at]).max() < 0.05
     assert mapped.notes == ()
     assert filled.notes == (f"{holes.sum()} vertices of low confidence were filled in from their surroundings.",)
-    # Nothing is of so low confidence: nothing changes, and nothing is said.
+    # No confidence is below the threshold, so nothing changes or is reported.
     untouched = transfer(attribute, result, surface, surface, fill_below=0.05)
     np.testing.assert_array_equal(untouched.values, mapped.values)
     assert untouched.notes == ()
@@ -233,7 +233,7 @@ def test_filled_weights_still_sum_to_one_within_the_limit(mesh: Sheet) -> None:
 
 def test_memory_stays_sparse_with_many_groups() -> None:
     mesh = sheet(tube, 250, 200)
-    count, groups = len(mesh.parameters), 5000  # dense: two gigabytes
+    count, groups = len(mesh.parameters), 5000  # 2 GB if dense
     weights = csr_array(random_array((count, groups), density=4 / groups, format="csr", rng=np.random.default_rng(0)))
     holes = hole(mesh, 0.1)
     attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights)

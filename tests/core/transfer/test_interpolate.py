@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers at points, corners and faces: mixed linearly, but never across an edge where the source's values jump."""
+"""Numbers at points, corners and faces are mixed linearly, but not across edges where the source's values jump."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def target() -> Sheet:
 
 @pytest.fixture(scope="module")
 def aligned() -> Sheet:
-    """The source's faces, each divided into nine."""
+    """The source with each face divided into nine."""
     return sheet(torus, 3 * GRID[0], 3 * GRID[1])
 
 
@@ -56,7 +56,7 @@ def test_what_is_linear_in_space_arrives_as_the_same_formula(
 
 
 def test_continuous_corner_values_are_continuous_at_every_vertex_beside_a_jump(source: Sheet, target: Sheet) -> None:
-    # Two colours that jump along half a ring: continuous around its ends, and everywhere else.
+    # Values jump along half a ring, and are continuous around its ends and everywhere else.
     a, b = source.corners.T
     jump = (source.middles[source.surface.corner_face, 0] > 0.5) & (b > 0.2) & (b < 0.6) & (a < 0.75)
     values = np.sin(2 * np.pi * b) + 5 * jump

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small islands of labels survive a transfer, and specks that the source does not have vanish."""
+"""Small islands of labels survive a transfer, and specks that are not on the source vanish."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def target() -> Sheet:
 
 
 def rough_map(source: Sheet, target: Sheet, amount: float) -> SurfaceMap:
-    """Off by a part of an edge, each vertex in its own direction."""
+    """The nearest-point map with random errors of a fraction of an edge."""
     points = target.surface.vertices + np.random.default_rng(0).normal(scale=amount, size=target.surface.vertices.shape)
     triangles = source.surface.triangles
     return SurfaceMap(*closest_points(points, source.surface.vertices, triangles), triangles)
@@ -42,7 +42,7 @@ def labelled(values: np.ndarray, surface_map: SurfaceMap, source: Sheet, target:
 def test_faces_are_of_one_island_where_they_share_a_vertex_and_a_label() -> None:
     mesh = sheet(torus, 8, 6).surface
     label = np.zeros(48, dtype=int)
-    label[[0, 7, 20]] = 1  # the first two touch at a corner
+    label[[0, 7, 20]] = 1  # the first two faces touch at a corner
     island = islands_of(mesh, label)
     assert island[0] == island[7] != island[20]
     assert len(np.unique(island)) == 3
@@ -72,7 +72,7 @@ def test_islands_far_below_a_face_s_size_do_not_grow_to_one(source: Sheet) -> No
 @pytest.mark.parametrize(("own", "given"), [(1, False), (2, True)])
 def test_a_lost_island_takes_the_face_that_is_most_its_own_but_no_island_s_only_one(own: int, given: bool) -> None:
     mesh = plate(3, 1)
-    # Island 1 has the first faces, and island 0 the others; island 2 covers a part of the first two.
+    # Island 1 wins the first `own` faces, island 0 the others; island 2 has minor shares of the first two faces.
     candidates = Candidates(np.array([0, 0, 1, 1, 2]), np.array([0.6, 0.4, 0.7, 0.3, 1.0]))
     island = np.array([1, 2, 1 if own == 2 else 0, 2, 0])
     for numbered in (island, 2 - island):
@@ -87,7 +87,7 @@ def test_a_speck_goes_wherever_it_is(face: int) -> None:
 
 
 def test_loose_ends_of_a_mesh_are_islands_too() -> None:
-    # The first vertex belongs to faces that touch in no other.
+    # Two faces share only the first vertex.
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], dtype=float)
     fins = Surface(vertices, [[0, 1, 2], [0, 3, 4]])
     assert islands_of(fins, np.array([5, 5])).tolist() == [0, 0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels: voted on, never mixed; and with borders that are no longer than the votes ask for."""
+"""Labels are chosen by vote, never mixed, and their borders are as short as the votes allow."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(
 
 
 def test_neighbours_overrule_a_narrow_vote_but_not_a_clear_one() -> None:
-    # A strip of faces with unit edges: all say 0, but every tenth says 1 with a narrow or a clear majority.
+    # A strip of faces with unit edges: all vote 0, but every tenth votes 1 by a narrow or a clear majority.
     count = 5000
     face = np.repeat(np.arange(count), 2)
     odd = np.arange(count) % 10 == 5
@@ -155,7 +155,7 @@ def test_elections_end_no_worse_than_they_began() -> None:
     assert (face[chosen] == np.arange(side * side)).all()
     alone = 3 * np.arange(side * side) + share.reshape(-1, 3).argmax(axis=1)
     assert cost(chosen) < cost(alone)
-    for k in range(3):  # no single face can do better
+    for k in range(3):  # changing a single face gains nothing
         for i in random.choice(side * side, 200, replace=False):
             other = chosen.copy()
             other[i] = 3 * i + k

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What decides where numbers, weights, keys, labels and normals go: trust, limits, sums, growth and noise."""
+"""Rules of numbers, weights, keys, labels and normals: trust, limits, sums, growth and noise."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def trusted(confidence: np.ndarray, surface: Surface = MESH) -> SimpleNamespace:
 
 
 def side_by_side(*parts: tuple[Surface, tuple[float, float, float], float]) -> tuple[Surface, np.ndarray]:
-    """Plates at places and of sizes, and (n,) the number of each vertex's part."""
+    """Join plates with given places and sizes; also return (n,) the number of each vertex's part."""
     starts = np.cumsum([0, *(len(part.vertices) for part, _, _ in parts)])
     vertices = np.concatenate([size * part.vertices + np.array(place) for part, place, size in parts])
     faces = [part.corner_vertex.reshape(-1, 4) + start for (part, _, _), start in zip(parts, starts, strict=False)]
@@ -55,13 +55,13 @@ def side_by_side(*parts: tuple[Surface, tuple[float, float, float], float]) -> t
 
 
 def mapped_onto(source: Surface, target: Surface, confidence: np.ndarray | float = 1.0) -> MappedTarget:
-    """A target whose vertices lie at those of the source of the same numbers."""
+    """A target whose vertices map to the source vertices of the same numbers."""
     vertices = np.arange(len(target.vertices))
     there = SurfaceMap.from_vertices(vertices, source)
     return MappedTarget(source, target, there, np.broadcast_to(confidence, len(vertices)))
 
 
-# --- where faces and corners lie ----------------------------------------------------------------------------
+# --- positions of faces and corners-------------------------------------------------------------------------
 
 
 def test_points_of_faces_lie_between_their_corners() -> None:
@@ -76,7 +76,7 @@ def test_samples_stand_for_equal_areas_of_the_faces_asked_for_and_weigh_by_confi
     confidence = np.where(X > 0.5, 0.8, 0.0)
     mapped, faces = mapped_onto(MESH, MESH, confidence), np.array([3, 17, 200, 399])
     samples = mapped.samples(faces)
-    np.testing.assert_array_equal(samples.face, np.repeat(faces, 8))  # two triangles of four samples each
+    np.testing.assert_array_equal(samples.face, np.repeat(faces, 8))  # two triangles with four samples each
     area = np.bincount(MESH.triangle_face, triangle_areas(MESH.vertices, MESH.triangles))[faces]
     np.testing.assert_allclose(np.add.reduceat(samples.area, np.arange(4) * 8), area, rtol=1e-6)
     trust = (samples.weight / samples.area)[[0, -1]]
@@ -98,7 +98,7 @@ def test_corners_are_moved_a_little_into_their_own_face() -> None:
     np.testing.assert_array_equal(MESH.triangle_face[triangle], MESH.corner_face[corners])
     here = SurfaceMap(triangle, barycentric, MESH.triangles).interpolate(MESH.vertices)
     off = np.linalg.norm(here - MESH.vertices[MESH.corner_vertex[corners]], axis=1) * 20
-    assert 0.05 < off.min() < off.max() < 0.25  # of a face's width
+    assert 0.05 < off.min() < off.max() < 0.25  # in widths of a face
 
 
 def test_balls_hold_the_corners_of_faces_and_touch_the_farthest() -> None:
@@ -120,7 +120,7 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     )
     assert near[np.abs(middle - 0.5) < 0.05].all()
     assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
-    # A face whose corners lie on two islands lies across, however far from the cut its middle is.
+    # A face with corners on two islands crosses the cut, however far its centre is from it.
     coarse = plate(2, 1)
     assert MappedTarget(MESH, coarse, nearest_map(coarse.vertices, MESH), np.ones(6)).near_border(cut).all()
     # One edge of the cut may be as long as all of it.
@@ -153,7 +153,7 @@ def test_numbers_keep_their_columns_on_all_domains() -> None:
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, values, atol=1e-6)
         pairs = np.random.default_rng(1).integers(0, 2, (count, 2))
-        if domain is not Domain.FACE:  # where single faces take the label around them
+        if domain is not Domain.FACE:  # single faces would take the label around them
             found = VOTE[domain](Attribute("x", domain, Kind.LABEL, pairs), mapped).values
             np.testing.assert_array_equal(found, pairs)
 
@@ -191,7 +191,7 @@ def test_where_no_room_is_left_there_is_no_weight_and_a_little_room_is_filled() 
 
 
 def fading(limit: int, groups: int = 3) -> np.ndarray:
-    """(n, groups) weights of which each vertex keeps some: the first is everywhere, two change places in the middle."""
+    """(n, groups) weights limited per vertex: the first group is everywhere, two others swap ranks in the middle."""
     table = np.column_stack([0 * X + 0.5, np.clip(0.25 + (0.5 - X) / 2, 0, 1), np.clip(0.25 - (0.5 - X) / 2, 0, 1)])
     weights = csr_array(table / table.sum(axis=1, keepdims=True))
     limit_weights(weights, MESH, np.ones(groups, dtype=bool), limit)
@@ -206,7 +206,7 @@ def test_a_group_that_a_limit_leaves_out_fades_over_a_few_edges_before() -> None
     share = found[:, 1] / found[:, 0] / np.maximum(full[:, 1] / full[:, 0], 1e-9)
     column = np.round(20 * X).astype(int)
     by_column = np.array([np.median(share[column == i]) for i in range(20)])
-    assert by_column[:7] == pytest.approx(1)  # far from where it is left out: nothing has faded
+    assert by_column[:7] == pytest.approx(1)  # no fading far from where the group is dropped
     near = by_column[7:10]
     assert (np.diff(by_column[6:11]) < 0).all()
     assert near[0] < 0.9
@@ -236,7 +236,7 @@ def test_small_parts_move_as_what_is_nearest_and_larger_ones_are_left(size: floa
 
 
 def test_sharp_corners_do_not_spoil_what_is_filled_in() -> None:
-    # Slivers among the doubtful vertices: areas of next to nothing.
+    # Slivers of almost no area among the doubtful vertices.
     vertices = MESH.vertices.copy()
     hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
     inner = np.flatnonzero(hole)
@@ -299,7 +299,7 @@ def test_growth_against_the_whole_is_bounded(grown: float, low: float, high: flo
 
 
 TURN = Rotation.from_rotvec([0.3, -0.5, 1.1]).as_matrix()
-# A closed body without any symmetry.
+# A closed body without symmetry.
 GLOBE = globe(16, 10)[0]
 BODY = GLOBE.with_vertices(GLOBE.vertices * (1 + 0.3 * GLOBE.vertices[:, [1, 2, 0]]) * [1, 0.7, 1.4])
 
@@ -326,7 +326,7 @@ def test_gradients_are_integrated_over_the_areas_of_vertices() -> None:
 def test_growth_is_that_of_the_place_however_dense_the_mesh_is_on_either_side(
     spacing: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    # A sector of a ring, by the exponential of complex numbers, which grows alike in all directions.
+    # The complex exponential maps the plate conformally to a sector of a ring.
     even = plate(20, 20)
     x, y = spacing(even.vertices[:, 0]), even.vertices[:, 1]
     source = even.with_vertices(np.column_stack([x, y, 0 * x]))
@@ -375,7 +375,7 @@ def test_frames_on_some_vertices_are_on_their_neighbours_as_well() -> None:
 
 
 def test_rotations_of_faces_corners_and_loose_vertices_are_those_of_what_is_around() -> None:
-    # A plate that is rolled up turns from column to column.
+    # A rolled-up plate rotates from column to column.
     rolled = MESH.with_vertices(np.column_stack([np.sin(2 * X) / 2, Y, np.cos(2 * X) / 2]))
     above = np.array([[0.25, 0.5, 0.001], [0.75, 0.5, 0.001]])
     beside = np.column_stack([np.sin(2 * above[:, 0]) / 2, above[:, 1], np.cos(2 * above[:, 0]) / 2])
@@ -407,7 +407,7 @@ def test_directions_keep_their_length_where_they_are_mixed_and_turned() -> None:
 
 
 def test_of_vertices_that_are_welded_the_first_one_counts() -> None:
-    # The column in the middle is there twice.
+    # The middle column of vertices is duplicated.
     left, right = plate(2, 2), plate(2, 2)
     vertices = np.vstack([left.vertices, right.vertices + np.array([1, 0, 0]), [[9, 9, 9]]])
     faces = left.corner_vertex.reshape(-1, 4)
@@ -468,7 +468,7 @@ def test_keys_that_are_short_against_the_surface_are_noise(length: float, moves:
 
 
 def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_it() -> None:
-    # A tilted normal on a source that folds towards it: the target is flat there.
+    # A tilted normal on a source that folds towards it, where the target is flat.
     values = np.tile([0.0, 0, 1.0], (len(X), 1))
     values[X > 0.5] = np.array([0.999, 0, 0.045]) / np.hypot(0.999, 0.045)
     bent = MESH.vertices.copy()
@@ -482,7 +482,7 @@ def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_i
     sums /= np.linalg.norm(sums, axis=1, keepdims=True)
     height = np.einsum("nx,nx->n", found, sums)
     assert height.min() > 0
-    # Most of the slope falls away steeper than the normal is tilted: there it is lifted, and no further than needed.
+    # On most of the slope the tilted normal would be below the surface; it is lifted only as far as needed.
     steep = (X > 0.55) & (X < 0.7)
     assert 0.03 < np.median(height[steep]) < 0.08
     assert height[X > 0.55].max() < 0.3
@@ -498,7 +498,7 @@ def test_what_is_wound_inside_out_has_the_mirror_images_of_its_normals_whether_l
     )
     up = vertex_normals(vertices, MESH.triangles)
     height = np.einsum("nx,nx->n", found, up)
-    # Where it falls away, some are pushed below the surface, and lifted before they are made of unit length.
+    # Some normals end below the surface and are lifted before normalisation.
     lifted = np.abs(height - LIFTED_SINE / np.sqrt(1 + LIFTED_SINE**2)) < 1e-4
     assert 3 < lifted.sum() < 0.3 * len(X)
     np.testing.assert_allclose(mirrored, found - 2 * height[:, None] * up, atol=1e-9)
@@ -511,7 +511,7 @@ def test_normals_are_on_the_side_that_faces_are_wound_to(domain: Domain) -> None
     values = np.tile(tilted, (len(X) if domain is Domain.POINT else len(MESH.corner_vertex), 1))
     found = transfer(Attribute("x", domain, Kind.NORMAL, values), identity(MESH), MESH, inverted).values
     np.testing.assert_allclose(found, np.broadcast_to(tilted * [1, 1, -1], found.shape), atol=1e-9)
-    # What lies below the surface already on the source stays below.
+    # Normals that are below the surface on the source stay below.
     sunk = transfer(Attribute("x", domain, Kind.NORMAL, values * [1, 1, -0.1]), identity(MESH), MESH, MESH).values
     assert (sunk[:, 2] < 0).all()
 
@@ -560,7 +560,7 @@ def test_what_is_trusted_less_than_asked_for_is_filled_in(below: float | None, f
 
 @pytest.mark.parametrize(("size", "kept"), [(0.62, True), (0.4, False)])
 def test_an_island_of_most_of_a_face_survives_and_a_smaller_one_goes(size: float, kept: bool) -> None:
-    # A square of another label inside a plain one, against faces of a width of 0.1, where no face is mostly in it.
+    # A labelled square on target faces of width 0.1; no face is mostly inside it.
     source, target = plate(100, 100), plate(10, 10)
     middle = source.vertices[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, :2]
     inside = np.abs(middle - 0.5).max(axis=1) < size * 0.05 * np.sqrt(2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has a direction turns with the surface: directions, normals, quaternions and matrices."""
+"""Directions, normals, quaternions and matrices rotate with the surface."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def normals_of(surface: Surface) -> np.ndarray:
 
 
 def directions_on(surface: Surface, seed: int = 0) -> np.ndarray:
-    """A smooth field of directions, neither along the surface nor across it."""
+    """A smooth field of directions, neither tangential nor normal."""
     wave = np.random.default_rng(seed).normal(size=(3, 3))
     field = np.sin(surface.vertices @ wave) + 0.5 * normals_of(surface)
     return field / np.linalg.norm(field, axis=1, keepdims=True)
@@ -69,13 +69,13 @@ def test_directions_turn_as_a_rigid_body_does_whatever_its_size_and_mesh(kind: K
     values = at_domain(directions_on(source.surface), source.surface, domain)
     still = carried(values, Kind.VECTOR, surface_map, source.surface, target.surface)
     result = carried(values, kind, surface_map, source.surface, turned)
-    assert degrees(result, still @ TURN.T).mean() < 1.5  # the target's edges cut the source's corners
+    assert degrees(result, still @ TURN.T).mean() < 1.5  # the target's edges cut across the source's corners
 
 
 def test_directions_are_those_of_the_posed_surface() -> None:
     source, posed, target = creature(8000), creature(8000, bend=1.5), creature(6000, seed=5, bend=1.5)
     surface_map = map_of(source, target)
-    # On the same mesh every triangle's own turn is known.
+    # On the same mesh the rotation of every triangle is known.
     sides = [
         (s.surface.vertices[s.surface.triangles] - np.roll(s.surface.vertices[s.surface.triangles], 1, axis=1))
         for s in (posed, source)
@@ -90,7 +90,7 @@ def test_directions_are_those_of_the_posed_surface() -> None:
     bent = unturned > 15
     error = degrees(result, truth)
     assert bent.sum() > 300
-    assert np.median(error[bent]) < 0.25 * np.median(unturned[bent])  # a limb's tip has a few vertices
+    assert np.median(error[bent]) < 0.25 * np.median(unturned[bent])  # limb tips have few vertices
     assert error.mean() < 2
     shaken = target.directions + np.random.default_rng(0).normal(scale=0.01, size=target.directions.shape)
     triangles = source.surface.triangles
@@ -182,7 +182,7 @@ def test_quaternions_keep_their_sign_and_missing_ones_turn_nothing() -> None:
 def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None:
     source, target = creature(4000), creature(3000, seed=5)
     surface_map = map_of(source, target)
-    angle = np.pi * (source.surface.vertices[:, 2] > 0)  # by half a turn, or not at all
+    angle = np.pi * (source.surface.vertices[:, 2] > 0)  # rotations by half a turn or zero
     rotation = Rotation.from_rotvec(np.column_stack([0 * angle, 0 * angle, 0.999 * angle])).as_matrix()
     matrices = np.tile(np.eye(4), (4000, 1, 1))
     matrices[:, :3, :3] = rotation @ np.diag([1.0, 2, -3])

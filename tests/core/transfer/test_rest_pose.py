@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pose that a target stands in is found along its map to a rigged source, and made better on one body."""
+"""The pose of a target is estimated from its map to a rigged source, and refined if both have the same body."""
 
 import numpy as np
 from bent_tube import PARENTS, bend, pose_surface, tube, weights_of
@@ -17,14 +17,14 @@ SOFT = ((40, 0, 20), (30, 10, 0))
 
 
 class _Match:
-    """What a transfer needs of a match."""
+    """The fields of a match that a transfer uses."""
 
     def __init__(self, surface_map, confidence, has_partner=None):
         self.surface_map, self.confidence, self.has_partner = surface_map, confidence, has_partner
 
 
 def _mapped(source, target, still, shift=0.0, **match):
-    """The target over the source; `still` is where its vertices are at rest, and the map is off by a shift along."""
+    """Map a target by its vertices at rest, `still`, with an error of `shift` along the tube."""
     points = still + np.array([0, 0, shift])
     found = zo.SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
     match = {"confidence": np.ones(len(still)), **match}
@@ -32,7 +32,7 @@ def _mapped(source, target, still, shift=0.0, **match):
 
 
 def _errors(found, source, still):
-    """How far bones take a target's vertices at rest from where they do."""
+    """Distance of vertices at rest, posed by the found bones, from their true posed places."""
     weights = weights_of(still)
     truth = transform_points(skinning_matrices(bend(*SOFT), weights), still)
     return np.linalg.norm(transform_points(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
@@ -91,7 +91,7 @@ def test_what_has_no_partner_does_not_count():
     target = pose_surface(still, bend(*SOFT))
     alone = still.vertices[:, 2] > 4.5
     vertices = target.vertices.copy()
-    vertices[alone] += [0, 3.0, 0]  # as a hat that only the target has
+    vertices[alone] += [0, 3.0, 0]  # like a hat that only the target has
     mapped = _mapped(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
@@ -99,7 +99,7 @@ def test_what_has_no_partner_does_not_count():
 
 
 def _standing(scale, turn, shift):
-    """The pose of a target that stands at rest, but elsewhere."""
+    """The pose of a target at rest with a common similarity."""
     common = Similarities(np.array(scale), turn, np.array(shift))
     return Pose(Similarities(np.array([scale]), turn[None], np.array([shift])), common, 0.0)
 
@@ -115,7 +115,7 @@ def test_a_target_at_rest_is_put_where_the_source_is():
 
 
 def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
-    still = tube()  # of a square root of area of about 4.5
+    still = tube()  # square root of its area is about 4.5
     for shift, stays in ((0.08, True), (0.1, False)):
         target = still.with_vertices(still.vertices + shift * np.array([1.0, 0, 0]))
         rest = align(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))

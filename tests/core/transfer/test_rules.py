@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What may be transferred, and what a user is told otherwise."""
+"""Attributes that can be transferred, and the errors for others."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_values_that_are_not_finite_are_refused_where_they_would_spread(mesh: Sh
 
 
 def test_what_is_mixed_is_told_and_what_needs_no_more_than_its_other_side() -> None:
-    # Directions turn, labels have no middle, and of UVs the other half may be elsewhere: they have ways of their own.
+    # Directions rotate, labels have no mean, and UVs may be on different islands: they have their own methods.
     mixable = {kind for kind, rule in RULES.items() if rule.mixable}
     assert mixable == {Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT, Kind.OFFSET}
     mirrorable = {kind for kind, rule in RULES.items() if rule.mirrorable}

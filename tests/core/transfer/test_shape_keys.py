@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys: they turn and grow with the target, and leave alone what the source's leave alone."""
+"""Shape keys rotate and scale with the target, and move only vertices that the source's keys move."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
 
 
 class Match:
-    """A map that is trusted to some degree."""
+    """A match with a given confidence."""
 
     def __init__(self, surface_map: SurfaceMap, confidence: np.ndarray) -> None:
         self.surface_map, self.confidence, self.has_partner = surface_map, confidence, None
@@ -30,12 +30,12 @@ def source() -> Sheet:
 
 @pytest.fixture(scope="module")
 def straight() -> Sheet:
-    """The same surface as another mesh."""
+    """Another mesh of the same surface."""
     return sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
 
 
 def bent(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
-    """Points (..., 3) around the z axis bent around an arc."""
+    """Bend points (..., 3) around the z axis along an arc."""
     radius = 4 / angle
     turn = points[..., 2] / radius
     reach = radius - points[..., 0]
@@ -43,24 +43,24 @@ def bent(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
 
 
 def moved(surface: Surface, vertices: np.ndarray) -> Surface:
-    """The same mesh with its vertices elsewhere."""
+    """The same mesh with other vertices."""
     return Surface.from_corners(vertices, surface.corner_vertex, surface.face_start, surface.triangle_corners)
 
 
 def bump(points: np.ndarray, centre: tuple[float, float, float], radius: float) -> np.ndarray:
-    """(n,) one at a centre, falling smoothly to zero at a distance."""
+    """(n,) one at the centre, falling smoothly to zero at the radius."""
     distance = np.linalg.norm(points - centre, axis=1) / radius
     return np.where(distance < 1, (1 - distance**2) ** 2, 0)
 
 
 def turned(points: np.ndarray, share: np.ndarray, axis: tuple[float, float, float], angle: float) -> np.ndarray:
-    """(n, 3) how points move when each takes its share of a turn around the middle of the tube."""
+    """(n, 3) displacements when each point makes its share of a rotation around the tube's centre."""
     around = points - (0, 0, 2)
     return Rotation.from_rotvec(share[:, None] * angle * np.array(axis)).apply(around) - around
 
 
 def keys(points: np.ndarray) -> dict[str, np.ndarray]:
-    """Offsets (n, 3) of points on the tube, as sculptors make them."""
+    """Offsets (n, 3) of points on the tube for typical sculpted keys."""
     outward = points * (1, 1, 0)
     upper = np.clip((points[:, 2] - 1.5) / 1, 0, 1)
     upper = upper * upper * (3 - 2 * upper)
@@ -75,7 +75,7 @@ def keys(points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def offsets(points: np.ndarray) -> np.ndarray:
-    """(n, keys, 3) of all keys."""
+    """(n, keys, 3) offsets of all keys."""
     return np.stack(list(keys(points).values()), axis=1)
 
 
@@ -90,7 +90,7 @@ def carried(values: np.ndarray, match: object, source: Surface, target: Surface)
 
 
 def errors(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """(keys,) errors over the length of the keys."""
+    """(keys,) errors relative to the norm of each key."""
     return np.sqrt(((values - truth) ** 2).sum(axis=(0, 2)) / (truth**2).sum(axis=(0, 2)))
 
 
@@ -114,7 +114,7 @@ def test_keys_follow_a_bent_target_where_plain_offsets_do_not(source: Sheet, str
     target = moved(straight.surface, bent(points) @ TURN.T)
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices)
-    # First the key moves the straight tube, then all is bent.
+    # The key moves the straight tube, then the tube is bent.
     truth = (bent(points[:, None] + offsets(points)) - bent(points)[:, None]) @ TURN.T
     result = errors(carried(values, surface_map, source.surface, target).values, truth)
     plain = errors(surface_map.interpolate(values), truth)
@@ -146,7 +146,7 @@ def test_the_border_of_what_moves_has_no_step(source: Sheet, straight: Sheet) ->
 
 
 def test_parts_without_an_anchor_do_not_drift(source: Sheet, straight: Sheet) -> None:
-    # Two tubes, of which one is moved as a whole, on a target that stands elsewhere.
+    # A key moves one of two tubes as a whole; the target is placed elsewhere.
     one, other = source.surface, straight.surface
     aside = np.array([9, 0, 0])
     both = Surface(np.concatenate([one.vertices, one.vertices + aside]), _twice(one))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones move vertices as Blender's armatures do: by blended matrices, or by blended dual quaternions."""
+"""Bones move vertices as Blender's armatures do, by blended matrices or dual quaternions."""
 
 import numpy as np
 from bent_tube import bend, tube, weights_of
@@ -53,7 +53,7 @@ def test_dual_quaternions_are_mixed_by_weight():
 
 
 def test_dual_quaternions_are_blended_along_the_shorter_way():
-    # 170 and 190 degrees are 20 apart, but their quaternions point away from each other as scipy gives them.
+    # 170 and 190 degrees differ by 20, but scipy's quaternions for them have opposite signs.
     matrices = skinning_matrices(_turned(170, 190), BOTH, preserve_volume=True)
     np.testing.assert_allclose(matrices[0, :, :3], Rotation.from_euler("z", 180, degrees=True).as_matrix(), atol=1e-9)
 

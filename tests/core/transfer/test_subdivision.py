@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limit surfaces of cages: points that do not change when the cage is subdivided, and cages whose limit is given."""
+"""Limit surfaces are invariant under subdivision of the cage, and cages are fitted to a given limit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_flat_cage_has_a_flat_limit_and_a_cube_a_round_one() -> None:
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     cube = limit_points(Surface(corners, faces)).limit @ corners
-    np.testing.assert_allclose(cube[:8], corners / 2)  # (9 v + 12 e' / 3 ...) of the masks for three faces
+    np.testing.assert_allclose(cube[:8], corners / 2)  # (9 v + 12 e' / 3 ...), limit masks of valence 3
     np.testing.assert_allclose(np.linalg.norm(cube[20:], axis=1), np.linalg.norm(cube[20]))
 
 
@@ -65,7 +65,7 @@ def test_the_limit_of_a_wrapped_cage_lies_on_the_source() -> None:
     assert after.mean() < 0.1 * before.mean()
     assert after.max() < 0.2 * before.max()
     assert off(found, source).mean() > 10 * after.mean()
-    # Without detail the limit passes where the cage would.
+    # Without detail the limit follows the surface that the unsubdivided cage would have.
     coarse, flat = (wrap(match, source, cage, subdivided=each, detail=0).vertices for each in (True, False))
     missed = [np.linalg.norm(limit[:150] @ each - flat, axis=1).mean() for each in (coarse, flat)]
     assert missed[0] < 0.6 * missed[1]

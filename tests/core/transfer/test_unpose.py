@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A posed surface goes back to rest: exactly where skinning tells it, and smoothly elsewhere."""
+"""Unposing a surface is exact where skinning determines it, and smooth elsewhere."""
 
 import numpy as np
 from bent_tube import bend, pose_surface, tube, weights_of
@@ -82,7 +82,7 @@ def test_a_collapsed_blend_is_not_inverted():
 
 def test_loose_and_doubled_vertices_are_taken_along():
     whole, transforms = tube(), bend(*SOFT)
-    corners = whole.vertices[whole.corner_vertex]  # each face has corners of its own, as exporters split them
+    corners = whole.vertices[whole.corner_vertex]  # faces have separate corners, as exporters split them
     faces = np.split(np.arange(len(corners)), whole.face_start[1:-1])
     split = zo.Surface(np.concatenate([corners, [[0.1, 0.1, 1.0]]]), faces)
     weights = weights_of(split.vertices)

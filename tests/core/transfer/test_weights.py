@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin weights: sparse, few to a vertex, and still a partition of one."""
+"""Skin weights stay sparse, with few per vertex, and sum to one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def target() -> Sheet:
 
 
 def chain(parameters: np.ndarray, bones: int) -> csr_array:
-    """(n, bones) weights of a chain along b: two bones to a vertex, linear between their joints."""
+    """(n, bones) weights of a chain along b: two bones per vertex, linear between their joints."""
     place = parameters[:, 1] * (bones - 1)
     bone = np.minimum(np.floor(place), bones - 2).astype(int)
     part = place - bone
@@ -42,7 +42,7 @@ def chain(parameters: np.ndarray, bones: int) -> csr_array:
 
 
 def scattered(count: int, groups: int, each: int, seed: int = 0) -> csr_array:
-    """(n, groups) random weights, `each` to a vertex, that sum to one."""
+    """(n, groups) random weights, `each` per vertex, that sum to one."""
     random = np.random.default_rng(seed)
     columns = np.argsort(random.random((count, groups)), axis=1)[:, :each]
     data = random.dirichlet(np.full(each, 3.0), count)
@@ -54,7 +54,7 @@ def skinned(weights: csr_array, source: Sheet, target: Sheet, **options: object)
 
 
 def noted(weights: csr_array, source: Sheet, target: Sheet, **options: object) -> tuple[csr_array, tuple[str, ...]]:
-    """The weights, and what is said about them."""
+    """The transferred weights and their notes."""
     names = tuple(f"bone {i}" for i in range(weights.shape[1]))
     attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights, names)
     surface_map = true_map(source, *GRID, target.parameters)
@@ -65,7 +65,7 @@ def noted(weights: csr_array, source: Sheet, target: Sheet, **options: object) -
 
 
 def test_weights_that_are_linear_on_the_source_arrive_as_the_same_formula(source: Sheet, target: Sheet) -> None:
-    # Joints lie on rings of the source's vertices, so that no triangle bends the formula.
+    # Joints are on vertex rings of the source, so the formula is linear in each triangle.
     result = skinned(chain(source.parameters, 21), source, target)
     truth = chain(target.parameters, 21).toarray()
     truth[truth < 1e-4] = 0
@@ -102,7 +102,7 @@ def test_the_largest_weights_are_the_ones_that_stay(source: Sheet, target: Sheet
 
 
 def crowded(parameters: np.ndarray, bones: int = 60) -> csr_array:
-    """(n, bones) smooth weights of many bones to a vertex."""
+    """(n, bones) smooth weights with many bones per vertex."""
     offset = parameters[:, None] - np.random.default_rng(0).random((bones, 2))
     offset[:, :, 0] -= np.round(offset[:, :, 0])
     weights = np.exp(-(offset**2).sum(axis=2) / 0.1**2)
@@ -148,7 +148,7 @@ def test_renamed_groups_keep_their_weights_and_those_of_one_name_become_one(sour
 
 
 def test_groups_that_share_nothing_are_mixed_only(source: Sheet, target: Sheet) -> None:
-    # Eight bones and two masks, of which one is one everywhere, and the other seldom there.
+    # Eight bones and two masks: one is 1 everywhere, the other on 30% of the surface.
     bones = scattered(len(source.parameters), 8, 4).toarray()
     masks = np.stack([np.ones(len(bones)), source.parameters[:, 1] > 0.7], axis=1)
     weights = csr_array(np.concatenate([bones, masks], axis=1))
@@ -171,7 +171,7 @@ def test_unlocked_groups_share_what_locked_ones_leave(source: Sheet, target: She
 
 
 def test_what_locked_groups_had_on_the_source_is_shared_anew(source: Sheet, target: Sheet) -> None:
-    # Of 20 groups that sum to one, three are locked on the target, where they leave half of each vertex.
+    # Three of 20 groups are locked on the target, and leave half of each vertex's sum.
     weights = scattered(len(source.parameters), 20, 4)
     result = skinned(csr_array(weights[:, 3:]), source, target, sums=weights.sum(axis=1), room=0.5).sum(axis=1)
     assert np.abs(result[result > 0] - 0.5).max() < 1e-12
@@ -219,7 +219,7 @@ def test_groups_without_any_weight_arrive_without_any(source: Sheet, target: She
 def test_the_identity_returns_the_weights(source: Sheet) -> None:
     for dtype, rounding in ((np.float64, 1e-12), (np.float32, 1e-6)):
         weights = scattered(len(source.parameters), 60, 4)
-        weights.data[:] = np.round(weights.data.reshape(-1, 4) * 64).clip(1).ravel() / 64  # nothing to clip
+        weights.data[:] = np.round(weights.data.reshape(-1, 4) * 64).clip(1).ravel() / 64  # none is too small
         weights = csr_array(weights / weights.sum(axis=1)[:, None]).astype(dtype)
         attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights)
         result = transfer(attribute, identity(source.surface), source.surface, source.surface).values
@@ -235,7 +235,7 @@ def test_the_order_of_the_targets_vertices_only_reorders_the_rows(source: Sheet,
 
 def test_memory_stays_sparse() -> None:
     source, target = sheet(tube, *GRID), sheet(tube, 400, 250)
-    groups = 5000  # dense: four gigabytes
+    groups = 5000  # 4 GB if dense
     count = len(source.parameters)
     weights = csr_array(random_array((count, groups), density=4 / groups, format="csr", rng=np.random.default_rng(0)))
     surface_map = true_map(source, *GRID, target.parameters)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has no counterpart on the source is filled in from around it, whatever the kind of data, or left as it is."""
+"""Target regions without a counterpart are filled in from their surroundings, for every kind, or left unchanged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from zoomout_core.transfer.continuation import extrapolate_map
 
 @dataclass
 class Masked:
-    """A map that is sure of itself throughout, and wrong where there is no counterpart."""
+    """A map with full confidence everywhere, which is wrong where there is no counterpart."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray
@@ -33,7 +33,7 @@ def mesh() -> Sheet:
 
 @pytest.fixture(scope="module")
 def match(mesh: Sheet) -> Masked:
-    """The identity, but for a disk in the middle of the parameters, all of which lands in one place far away."""
+    """The identity, except for a disk in the middle of the parameters that maps to one distant vertex."""
     alone = np.linalg.norm(mesh.parameters - 0.5, axis=1) < 0.15
     elsewhere = np.argmin(np.linalg.norm(mesh.parameters - 0.1, axis=1))
     vertex = np.where(alone, elsewhere, np.arange(len(alone)))
@@ -41,12 +41,12 @@ def match(mesh: Sheet) -> Masked:
 
 
 def near(mesh: Sheet) -> np.ndarray:
-    """(n,) true around the disk, false where the map wrongly leads."""
+    """(n,) true around the disk, false at the wrong image."""
     return np.linalg.norm(mesh.parameters - 0.5, axis=1) < 0.3
 
 
 def values(mesh: Sheet, kind: Kind, domain: Domain) -> Attribute:
-    """One thing around the disk, another one where the map wrongly leads."""
+    """An attribute with one value around the disk and another at the wrong image."""
     here = near(mesh)
     surface = mesh.surface
     of_face = here[surface.corner_vertex[surface.face_start[:-1]]]
@@ -96,7 +96,7 @@ def dense(attribute: Attribute) -> np.ndarray:
 
 
 def elements(surface: Surface, vertices: np.ndarray, domain: Domain) -> np.ndarray:
-    """Which elements of a surface have all of their corners among some vertices (n,)."""
+    """Which elements of a surface have all corners in a mask of vertices (n,)."""
     if domain is Domain.POINT:
         return vertices
     if domain is Domain.EDGE:
@@ -114,7 +114,7 @@ def test_every_kind_goes_on_as_it_is_around(mesh: Sheet, match: Masked, kind: Ki
     expected = dense(values(mesh, kind, Domain.POINT))[around] if kind is not Kind.UV else [0.8, 0.5]
     got = dense(transfer(attribute, match, mesh.surface, mesh.surface))
     np.testing.assert_allclose(got[alone], np.tile(expected, (alone.sum(), 1)), atol=0.04)
-    # Without the mask, it is as where the map leads.
+    # Without the mask, the disk gets the value at the wrong image.
     blind = Masked(match.surface_map, match.confidence, np.ones_like(match.has_partner))
     wrong = dense(transfer(attribute, blind, mesh.surface, mesh.surface))[alone]
     assert np.abs(wrong - expected).max(axis=1).mean() > 0.5
@@ -158,7 +158,7 @@ def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) 
     nearest = extrapolate_map(match.surface_map, mesh.surface, match.has_partner).interpolate(slope)
     off = [np.abs(values - slope)[alone].mean() for values in (smooth, nearest)]
     assert off[0] < 0.5 * off[1]
-    # Whatever goes by confidence has none there.
+    # Confidence is zero there.
     mapped = map_target(match, mesh.surface, mesh.surface)
     np.testing.assert_array_equal(mapped.confidence, match.has_partner)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wrap: the target's topology in the source's shape, on balls with bumps, where the truth is a formula."""
+"""Wrap gives the target's mesh the source's shape, on balls with bumps that have an exact solution."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 
 @dataclass
 class Given:
-    """What a match gives."""
+    """The fields of a match that wrap uses."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray
@@ -36,7 +36,7 @@ class Given:
 
 
 def bumpy(points: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of the unit sphere on a ball with three bumps."""
+    """Map points (n, 3) of the unit sphere to a ball with three bumps."""
     peaks = np.array([[1.0, 0, 0], [-0.6, 0.8, 0], [0, -0.6, 0.8]])
     return points * (1 + 0.35 * (np.maximum(0, points @ peaks.T) ** 8).sum(axis=1))[:, None]
 
@@ -53,7 +53,7 @@ def source() -> Surface:
 
 
 def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
-    """The map of points (n, 3) of the unit sphere to where their directions lead on the source."""
+    """The map of points (n, 3) of the unit sphere to the source points in their directions."""
     back = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     back /= np.linalg.norm(back, axis=1)[:, None]
     unit = points / np.linalg.norm(points, axis=1)[:, None]
@@ -62,7 +62,7 @@ def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
 
 @pytest.fixture(scope="module")
 def noisy(target: Surface, source: Surface) -> SurfaceMap:
-    """Off by about the length of an edge, so that many faces are folded over."""
+    """A map with errors of about an edge length, so that many faces fold over."""
     noise = np.random.default_rng(0).normal(0, 0.06, target.vertices.shape)
     return mapped(target.vertices + noise, source)
 
@@ -73,14 +73,14 @@ def wrapped(noisy: SurfaceMap, source: Surface, target: Surface) -> Wrapped:
 
 
 def off(points: np.ndarray, source: Surface) -> np.ndarray:
-    """(n,) distances from the source, over the root of its area."""
+    """(n,) distances from the source, relative to the square root of its area."""
     triangle, barycentric = closest_points(points, source.vertices, source.triangles)
     feet = np.einsum("nc,ncx->nx", barycentric, source.vertices[source.triangles[triangle]])
     return np.linalg.norm(points - feet, axis=1) / np.sqrt(source.area)
 
 
 def inwards(points: np.ndarray, target: Surface) -> int:
-    """How many triangles of a ball around (5, -2, 9) face its middle."""
+    """Number of triangles of a ball around (5, -2, 9) that face its centre."""
     normals = area_normals(points, target.triangles)
     middles = points[target.triangles].mean(axis=1) - [5.0, -2, 9]
     return int((np.einsum("mx,mx->m", normals, middles) < 0).sum())
@@ -98,7 +98,7 @@ def distortion(points: np.ndarray, target: Surface) -> float:
 
 
 def form_error(points: np.ndarray, rest: np.ndarray) -> tuple[float, float]:
-    """How far points are from a similar image of what they were, over its extent, and how much that has grown."""
+    """Greatest distance of points from the best similarity of `rest`, relative to their extent, and its scale."""
     motion = procrustes(rest, points)
     error = np.linalg.norm(motion(rest) - points, axis=1).max()
     return float(error / np.ptp(points, axis=0).max()), float(motion.scale)
@@ -190,7 +190,7 @@ def test_landmarks_hold_exactly(noisy: SurfaceMap, source: Surface, target: Surf
     assert np.abs(found.vertices[numbers] - there).max() < 1e-9
     assert found.turned_over == 0
     assert (off(found.vertices, source) < 0.002).mean() > 0.98
-    # Those around go along instead of being left behind a spike.
+    # Neighbours of a landmark move along instead of leaving a spike.
     around = np.linalg.norm(target.vertices - target.vertices[3], axis=1) < 0.3
     free = wrap(noisy, source, target).vertices
     moved, dragged = there[0] - free[3], (found.vertices - free)[around].mean(axis=0)
@@ -217,7 +217,7 @@ def test_what_has_no_partner_keeps_its_form(source: Surface) -> None:
     assert 2.4 < growth < 4
     assert off(found.vertices, source)[~alone].max() < 1e-6
     assert found.notes == (f"{alone.sum()} vertices without a partner, or outside the mask, keep their shape.",)
-    # It stands upright where it was, outside.
+    # It still points outwards at its old place.
     tip = np.argmax(height)
     base = found.vertices[alone].mean(axis=0)
     up = TURN.apply([0.0, 0, 1])
@@ -321,7 +321,7 @@ def test_a_vertex_of_no_face_goes_along(source: Surface, target: Surface, noisy:
 
 
 def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
-    """Where a patch of the map is scrambled, the first stages go by what is around it."""
+    """Where a patch of the map is scrambled, the first stages follow its surroundings."""
     patch = np.flatnonzero(target.vertices[:, 2] > 0.85)
     places = target.vertices.copy()
     places[patch] = places[np.random.default_rng(1).permutation(patch)]
@@ -338,7 +338,7 @@ def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
 
 
 def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None:
-    """The source has a horn, and the map ends at its foot."""
+    """The source has a horn, and the map stops at its base."""
     fine = ball(1, count=2500, seed=8)
     horn = 1 + np.maximum(0, fine.vertices[:, 0]) ** 30
     source = fine.with_vertices(3 * TURN.apply(fine.vertices * horn[:, None]) + [5.0, -2, 9])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What lies around a body moves along with it: turned, mirrored and grown as the body is, within limits."""
+"""Parts around a body rotate, mirror and scale with it, within limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def basis() -> SpectralBasis:
 
 
 def patches(images: np.ndarray, places: np.ndarray) -> Moments:
-    """Of patches (m, n, 3) that go to images."""
+    """Moments of patches (m, n, 3) and their images."""
     return Moments.of_products(np.stack([products(p, i).mean(axis=0) for p, i in zip(places, images, strict=True)]))
 
 
@@ -93,7 +93,7 @@ def test_the_roots_of_shares_fall_evenly_with_the_distance(basis: SpectralBasis)
 
 
 def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basis: SpectralBasis) -> None:
-    # A body whose one tip alone has turned about itself.
+    # Only one tip of the body rotates.
     mesh = MADE.surface.working
     tip = MADE.directions[:, 1] > 0.95
     images = mesh.vertices.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hems are found, and drawn onto those of their kind that are near; the rest follows."""
+"""Boundary loops are found and attracted to similar loops nearby; the rest follows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AROUND, ALONG = 24, 30
 
 
 def tube(radius: float = 0.1, length: float = 1.0) -> Surface:
-    """A tube along z that is open at both ends, the lower one at zero."""
+    """A tube along z, open at both ends, with the lower end at zero."""
     turn, along = (axis.ravel() for axis in np.meshgrid(np.arange(AROUND) * 2 * np.pi / AROUND, np.arange(ALONG)))
     points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), length * along / (ALONG - 1)])
     return Surface(points, ring_faces(ALONG, AROUND))
@@ -30,7 +30,7 @@ AT = TUBE.points[:, 2]
 
 
 def shifted(part: Part, at_end: float) -> Part:
-    """A part whose upper end a map has pulled too far along, and the rest in proportion."""
+    """A part that a map has stretched along z, by `at_end` at its upper end."""
     return replace(part, points=part.points * (1, 1, 1 + at_end))
 
 
@@ -48,13 +48,13 @@ def test_the_points_of_a_loop_cover_its_edges() -> None:
     step, one = np.linspace(-0.5, 0.5, 33), np.full(33, 0.5)
     border = np.vstack([np.column_stack(side) for side in ((step, one), (step, -one), (one, step), (-one, step))])
     gap = np.linalg.norm(border[:, None] - loop.along[:, :2], axis=2).min(axis=1)
-    # Between them lies a quarter of an edge, so that none is off by more than an eighth.
+    # Points are a quarter of an edge apart, so that none is off by more than an eighth.
     assert gap.max() < 0.126 * 0.25
     assert gap.mean() < 0.1 * 0.25
 
 
 def test_the_centre_and_size_of_a_loop_are_of_its_length_and_not_of_its_vertices() -> None:
-    # A square with one side that is cut into many edges.
+    # A square with one side of many edges.
     x = np.linspace(0, 1, 30)
     points = np.vstack([[[0.5, 1, 0]], np.column_stack([x, 0 * x, 0 * x]), [[1, 1, 0], [0, 1, 0]]])
     corners = [[0, i, i + 1] for i in range(1, 31)] + [[0, 32, 1]]
@@ -96,7 +96,7 @@ def test_the_rest_follows_the_less_the_farther_off() -> None:
 
 
 def test_of_two_loops_near_one_the_nearest_alone_is_drawn_to_it() -> None:
-    # A short tube, both of whose ends are near the lower end of the other.
+    # A short tube with both ends near the lower end of the other tube.
     short = part_of(tube(length=0.1))
     z = short.points[:, 2]
     found = loops_on_loops(replace(short, points=short.points + np.array([0, 0, 0.02])), TUBE)[:, 2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts lie on their counterparts, on pieces and wholes in their place, or on nothing, and are counted so."""
+"""Loose parts map to counterparts, to pieces or wholes in their place, or to nothing, and are counted as such."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def side_of(*parts: Surface) -> Side:
 
 
 def thirds(rod: Surface) -> list[Surface]:
-    """A rod cut across into three."""
+    """A rod cut crosswise into three."""
     x = rod.vertices[rod.triangles][:, :, 0]
     return [
         Surface(rod.vertices, rod.triangles[((x > low) & (x < high)).all(axis=1)])
@@ -48,7 +48,7 @@ def counts(pair: Any) -> tuple[int, ...]:
     return found.paired, found.others, found.alone, found.left, found.too_many
 
 
-# --- what is counted ----------------------------------------------------------------------------------------------
+# --- counts -------------------------------------------------------------------------------------------------------
 
 
 def test_parts_with_partners_are_counted_as_paired() -> None:
@@ -82,7 +82,7 @@ def test_pieces_of_a_whole_lie_on_it_and_it_on_them() -> None:
 
 
 def test_a_crumb_beside_a_large_part_lies_on_it() -> None:
-    # It is too far off to be a piece, and near enough for what is off by the body's map.
+    # It is too far away to be a piece, but within the tolerance of the body's map.
     crumb = ball(0.012, (0.1, 0, 0.611))
     assert counts(pair_around_body([sheet(0.4, TOP), *EYES], [crumb, *EYES])) == (2, 1, 0, 0, 0)
     away = crumb.with_vertices(crumb.vertices + 0.1)
@@ -107,7 +107,7 @@ def test_parts_beyond_the_largest_lie_on_what_is_nearest() -> None:
     assert counts(pair_around_body(smaller, [larger, *smaller])) == (0, 3, 300, 0, 3)
 
 
-# --- where a part lies ----------------------------------------------------------------------------------------------
+# --- images of parts ------------------------------------------------------------------------------------------------
 
 
 def test_a_part_lies_on_what_is_near_against_its_size() -> None:
@@ -142,7 +142,7 @@ def test_of_several_wholes_a_piece_lies_on_the_nearest() -> None:
 
 
 def folded() -> Surface:
-    """Two layers, 0.02 apart, that hang together along an edge: a pocket, open on three sides."""
+    """Two layers, 0.02 apart, joined along one edge: a pocket that is open on three sides."""
     low, count = sheet(0.2), 81
     edge = np.flatnonzero(low.vertices[:, 0] > 0.0999)
     strip = np.column_stack([edge[:-1], edge[1:], count + edge[1:], count + edge[:-1]])
@@ -155,7 +155,7 @@ def folded() -> Surface:
 def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> None:
     source = side_of(folded())
     piece, part = source.parts(source.points)[0], part_of(folded())
-    # Carried by so much that the other layer is nearer.
+    # The shift makes the other layer nearer.
     points = part.points + np.array([0, 0, 0.012])
     normals = part.mesh.vertex_normals * (-1 if flip else 1)
     image, residual = _onto(part, points, normals, [piece], source, 1.0)
@@ -192,7 +192,7 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
     np.testing.assert_array_equal(trust, 0.7)
 
 
-# --- how far that is trusted --------------------------------------------------------------------------------------
+# --- confidence of parts ------------------------------------------------------------------------------------------
 
 
 def test_trust_falls_with_the_square_of_the_distance() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hulls around bodies: what lies below them, which way open shells face, and what stands for a surface."""
+"""Hulls around bodies: coverage, orientation of open shells, and choice of the body."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), co
     return spheres.ball(radius, centre, count=count)
 
 
-# --- what lies below a hull -------------------------------------------------------------------------------------
+# --- coverage of a hull -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("radius", "low", "high"), [(0.99, 0.99, 1.0), (0.93, 0.9, 1.0), (0.7, 0.0, 0.01)])
 def test_a_main_part_lies_below_the_skin_where_it_is_near(radius: float, low: float, high: float) -> None:
-    hull = ball().working  # of unit area, so that a radius is 0.28
+    hull = ball().working  # unit area, so the radius is 0.28
     both = Surface.joined([ball(radius), ball(0.05, (1.05, 0, 0))])
     assert low <= main_part_coverage(both, hull) <= high
 
@@ -54,7 +54,7 @@ def test_only_the_largest_part_counts_as_a_main_part() -> None:
     assert 0.3 < main_part_coverage(both, hull) < 0.7
 
 
-# --- which way open shells face -----------------------------------------------------------------------------------
+# --- orientation of open shells -----------------------------------------------------------------------------------
 
 
 def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
@@ -97,7 +97,7 @@ def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() 
 
 
 def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() -> None:
-    # A needle, of which a grid is small, and a point that no face uses.
+    # A needle, which has a small voxel grid, and an unused point.
     needle = ball(1.0, count=600)
     surface = Surface(np.vstack([needle.vertices * [1, 0.05, 0.05], [[0, 0, 3]]]), needle.triangles)
     for tight, voxel, least, most in ((False, 2 / 128, -0.8, -0.2), (True, 2 / 192, -0.2, 0.5)):
@@ -134,11 +134,11 @@ def test_principal_axes_turn_with_the_surface() -> None:
     np.testing.assert_allclose(_principal_axes(Surface(points @ turn.T, corners).working), axes @ turn.T, atol=1e-6)
 
 
-# --- what stands for a surface ------------------------------------------------------------------------------------
+# --- choice of the body -------------------------------------------------------------------------------------------
 
 
 def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = False) -> list[str]:
-    """What is tried, in order, for a surface of two parts, the larger of which lies below so much of the hull."""
+    """Bodies to try, in order, for a surface of two parts, the larger of which covers `covered` of the hull."""
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
     def main_parts(*_: object) -> tuple[str, str]:
@@ -229,7 +229,7 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
     assert 0.3 < fractions[-2] == fractions[-3] < 0.9
 
 
-# --- surfaces that lie over each other ----------------------------------------------------------------------------
+# --- surfaces in the same place -----------------------------------------------------------------------------------
 
 
 def over_each_other(source: Surface, target: Surface) -> bool:
@@ -261,7 +261,7 @@ def test_a_map_leaves_in_place_what_it_hardly_moves(moved: float, part: float, s
     images = places.copy()
     images[: round(200 * part), 0] += moved
     assert leaves_in_place(images, places, np.ones(200)) is stays
-    # By area, not by number.
+    # Weighted by area, not by number.
     weights = np.where(np.arange(200) < round(200 * part), 1e-6, 1.0)
     assert leaves_in_place(images, places, weights) is (stays or part < 1)
     heavy = np.where(np.arange(200) < round(200 * part), 1e6, 1.0)

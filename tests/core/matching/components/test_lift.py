@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map of whole surfaces: where each vertex lies, how sure that is, and what a user is told."""
+"""The map of whole surfaces: image and confidence of each vertex, and notes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HAT = ball(0.1, (0, 0, 0.8))
 def lifted_around_body(pair: Pair) -> LiftedMap:
     shape = pair.target_shape
     n = len(shape.mesh.vertices)
-    # The first half of the body's vertices has counterparts, on the target, and the second half on the source.
+    # Counterparts: the first half of the body's vertices on the target, the second half on the source.
     counterparts = Counterparts(np.arange(n) < n // 2, np.arange(n) >= n // 2)
     return lift(pair, Fit.of_map(identity(shape)), np.linspace(0.2, 0.7, n), counterparts)
 
@@ -135,7 +135,7 @@ def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
 
 
 def laid(pair: Any, **of: Any) -> ShellMap:
-    """Shells that lie on themselves."""
+    """A map of shells onto themselves."""
     mesh = pair.target.working
     corner = np.zeros(len(mesh.vertices), dtype=np.int64)
     corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
@@ -146,7 +146,7 @@ def laid(pair: Any, **of: Any) -> ShellMap:
 
 
 def shells(loose: int = 1) -> Any:
-    """Two balls, and points beside them that no face uses."""
+    """Two balls, and unused points beside them."""
     both = Surface.joined(EYES)
     points = np.vstack([both.vertices, np.tile([0.35, 0, 0.05], (loose, 1)), [[np.nan] * 3]])
     surface = Surface(np.roll(points, loose + 1, axis=0), both.triangles + loose + 1)

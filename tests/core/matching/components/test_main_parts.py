@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which part is the body: by size, by spectrum where that tells more, and rather a closed one."""
+"""Choice of the body: by size, by spectrum if it is more informative, with a preference for closed parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EGG, PLUM = ball(1.0, radii=(2, 1, 1), count=200), ball(0.9, (5, 0, 0), radii=(1
 
 
 def bodies(source: Surface, target: Surface) -> tuple[float, float]:
-    """The square roots of the bodies' areas."""
+    """Square roots of the bodies' areas."""
     one, other = main_parts(source, target, 0)
     return one.scale, other.scale
 
@@ -74,7 +74,7 @@ def test_parts_of_less_than_a_third_are_not_the_body_and_of_half_may_be() -> Non
 def test_a_spectrum_is_the_logarithm_of_the_eigenvalues_of_unit_area_but_the_first() -> None:
     for radius in (1.0, 20.0):
         found = _spectrum(ball(radius, count=400).working.part(0)[0], 9, 0)
-        # Those of a sphere: l (l + 1) / r^2, each 2 l + 1 times.
+        # Eigenvalues of a sphere: l (l + 1) / r^2, each 2 l + 1 times.
         np.testing.assert_allclose(found[:3], np.log(8 * np.pi), atol=0.02)
         np.testing.assert_allclose(found[3:8], np.log(24 * np.pi), atol=0.06)
         assert len(found) == 8

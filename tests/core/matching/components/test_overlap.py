@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where two surfaces lie over each other, and what that says of a map."""
+"""Detect that two surfaces are in the same place, and use it to judge a map."""
 
 from __future__ import annotations
 

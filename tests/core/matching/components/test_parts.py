@@ -43,13 +43,13 @@ def eyes(seed: int) -> list[Piece]:
 
 
 def in_pieces(seed: int) -> list[Piece]:
-    """The shirt as three parts."""
+    """The shirt in three parts."""
     regions = {"sleeve.L": sleeve(1), "sleeve.R": sleeve(-1), "bodice": bodice}
     return [shell(name, region, 0.03, 300, seed + i) for i, (name, region) in enumerate(regions.items())]
 
 
 def hair(count: int, seed: int) -> list[Piece]:
-    """Strips of six triangles that stand on the head."""
+    """Upright strips of six triangles on the head."""
     where = directions(20 * count, seed)
     where = where[at_rest(where)[:, 2] > 1.0]
     where = where[farthest_points(at_rest(where), count)]
@@ -64,7 +64,7 @@ def hair(count: int, seed: int) -> list[Piece]:
 
 
 def errors(result: zo.MatchResult, source: Clothed, target: Clothed, name: str, on: str | None = None) -> np.ndarray:
-    """Distances of a part's images from the truth, over the square root of the area."""
+    """Distances of a part's images from the truth, relative to the square root of the area."""
     truth = source.surface.vertices[true_vertices(source, target, name, on)]
     images = result.surface_map.interpolate(source.surface.vertices)[target.parts[name]]
     return np.linalg.norm(images - truth, axis=1) / np.sqrt(source.surface.area)
@@ -75,7 +75,7 @@ Match = tuple[zo.MatchResult, Clothed, Clothed]
 
 @pytest.fixture(scope="module")
 def torn() -> Match:
-    """A shirt that is in three pieces on the target; a hat that the source, and a button that the target has not."""
+    """A match whose target has the shirt in three pieces, a hat that the source lacks, and no button."""
     worn = [shell("shirt", shirt(), 0.03, 700, 21), shell("trousers", trousers, 0.03, 700, 22)]
     source = dress([*eyes(1), *worn, ball("button", BUTTON, 0.04, 0.1, 60, 9)], 2500, 0)
     worn = [*in_pieces(31), shell("trousers", trousers, 0.03, 600, 35)]
@@ -85,7 +85,7 @@ def torn() -> Match:
 
 @pytest.fixture(scope="module")
 def sewn() -> Match:
-    """The same the other way: pieces on the source; and so much hair on both that nobody can pair it."""
+    """A match whose source has the shirt in pieces; both have too many strips of hair to pair."""
     buttons = [ball("button", BUTTON, 0.12, 0.1, 60, seed) for seed in (6, 7)]
     source = dress([*in_pieces(31), buttons[0], *hair(350, 1)], 2500, 0)
     target = dress([shell("shirt", shirt(), 0.03, 700, 21), buttons[1], *hair(400, 2)], 2200, 1, 0.5)
@@ -147,7 +147,7 @@ def test_more_hair_than_can_be_paired_lies_on_hair_nearby(sewn: Match) -> None:
     theirs = np.concatenate([vertices for name, vertices in source.parts.items() if name.startswith("card")])
     on_hair = np.isin(result.surface_map.vertex[cards], theirs)
     assert on_hair.mean() > 0.9
-    # The head does not bend: what lies there belongs to what lies in the same place.
+    # The head does not bend, so hair corresponds to hair in the same place.
     images = result.surface_map.interpolate(source.surface.vertices)[cards]
     distance = np.linalg.norm(images - target.surface.vertices[cards], axis=1) / np.sqrt(source.surface.area)
     assert np.median(distance) < 0.02
@@ -172,14 +172,14 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
 
 
 def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:
-    """A suit is nearly as large as its wearer, and much like it."""
+    """A suit has nearly the size and shape of its wearer."""
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
     source, target = dress(whole[:1], 1200, 0), dress(whole[1:], 1000, 1, 0.9)
     sizes = [surface.surface.working.part(0)[0].scale for surface in (source, target)]
     assert [part.scale for part in main_parts(source.surface, target.surface, 0)] == sizes
 
 
-# --- by themselves ------------------------------------------------------------------------------------------
+# --- single functions---------------------------------------------------------------------------------------
 
 
 def part_of(surface: Surface, moved: np.ndarray | float = 0.0) -> Part:
@@ -210,7 +210,7 @@ def test_a_body_that_turns_or_is_mirrored_takes_along_what_is_around_it_exactly(
 
 
 def test_what_lies_around_limbs_bends_with_them() -> None:
-    """Shells above the same body at rest and bent, where its map is exact."""
+    """Shells above the same body at rest and bent, with an exact map of the body."""
     bodies = [creature(2000, bend=bend).surface.working for bend in (0.9, 0.0)]
     motion = SimilarityField(
         *(body.vertices for body in bodies), np.ones(2000), zo.eigenbasis(creature(2000).surface, 100)
@@ -234,7 +234,7 @@ def test_regions_decide_between_parts_in_one_place() -> None:
 
 
 def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
-    """A ball, and one that is cut into halves which hang together at the top."""
+    """A ball, and a ball cut into halves that are joined at the top."""
     points = 0.1 * directions(600, 3)
     triangles = ConvexHull(points).simplices
     crossing = np.ptp(np.sign(points[triangles, 0]), axis=1) > 0
@@ -242,12 +242,12 @@ def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
     ours, theirs = [part_of(Surface(points, triangles))], [part_of(halves), part_of(Surface(points, triangles), 0.005)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
     assert pair_parts(ours, theirs, *none)[0] == {0: 1}
-    # Alone in its place it need not be of the same shape.
+    # A part without rivals in its place is paired despite its shape.
     assert pair_parts(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
 
 
 def test_hems_that_belong_together_are_brought_together() -> None:
-    """A tube that the body's map has shortened a little at either end, and one of another cut."""
+    """A tube that the body's map shortens slightly at both ends, and one that is cut shorter."""
     turn, along = (axis.ravel() for axis in np.meshgrid(np.arange(20) * np.pi / 10, np.linspace(0, 1, 20)))
     tube = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), along])
     whole = part_of(Surface(tube, ring_faces(20, 20)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a part is measured by, which parts a side has, and who is whose counterpart."""
+"""Measures of a part, parts of a side, and pairing of counterparts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EYES = [ball(0.04, (0.35, 0, 0)), ball(0.03, (-0.35, 0, 0))]
 
 
 def paired(ours: list[Part], theirs: list[Part]) -> dict[int, int]:
-    """Counterparts, where no regions are given."""
+    """Pair parts without regions."""
     return paired_in_regions(ours, theirs, np.zeros((len(ours), 0), bool), np.zeros((len(theirs), 0), bool))[0]
 
 
@@ -47,7 +47,7 @@ def test_the_distance_to_another_part_is_the_root_mean_square_over_all_of_a_part
     assert flat.distance_to(above) == pytest.approx(0.05)
     half = part_of(sheet(0.1, (-0.05, 0, 0), 20, length=0.2))
     assert half.distance_to(flat) < 0.01
-    # The farther half is off by as much as it is wide, at most.
+    # The farther half is off by at most its width.
     assert flat.distance_to(half) == pytest.approx(0.1 / np.sqrt(6), rel=0.3)
 
 
@@ -58,7 +58,7 @@ def test_a_shape_is_told_by_distances_along_it_whatever_its_size_place_and_bend(
     rolled = part_of(sheet(1.0).with_vertices(np.column_stack([np.sin(2 * x) / 2, y, np.cos(2 * x) / 2])))
     np.testing.assert_allclose(rolled.distances, plain, rtol=0.05)
     assert (np.diff(plain) > 0).all()
-    # Across a square of unit area, edge by edge: none is farther than from corner to corner.
+    # Edge paths across a square of unit area are no longer than from corner to corner.
     assert 0.1 < plain[0] < 0.4 < plain[2] < plain[-1] < 2
     strip = part_of(sheet(2.0, length=0.2)).distances
     assert strip[-1] > 1.5 * plain[-1]
@@ -95,7 +95,7 @@ def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() 
     assert side.areas.min() > 1e-10 * side.areas.mean()
     cloth, *_ = side.parts(side.points)
     np.testing.assert_allclose(cloth.centre, cloth.points.min(axis=0) / 2 + cloth.points.max(axis=0) / 2, atol=1e-9)
-    # As evenly spread over a square: a twelfth of the square of either side.
+    # Variance of a uniform square: a twelfth of the squared side along each axis.
     assert cloth.size == pytest.approx(np.sqrt(2 / 12) * np.ptp(cloth.points[:, 0]), rel=0.08)
 
 
@@ -147,7 +147,7 @@ def test_regions_favour_what_they_share_and_part_what_they_do_not() -> None:
 
 
 def test_partners_are_of_one_place() -> None:
-    # Against the size, and what a map may be off.
+    # The limit depends on the size and on the tolerated error of a map.
     for radius, near, far in ((0.2, 0.08, 0.3), (0.02, 0.02, 0.05)):
         ours = balls((0, 0, 0), radius=radius)
         assert paired(ours, balls((near, 0, 0), radius=radius)) == {0: 0}
@@ -169,7 +169,7 @@ def test_of_several_the_nearest_and_most_alike_is_the_partner() -> None:
 
 
 def test_all_together_are_as_near_as_can_be() -> None:
-    # The first would take what the second needs.
+    # A greedy choice for the first would take the second's only partner.
     ours, theirs = balls((0, 0, 0), (0.04, 0, 0)), balls((0.015, 0, 0), (-0.04, 0, 0))
     assert paired(ours, theirs) == {0: 1, 1: 0}
     assert paired(ours[:1], theirs) == {0: 0}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which shells are each other's like, by place, size, shape and turn, and what lies on the inside."""
+"""Pairing of shells by place, size, shape and rotation, and maps of inner shells."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def egg(
     turn: tuple[float, float, float] = NO_TURN,
     radii: tuple[float, float, float] = (1.0, 0.7, 0.45),
 ) -> np.ndarray:
-    """Points of a shell that is blunt on three sides."""
+    """Points of an ellipsoid shell that is blunt on three sides."""
     points = size * SIZE * (WHERE + 0.9 * np.maximum(WHERE, 0) ** 2) * radii
     return Rotation.from_rotvec(turn).apply(points - points.mean(axis=0)) + at
 
@@ -46,7 +46,7 @@ def paired(
     regions: Sequence[tuple[int, int]] = (),
     corners: np.ndarray = CORNERS,
 ) -> dict[int, int]:
-    """Numbers, in the order that is given, of the source's shells by those of the target's, which a body leaves."""
+    """Paired shell numbers, target to source, in the given order, for a body that does not move."""
     motion: Any = SimpleNamespace(
         carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
     )
@@ -110,11 +110,11 @@ def test_shells_of_different_regions_are_never_paired() -> None:
     assert paired(both, both, [(0, 1), (1, 0)]) == {}
 
 
-# --- what lies on the inside -----------------------------------------------------------------------------------
+# --- inner shells --------------------------------------------------------------------------------------------
 
 
 def beneath(radius: float, outer: bool, inner_radius: float = 0.2) -> np.ndarray:
-    """(n,) distances from the centre of the points that a ball of a radius lies on, among two balls in each other."""
+    """(n,) distances from the centre of the images of a ball of a radius, on two concentric balls."""
     source = side([0.3 * WHERE, inner_radius * WHERE])
     of_source = np.linalg.norm(source.points, axis=1) > 0.25
     image = _beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer))

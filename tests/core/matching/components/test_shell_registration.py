@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shells are laid on shells by similarities, many at once."""
+"""Many shells are registered to shells by similarities at once."""
 
 from __future__ import annotations
 

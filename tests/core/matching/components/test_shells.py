@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("quick_search")
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    """Coarser hulls and fewer candidates, which these few parts are found with alike, in half the time."""
+    """Use coarser hulls and fewer candidates, which give the same results for these parts in half the time."""
     with (
         retune(HULLS, resolution=96, tight_resolution=128),
         retune(RANKING, direct=(2, 4), mirrored=(1, 2)),
@@ -50,12 +50,12 @@ def stepped(at_rest: Mannequin, stepping: Mannequin) -> zo.MatchResult:
 
 
 def right_parts(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> float:
-    """The share of the target's vertices that land on the part of the same name."""
+    """Share of target vertices that map to the part of the same name."""
     return float((source.part[result.surface_map.vertex] == target.part).mean())
 
 
 def missed(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> np.ndarray:
-    """(n_t,) distances on the parts from the true places, in the unit of a mannequin of 1.9."""
+    """(n_t,) distances of images from the true places on the parts; a mannequin is 1.9 high."""
     return np.linalg.norm(result.surface_map.interpolate(source.keys) - target.keys, axis=1)
 
 
@@ -93,7 +93,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     source, target = Surface.joined([*pieces, *beside]), Surface.joined([welded, *beside])
     result = zo.match(source, target)
     image = result.surface_map.vertex
-    # A body of one shell is laid on no piece of the other.
+    # A body of one shell is not mapped to a piece of the other.
     assert any("matched to their counterparts" in note for note in result.notes) is eye
     clear_of_the_sphere = np.linalg.norm(target.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
@@ -159,7 +159,7 @@ def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: 
 
 @pytest.mark.slow
 def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
-    # Names that are swapped, as where an artist has meant something else by them.
+    # Left and right names are swapped, as if an artist used another convention.
     regions = [
         (np.flatnonzero(at_rest.part == f"hand.{theirs}"), np.flatnonzero(stepping.part == f"hand.{ours}"))
         for ours, theirs in (("L", "R"), ("R", "L"))
@@ -200,7 +200,7 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
 
 @pytest.mark.slow
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
-    # So that the torsos are tried as well, on which there is no foot.
+    # Settings that also try the torsos, which have no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
     with retune(ATTEMPTS, sure=1.0), retune(BODIES, much_of_body=0.0):
         result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
@@ -249,7 +249,7 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
 
 @pytest.mark.slow
 def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tried() -> None:
-    # Knees together.
+    # The knees touch.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
     with retune(ATTEMPTS, sure=1.0), retune(HULLS, resolution=80, tight_resolution=120):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a shell lies on its counterpart, which vertices are on the outside, and where landmarks take a map of shells."""
+"""Maps of shells to counterparts, detection of outer vertices, and landmarks on maps of shells."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def laid(
     stays: bool = False,
     counterpart: int = 0,
 ) -> tuple[np.ndarray, float]:
-    """Where the body's map moves the first shell of a target on its counterpart, and how its edges change."""
+    """Images of a target's first shell, moved by the body's map, on its counterpart, and the stretch of its edges."""
     mesh, shells = source.mesh, looked_for(source)
     part = replace(target.parts(target.points)[0], points=moved)
     image, stretch = _onto_counterpart(
@@ -69,7 +69,7 @@ def laid(
 
 
 def bent(points: np.ndarray) -> np.ndarray:
-    """A rod along x, bent along an arc."""
+    """Bend a rod along x into an arc."""
     x, y, z = points.T
     return np.column_stack([(0.25 - z) * np.sin(4 * x), y, 0.25 - (0.25 - z) * np.cos(4 * x)])
 
@@ -111,7 +111,7 @@ def test_the_sides_of_a_thin_shell_stay_where_the_similarity_turns_them() -> Non
     thin = ball(0.1, radii=(1, 1, 0.03), count=200)
     about = Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
     target = side_of(thin.with_vertices(thin.vertices @ about.T))
-    # Lifted by so much that the other side is nearer.
+    # The lift makes the other side nearer.
     on, _ = laid(
         target, side_of(thin), bent(target.points), Similarities(np.ones(1), about[None], np.array([[0, 0, 0.005]]))
     )
@@ -137,11 +137,11 @@ def test_a_shell_lies_on_its_partner_alone() -> None:
         assert set(np.round(np.abs(on[:, 2] - 0.05 * counterpart).max(), 3)[None]) <= {0.05, 0.045}
 
 
-# --- which is whose like ------------------------------------------------------------------------------------------
+# --- pairing of shells --------------------------------------------------------------------------------------------
 
 
 def counterparts(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
-    """Numbers by number, largest first, where the body stays, or grows."""
+    """Paired shell numbers, largest shell first, for a body that stays or grows by `scale`."""
     motion: Any = SimpleNamespace(
         carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
@@ -150,7 +150,7 @@ def counterparts(target: Side, source: Side, scale: float = 1.0) -> dict[int, in
 
 
 def number_of(source: Side, at: float) -> int:
-    """The shell whose centre has that height."""
+    """Number of the shell whose centre has the y coordinate closest to `at`."""
     return int(np.argmin([abs(part.points[:, 1].mean() - at) for part in source.parts(source.points)]))
 
 
@@ -190,7 +190,7 @@ def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> N
 
 
 def skin_of(surface: Surface) -> ShapeAnalysis:
-    """The largest part of a surface as if it were a hull around all of it."""
+    """The largest part of a surface, marked as a hull around all of it."""
     shape = shape_of(surface, functions=100)
     hull = replace(shape.mesh, is_hull=True)
     return replace(shape, proxy=replace(shape.proxy, full=hull, mesh=hull))
@@ -207,12 +207,12 @@ def test_what_is_near_the_skin_is_on_the_outside() -> None:
 
 
 def map_of(source: Surface, target: Surface, trust: float = 0.8, on_hull: bool = True) -> ShellMap:
-    """The map of shells whose largest one stands for the hull, which goes to itself by number.
+    """Map of shells; the largest shell serves as the hull, and maps to the other hull by vertex number.
 
     Args:
-        source: the surface that the map lands on.
-        target: the surface that it starts from.
-        trust: in the hull's map.
+        source: surface that the map goes to.
+        target: surface that the map starts from.
+        trust: confidence of the hull's map.
         on_hull: whether the hulls' vertices have counterparts.
     """
     shapes = [skin_of(surface) for surface in (source, target)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What decides how a shell is laid on another one: limits, starts and distances both ways."""
+"""Registration of a shell to another: limits, initial rotations and distances in both directions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def similarity(scale: float = 1.0, turn: tuple[float, float, float] = (0, 0, 0),
 
 
 def laid(truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 0) -> tuple[Similarities, float]:
-    """An egg laid on its image, and what that leaves."""
+    """Register an egg to its image; return the similarity and the residual."""
     points, corners = egg()
     others, other_corners = egg(seed=seed)
     found, left = register_shells(
@@ -78,14 +78,14 @@ def test_what_is_left_is_measured_on_the_source_in_both_directions(scale: float)
 
 
 def test_a_shell_that_is_turned_about_finds_its_image_along_its_axes() -> None:
-    # By so much that closest points alone would end elsewhere.
+    # The rotation is too large for closest points alone.
     truth = similarity(1.0, (0.0, 0.0, 1.3))
     found, _ = laid(truth, similarity())
     assert degrees_off(found, truth) < 3
 
 
 def test_the_turn_of_the_body_is_kept_where_axes_tell_little_more() -> None:
-    # A ball may lie in any way: only the body tells.
+    # A ball has no preferred rotation, so the body's rotation decides.
     ball, other = (
         Shells.of([(where, ConvexHull(where).simplices)]) for where in (directions(n, n) for n in (200, 230))
     )
@@ -153,7 +153,7 @@ def test_axes_go_to_axes_in_the_nearest_senses_that_mirror_as_they_should(handed
     theirs = senses * (axes @ truth.transpose(0, 2, 1))
     off = Rotation.from_rotvec(0.4 * directions(40, 1)).as_matrix()
     np.testing.assert_allclose(_along_axes(off @ truth, axes, theirs, handed), truth, atol=1e-9)
-    # A start of the other handedness is put right.
+    # An initial rotation of the wrong handedness is corrected.
     np.testing.assert_allclose(np.linalg.det(_along_axes(-truth, axes, theirs, handed)), handed)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which maps are the same, by where they lead."""
+"""Maps with similar images count as the same."""
 
 from __future__ import annotations
 

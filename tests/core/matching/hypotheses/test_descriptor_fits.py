@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Functional maps that are fitted to descriptors: the least-squares solutions, the best scored and distinct ones."""
+"""Functional maps fitted to descriptors: least-squares solutions, of which the best distinct ones are kept."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can
     source, target = shapes
     size, mask_weight = 8, 0.3
     (bands, pairs), (bands_there, pairs_there) = source.descriptors, target.descriptors
-    # As many of each kind count alike, and a reflection turns the sign of pseudo-scalars.
+    # Both kinds weigh the same in total, and a reflection flips the sign of pseudo-scalars.
     share = abs(weight) ** 2 * bands.shape[1] / pairs.shape[1]
     mean_square = ((bands[:size] ** 2).sum() + share * (pairs[:size] ** 2).sum()) / size
     mask = mask_weight * mean_square * resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
@@ -72,7 +72,7 @@ def test_the_best_scored_fits_come_first_and_are_distinct(shapes, side: int) -> 
     ]
     assert totals == sorted(totals)
     assert not np.tril(alike([source.coordinates[each] for each in maps], 0.05), -1).any()
-    # What a fit is called is how it was made.
+    # The origin of a fit records its parameters.
     for guess in guesses:
         size, weight, mask_weight = (float(word) for word in guess.origin.split()[1:])
         np.testing.assert_allclose(guess.functional_map, _fit(source, target, int(size), weight, mask_weight))
@@ -84,7 +84,7 @@ def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
     sides = ["-" in origin for origin in origins]
     assert sides == sorted(sides)
     assert 2 <= sum(sides) < len(sides)
-    assert all(float(origin.split()[2]) for origin in origins)  # pseudo-scalars have a weight
+    assert all(float(origin.split()[2]) for origin in origins)  # the weight of pseudo-scalars is nonzero
     assert all("+" in origin for origin, reverses in zip(origins, sides, strict=True) if not reverses)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The maps that pairings of extremities suggest: which are tried, which are kept, and what holds them."""
+"""Maps from pairings of extremities: which are tried, which are kept, and their anchors."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
     other = np.array([2.0, 1.9, 1.8, 1.7, 0.7, 0.6, 0.2, 0.19])
     assert _levels(one, other)[:2] == [6, 4]
     assert _levels(other, one)[:2] == [6, 4]
-    # A drop of one of them alone is none.
+    # A drop on only one shape does not count.
     even = np.array([1.0, 0.9, 0.8, 0.75, 0.7, 0.65, 0.2, 0.19])
     assert _levels(one, even)[0] == _levels(even, one)[0] == 6
     assert set(_levels(one[:5], other)) <= {3, 4}
@@ -73,7 +73,7 @@ def test_pairings_at_all_levels_come_in_turns() -> None:
 
 @pytest.mark.parametrize("order", [[1, 2, 0], [2, 1, 0]])
 def test_a_tip_is_told_by_how_far_all_of_the_surface_is(order: list[int]) -> None:
-    # Three tips as far from each other, that stand out alike.
+    # Three equidistant tips of equal persistence.
     places, average = (
         LandmarkFeatures(np.arange(3), np.ones((3, 3)) - np.eye(3), np.zeros((3, 3, 3))),
         np.array([2, 1, 1.5]),
@@ -84,7 +84,7 @@ def test_a_tip_is_told_by_how_far_all_of_the_surface_is(order: list[int]) -> Non
 
 
 def test_a_pairing_costs_the_mean_of_its_pairs_and_of_its_twos_of_pairs() -> None:
-    # One pair is bad by itself, or two side by side: which of the two costs more.
+    # Compare the cost of one bad pair with that of two inconsistent pairs.
     single, mutual = np.zeros((2, 2)), np.zeros((2, 2, 2, 2))
     single[0, 0] = 1.0
     for i, j in ((1, 0), (0, 1)):
@@ -117,7 +117,7 @@ def test_the_true_map_is_held_by_what_its_tips_say(shapes) -> None:
         off.append(np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[truth], axis=1).mean())
     assert min(off) < 0.12
     assert 3 <= len(guesses) <= 16
-    assert not any("mirrored" in guess.origin for guess in guesses)  # the sides of a closed shape are known
+    assert not any("mirrored" in guess.origin for guess in guesses)  # a closed shape has known sides
 
 
 def test_a_cloth_may_lie_either_way() -> None:
@@ -164,11 +164,11 @@ def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
     other = [guess.origin for guess in extremity_hypotheses(*shapes, against_all_but_the_last)]
     assert len(calls) > len(usual)
     assert usual != other
-    assert usual[0] == other[0]  # those that keep distances best are kept in any case
+    assert usual[0] == other[0]  # the pairings that preserve distances best are always kept
 
 
 def paired(guesses: list[Hypothesis]) -> set[str]:
-    """The pairs of tips that some guess begins with."""
+    """Pairs of tips that occur in the origin of any guess."""
     return {pair for guess in guesses for pair in guess.origin.removeprefix("extremities ").split()}
 
 
@@ -180,7 +180,7 @@ def test_more_pairings_are_tried_where_no_map_is_likely(shapes) -> None:
 
 
 def test_lesser_tips_are_paired_where_no_map_is_likely() -> None:
-    # The head, the last of six tips, is none where so much persistence is asked for.
+    # With this threshold the head, the least persistent of six tips, is not an extremity.
     with retune(EXTREMITIES, persistence=0.115, lesser_persistence=0.05, more=1, more_consistent=1):
         shapes = shape_of(SOURCE.surface), shape_of(TARGET.surface)
         assert [len(extremities(shape).vertices) for shape in shapes] == [5, 5]

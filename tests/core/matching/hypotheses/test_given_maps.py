@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Starts from a map that is there: the user's in each of its forms, and the nearest points in space."""
+"""Initial maps from the user, in each accepted form, and from the nearest points in space."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRUTH = true_vertex(SOURCE, TARGET)
 
 @pytest.fixture(scope="module")
 def pair() -> Pair:
-    """The source with a loose part beside a hand, at its end."""
+    """A pair whose source ends with a loose part beside a hand."""
     body, eye = SOURCE.surface, creature(30, seed=5).surface
     hand = body.vertices[np.argmax(body.vertices[:, 0])]
     source = Surface(
@@ -72,7 +72,7 @@ def test_images_on_a_loose_part_move_to_the_nearest_vertex_of_the_body(pair: Pai
 def test_proximity_is_that_of_the_surfaces_in_their_common_frame(pair: Pair) -> None:
     found = proximity_hypothesis(pair).functional_map
     np.testing.assert_allclose(found, given_hypothesis(pair, TRUTH).functional_map, atol=0.5)
-    # A target elsewhere is nearest to the hand that is on its side, wherever it would fit.
+    # A target far to one side maps to the hand on that side, even though it does not fit there.
     aside = Surface(pair.target.vertices + np.array([9000, 0, 0]), pair.target.triangles)
     shape = analyse(aside.working.part(0)[0], 40, 100, 0)
     away = proximity_hypothesis(Pair(pair.source, aside, pair.source_shape, shape, 40, 20)).functional_map

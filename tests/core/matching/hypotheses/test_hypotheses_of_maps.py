@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The hypotheses of the automatic start: the right map is among them, whatever the shape."""
+"""The automatic hypotheses include the right map for every kind of shape."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def prepared(surface: Surface) -> ShapeAnalysis:
 def error_of(
     hypothesis: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis, places: tuple[np.ndarray, np.ndarray]
 ) -> float:
-    """Mean distance at rest, over the root of the area, between samples and where a refined hypothesis takes them."""
+    """Mean distance at rest between samples and their images by the refined hypothesis, over sqrt(area)."""
     samples = source.search.samples, target.search.samples
     anchors = hypothesis.anchors and hypothesis.anchors.at(*samples)
     refined, _ = upsample(source.search, target.search, hypothesis.functional_map, 30, 2, anchors)
@@ -110,7 +110,7 @@ def test_creatures_of_many_limbs_are_paired_even_if_one_is_missing(of_source: Fi
     source, target = shape(of_source, 2000, seed=0), shape(of_target, 1500, seed=1, bend=0.8)
     source_shape, target_shape = prepared(source.surface), prepared(target.surface)
     guesses = extremity_hypotheses(source_shape, target_shape)
-    known = cKDTree(source.places).query(target.places)[0] < 0.15  # not the arm that is missing
+    known = cKDTree(source.places).query(target.places)[0] < 0.15  # excludes the missing arm
     samples = target_shape.search.samples
     images = source_shape.search.samples
     errors = []
@@ -158,7 +158,7 @@ def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
     np.testing.assert_allclose(one[:, [4, 5]], other[:, [5, 4]])
 
 
-# --- descriptors, turns -------------------------------------------------------------------------------------
+# --- descriptors, rotations----------------------------------------------------------------------------------
 
 
 def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped, Shaped]) -> None:
@@ -187,7 +187,7 @@ def test_no_two_fits_of_descriptors_are_alike(shapes) -> None:
     assert not np.tril(alike(places, DESCRIPTORS.same_fit), -1).any()
 
 
-# --- shapes that lack something -----------------------------------------------------------------------------
+# --- incomplete shapes --------------------------------------------------------------------------------------
 
 
 def test_a_plane_has_no_curvature_and_raises_no_warning() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The first map that a few paired places give."""
+"""Initial maps from a few paired landmarks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_landmarks_give_the_map_that_pairs_them_whichever_side_they_mean(vertex:
     assert held is not None
     image = np.linalg.norm(held.target[:, None] - held.source, axis=2).argmin(axis=1)
     off = np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[vertex], axis=1).mean()
-    # A sense in which places turn is that of a map that keeps the orientation.
+    # The sense in which landmarks surround a point fits only an orientation-preserving map.
     assert (off < 0.1) == np.array_equal(vertex, true_vertex(SOURCE, TARGET))
 
 
@@ -61,7 +61,7 @@ def test_of_cloths_no_sense_is_known() -> None:
 
 
 def test_hundreds_of_landmarks_hold_a_map_by_those_farthest_from_each_other() -> None:
-    """Functions of each two of 280 would take 150 MB, and minutes."""
+    """Functions of all pairs of 280 landmarks would take 150 MB and minutes."""
     source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
     ids = np.arange(len(TARGET.directions))
     guess = landmark_hypothesis(source, target, true_vertex(SOURCE, TARGET), ids)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which tips are extremities, and which pairings of them are tried."""
+"""Detection of extremities, and the pairings that are tried."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def shape_of(made: Creature) -> ShapeAnalysis:
 
 
 def tips(between: np.ndarray, persistence: list[float]) -> Extremities:
-    """Extremities that are so far from each other, and stand out so far."""
+    """Extremities with given mutual distances and persistence."""
     n = len(between)
     places = LandmarkFeatures(np.arange(n), between, np.zeros((n, n, n)))
     return Extremities(places, between.mean(axis=1), np.array(persistence))
@@ -50,7 +50,7 @@ def tried(first: Extremities, second: Extremities) -> set[tuple[tuple[int, int],
 
 
 def test_the_leading_tips_are_paired_on_their_own_where_persistence_drops() -> None:
-    # Four limbs, and small horns that the two shapes have in other places: the limbs alone correspond.
+    # Four limbs correspond; the small horns are in different places on the two shapes.
     limbs = distances(4)
     persistence = [1.0, 0.9, 0.8, 0.7]
     one, other = (np.pad(limbs, (0, 5), constant_values=3.0) for _ in range(2))
@@ -61,7 +61,7 @@ def test_the_leading_tips_are_paired_on_their_own_where_persistence_drops() -> N
 
 
 def test_pairings_that_leave_out_some_are_tried_too() -> None:
-    # A limb that is in another place on the two shapes.
+    # One limb is in different places on the two shapes.
     between, persistence = distances(6), [1.0, 0.9, 0.8, 0.7, 0.6, 0.5]
     odd = between.copy()
     odd[2], odd[:, 2] = 3 * between[2], 3 * between[:, 2]
@@ -83,7 +83,7 @@ def test_the_pairing_that_keeps_the_distances_comes_first() -> None:
 
 @pytest.mark.parametrize("order", [[1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
 def test_a_tip_is_told_by_how_far_it_stands_out_too(order: list[int]) -> None:
-    # Three tips as far from each other, which distances alone do not tell apart.
+    # Three equidistant tips, which distances alone cannot distinguish.
     even, persistence = np.ones((3, 3)) - np.eye(3), np.array([1.0, 0.6, 0.3])
     of_one, of_other = pairings(tips(even, list(persistence)), tips(even, list(persistence[order])))[0]
     np.testing.assert_array_equal(persistence[order][of_other], persistence[of_one])
@@ -98,7 +98,7 @@ def test_tips_that_are_alike_are_told_by_their_distances_from_each_other(order: 
 
 
 def hills(*heights: float) -> tuple[np.ndarray, Any]:
-    """A height along a closed strip with one hill after the other, and valleys of height zero between them."""
+    """A height function on a closed strip of consecutive hills, with valleys of height zero."""
     profile = np.concatenate([[0.0, height / 2, height, height / 2] for height in heights])
     n = len(profile)
     i = np.arange(n)
@@ -128,7 +128,7 @@ def test_limbs_are_extremities_and_bumps_are_not() -> None:
     np.testing.assert_allclose(found.between, geodesic, atol=0.15 * geodesic.max())
     where = creature(600, without=0).directions
     ball = Surface(where * (1 + 0.02 * np.cos(9 * where[:, :1])), creature(600).surface.triangles)
-    rod = Surface(where * [1, 1, 5], creature(600).surface.triangles)  # two ends tell no pose
+    rod = Surface(where * [1, 1, 5], creature(600).surface.triangles)  # two ends are too few
     for surface in (ball, rod):
         assert not has_extremities(analyse(surface.working.part(0)[0], 60, 300, 0))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signs of the first eigenfunctions, of which only their number matters."""
+"""Sign combinations of the first eigenfunctions; only their number matters."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A piece of a creature, and the creature, in one unit."""
+"""Fixtures of partial matching: a piece of a creature and the creature, in one unit."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of a cut shape is as it was: lengths in one unit, distances and areas up to the cut."""
+"""Unaffected quantities of a cut shape: lengths in one unit, distances and areas up to the cut."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from zoomout_core.tuning import retune
 
 
 def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
-    """A square of unit area; vertex i * size + j lies at (i, j) / (size - 1), but for its centre."""
+    """A square of unit area; vertex i * size + j is at (i, j) / (size - 1), up to a shift of the centre."""
     i, j = np.divmod(np.arange(size**2), size)
     quads = grid_faces(size - 1, size - 1)
     triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [3, 1, 2]]])
@@ -71,7 +71,7 @@ def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
     assert not pierced.is_fragment
     half = IncompleteShape(analyse_piece(piece_of(made, made.directions[:, 2] < 0)))
     assert half.is_fragment
-    # The share is of the shape's own area, in whatever unit it is.
+    # The share refers to the shape's own area, in any unit.
     assert IncompleteShape(at_scale(half.shape, 0.2)).is_fragment
     with retune(INCOMPLETE, fragment=0.0):
         assert IncompleteShape(pierced.shape).is_fragment
@@ -84,7 +84,7 @@ def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
     shapes = analyse_piece(made), analyse_piece(piece_of(made, kept))
     whole, part = (IncompleteShape(at_scale(shape, shape.proxy.full.scale)) for shape in shapes)
     vertices = np.flatnonzero(kept)[part.shape.search.samples[: len(part.between)]]
-    true = np.array([whole.shape.distances[:, v] for v in vertices])  # from the whole's places
+    true = np.array([whole.shape.distances[:, v] for v in vertices])  # distances from the whole's places
     nearest = true.argmin(axis=1)
     at_place = true.min(axis=1) == 0  # the whole has a place at the same vertex
     assert at_place.sum() > 10
@@ -99,7 +99,7 @@ def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
 def test_areas_of_balls_are_those_of_discs_up_to_the_border() -> None:
     square = IncompleteShape(grid_shape(61))
     radius = np.array(INCOMPLETE.radii)
-    # Ways along edges make the balls squares of the taxi metric, but for the diagonals one way.
+    # Edge paths make balls of the taxicab metric, which the diagonals of one direction enlarge.
     inside = (radius > 0.15) & (radius < square.cut_distance[:, None])
     discs = np.exp(square.log_ball_areas) / radius**2
     assert inside.sum() > 50
@@ -120,10 +120,10 @@ def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWho
     assert 0 <= unlike.min() < unlike.max() <= 1
     true = true_vertex(lower.made_whole, lower.made_part)[part.shape.search.samples[: len(part.between)]]
     at_truth = unlike[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]
-    # A place picked at random would have half of all places before it.
+    # A random place would rank behind half of all places.
     assert np.mean(unlike < at_truth[:, None]) < 0.3
     np.testing.assert_allclose(unlike, unlikeness(whole, part).T, atol=1e-12)
-    # Without knowing of the cut, places beside it are unlike themselves.
+    # If the cut is unknown, places beside it differ from themselves.
     with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(part.shape)
         blind = unlikeness(unaware, whole)[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks keep away from cuts, and are found again by distances and surroundings."""
+"""Landmarks keep away from cuts, and are located by distances and neighbourhoods."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> Non
     assert placed.max() < SEARCH.places
     off = whole.between[placed[:50], lower.true_places()[chosen]].mean(axis=1)
     assert off.min() < 0.15
-    # What differs is told apart, and the first is kept.
+    # Only distinct assignments are kept, including the first.
     numbers = distinct(placed, whole)
     assert numbers[0] == 0
     assert len(numbers) <= SEARCH.kept
@@ -96,8 +96,8 @@ def test_means_of_distances_weigh_twice_as_much_as_those_of_unlikeness(
     count: int, ratio: float, is_taken: bool
 ) -> None:
     at = np.arange(float(count))
-    # The last landmark is like none of the places where distances say it is, and like one that is farther off: so far
-    # that the mean cost of pairs of landmarks is this part of their mean unlikeness.
+    # The last landmark is unlike all places at the right distance, and like one that is farther away. There, the mean
+    # # cost of pairs is `ratio` times the mean unlikeness.
     unlike = 1 - np.eye(count, count + 1)
     unlike[-1] = [1] * count + [0]
     tolerances = SEARCH.tolerance + SEARCH.relative_tolerance * (at[-1] - at[:-1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places of a part on a whole, ranked: the right one comes first, and each place once."""
+"""Ranked placements of a part on a whole: the right one is first, and each occurs once."""
 
 from __future__ import annotations
 

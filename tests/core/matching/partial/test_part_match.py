@@ -35,7 +35,7 @@ def made() -> tuple[Creature, Creature]:
 
 
 def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
-    """With doubt about the whole map in any case, no doubt about the part, and as few searches as do."""
+    """Match with settings that always try the partial map, always accept it, and search as little as possible."""
     zo.forget_shapes()
     with (
         retune(ATTEMPTS, same_share=1.0),
@@ -46,7 +46,7 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
 
 
 def off(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarray) -> np.ndarray:
-    """(q,) distance between the images and the true places of some vertices, at unit area of the source."""
+    """(q,) distances between images and true places of some vertices, at unit area of the source."""
     true = source.surface.vertices[true_vertex(source, target)[at]]
     images = result.surface_map.interpolate(source.surface.vertices)[at]
     return np.asarray(np.linalg.norm(images - true, axis=1) / np.sqrt(source.surface.area))
@@ -63,17 +63,17 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
     assert result.candidates[0].part_match is not None
     assert np.median(off(result, whole, part, np.arange(len(part.directions)))) < 0.03
     assert np.median(result.confidence) > 0.5
-    # Both surfaces have a mask, and the notes speak of the same share.
+    # Both surfaces have a mask, and the notes report the same share.
     assert result.has_partner.mean() > 0.95
     assert overlap_of(result.source_has_partner, in_lower_half(whole)) > 0.85
     missing = whole.surface.share_of_area(~in_lower_half(whole))
     assert result.source_share_without_partner == pytest.approx(missing, abs=0.1)
     share = f"About {result.source_share_without_partner:.0%} of the source has no counterpart"
     assert any(note.startswith(share) for note in result.notes)
-    # Between bases at unit area the constant function, of norm one, goes to itself.
+    # Between bases at unit area the constant function, of norm one, maps to itself.
     assert abs(result.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
     assert result.functional_map.shape[0] < result.functional_map.shape[1]
-    # Roughly, the outline says the same before the map is made.
+    # The outline approximates the map before it is computed.
     target, source = result.outline(0)
     true = true_vertex(whole, part)[target]
     apart = np.linalg.norm(whole.surface.vertices[source] - whole.surface.vertices[true], axis=1)
@@ -91,14 +91,14 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     kept = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) < 0.05
     assert 0.2 < kept.mean() < 0.8
     assert np.median(off(result, part, whole, kept)) < 0.05
-    # What is not on the part has no confidence, what is has.
+    # Vertices off the part have no confidence, vertices on it have.
     far = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) > 0.3
     assert np.median(result.confidence[far]) < 0.05
     assert np.median(result.confidence[kept]) > 0.3
     assert overlap_of(result.has_partner, in_lower_half(whole)) > 0.85
     assert result.source_has_partner.mean() > 0.95
     assert any(f"About {result.share_without_partner:.0%} of the target" in note for note in result.notes)
-    # What has no counterpart does not count as turned over.
+    # Triangles without a counterpart do not count as flipped.
     assert not any("flips" in note for note in result.notes)
 
 
@@ -136,7 +136,7 @@ def test_only_shapes_with_cuts_are_tried_and_those_that_can_be_bent(made: tuple[
     assert too_coarse(pair_of(whole.surface, coarse.surface))
     assert too_coarse(pair_of(coarse.surface, whole.surface))
     assert not too_coarse(pair_of(whole.surface, part.surface))
-    with retune(REGION, small=1.0):  # which is made finer
+    with retune(REGION, small=1.0):  # the part is subdivided
         assert not too_coarse(pair_of(whole.surface, coarse.surface))
     pair = pair_of(whole.surface, part.surface)
     hull = replace(pair.target_shape.proxy.full, is_hull=True)

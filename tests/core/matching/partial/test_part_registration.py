@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part bent onto a whole: where it belongs it fits with little strain, elsewhere it does not."""
+"""A part bent onto a whole fits with little strain only in the right place."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPar
 
 def test_a_wrong_place_costs_strain_and_normals(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     points = lower.whole.shape.mesh.vertices[lower.whole.shape.search.samples[: len(lower.whole.between)]]
-    elsewhere = points[lower.true_places()] * [-1, 1, -1]  # legs go to the arms
+    elsewhere = points[lower.true_places()] * [-1, 1, -1]  # maps the legs to the arms
     match = np.argmin(np.linalg.norm(points - elsewhere[:, None], axis=2), axis=1)
     wrong = register_part(match, lower.part, lower.whole, LEVELS)
     areas = lower.part.shape.basis.areas
@@ -51,9 +51,9 @@ def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> No
 
 
 def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
-    """Half of the whole has no counterpart; were it to draw the part, the borders of this would be stretched over it.
+    """Half of the whole has no counterpart; if it attracted the part, it would stretch the part's borders over itself.
 
-    The softer the part, and the more it is drawn along the surface, the farther: by 0.07 of these levels.
+    Softer parts with more sliding would stretch more, by 0.07 at these levels.
     """
     soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
     fitted = register_part(lower.true_places(), lower.part, lower.whole, soft)
@@ -87,7 +87,7 @@ def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
 
 @pytest.fixture(scope="module")
 def both_cut(lower: PartAndWhole) -> PartAndWhole:
-    """The part, and a whole that lacks the feet that the part has."""
+    """The part, and a whole without the feet that the part has."""
     made = piece_of(lower.made_whole, lower.made_whole.directions[:, 2] > -0.8)
     whole = analyse_piece(made)
     unit = whole.proxy.full.scale / lower.whole.shape.proxy.full.scale
@@ -121,7 +121,7 @@ def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndW
 
 
 def ignorant(shape: IncompleteShape) -> IncompleteShape:
-    """The same shape, of which nothing seems to be missing."""
+    """The same shape with its cuts undetected."""
     with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(shape.shape)
         assert np.isinf(unaware.cut_distance_of_vertices).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules about parts: each term of the promise of a map, which places have a counterpart, which maps are rivals."""
+"""Rules of partial matching: terms of the promise of a map, counterparts of places, and rival maps."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
 
 
 def on_a_line(*places: float, cut: float = np.inf) -> Any:
-    """A shape of places on a line, all of them affected by a cut that is nearer than they are to each other."""
+    """Stand-in for a shape of places on a line; distances longer than `cut` count as affected by a cut."""
     between = np.abs(np.subtract.outer(places, places))
     return SimpleNamespace(between=between, unaffected=between <= cut)
 
@@ -70,12 +70,12 @@ def on_a_line(*places: float, cut: float = np.inf) -> Any:
 def test_a_pair_costs_how_far_its_distance_is_off_at_most_one_and_less_where_a_cut_may_explain_it() -> None:
     whole, part, cut = on_a_line(0, 0.5, 1.0, 3.0), on_a_line(0, 1.0), on_a_line(0, 1.0, cut=0.1)
     tolerance = SEARCH.tolerance + SEARCH.relative_tolerance
-    off = [0.1, -0.1]  # from a distance of one
+    off = [0.1, -0.1]  # deviations from a distance of one
     at = on_a_line(0, *(1 + np.array(off)))
     costs = _cost_of_pair(0, 1, part, at, 3)[0, 1:]
     np.testing.assert_allclose(costs, 0.1 / tolerance, rtol=1e-5)
     doubted = _cost_of_pair(0, 1, cut, at, 3)[0, 1:]
-    # A cut on the part makes its ways longer: what is shorter on the whole is in doubt.
+    # A cut lengthens paths on the part, so shorter distances on the whole are discounted.
     np.testing.assert_allclose(doubted, [0.1 / tolerance, SEARCH.doubt * 0.1 / tolerance], rtol=1e-5)
     short = on_a_line(0, *(1 + np.array(off)), cut=0.1)
     doubted = _cost_of_pair(0, 1, part, short, 3)[0, 1:]
@@ -92,18 +92,18 @@ def test_assignments_differ_by_a_mean_distance_and_so_many_are_kept() -> None:
     assert distinct(many, whole) == list(range(SEARCH.kept))
 
 
-# --- what a map promises ------------------------------------------------------------------------------------
+# --- promise of a map --------------------------------------------------------------------------------------
 
 
 def region_of(part: IncompleteShape, whole: IncompleteShape, unlike: Floats) -> Region:
-    """All of a whole, of whose places it is given how unlike the part's they are."""
+    """The whole as a region, with given unlikeness to the part's places."""
     region = Region.everywhere(part, whole)
     region.__dict__["unlike"] = unlike
     return region
 
 
 def at_mirror_images(pair: PartAndWhole) -> Integers:
-    """(d,) for each place of the part the place of the whole on the other side of its true image."""
+    """(d,) place of the whole at the mirror image of each part place's true image."""
     directions = pair.made_whole.directions[pair.whole.shape.search.samples[: len(pair.whole.between)]]
     true = directions[pair.true_places()] * [-1, 1, 1]
     return np.asarray(np.argmax(true @ directions.T, axis=1))
@@ -125,7 +125,7 @@ def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole)
     for width in (PART_CANDIDATES.surroundings, 1.2):
         with retune(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
             promises.append(_promise(lower.true_places(), lower.everywhere))
-    # Limbs bend, so that one rotation leaves a fifth more of the true map.
+    # Limbs bend, so a single rotation leaves at least 1.2 times the error for the true map.
     assert promises[0] < promises[1] - np.log(1.2)
 
 
@@ -146,7 +146,7 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
     def gained(match: Integers, of: IncompleteShape, factor: float) -> float:
-        """What a promise gains by doubt, if lengths on the whole were other ones by a factor."""
+        """Improvement of a promise by doubt, with lengths on the whole scaled by a factor."""
         whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
             with retune(SEARCH, doubt=doubt):
@@ -157,14 +157,14 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
     longer = gained(lower.true_places(), part, 0.7)
     assert longer > 0.02
     assert abs(gained(lower.true_places(), part, 1.4)) < 0.1 * longer
-    # Nor are there any where no cut is near.
+    # Doubt has no effect without a cut nearby.
     every = np.arange(len(lower.whole.between))
     assert lower.whole.unaffected.all()
     assert gained(every, lower.whole, 0.7) == 0
 
 
 def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: list[Integers]) -> list[Integers]:
-    """What is left of maps to be bent by, if these are found, each promising less than the one before it."""
+    """Maps that remain for bending when the given maps are found, in descending order of promise."""
 
     def sifted(one: _Found) -> PartCandidate:
         nothing: Any = None
@@ -253,7 +253,7 @@ def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, f
     assert (has_partner == on_part).mean() > 0.9
     off = np.linalg.norm(found.interpolate(fitted.positions) - whole.mesh.vertices, axis=1)
     assert off[has_partner].max() < PART_MATCH.residual
-    # Nor has what faces the other way.
+    # Vertices with opposite normals have none.
     inside_out = replace(fitted, normals=-fitted.normals)
     assert _on_part(inside_out, part, whole, PART_MATCH.residual)[1].mean() < 0.1
 
@@ -311,12 +311,12 @@ def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the
     made = (lower.made_part, lower.made_whole) if part_is_target else (lower.made_whole, lower.made_part)
     here, there = (of.directions[shape.search.samples] for of, shape in zip(made, (target, source), strict=True))
     apart = np.degrees(np.arccos(np.clip(np.einsum("sx,sx->s", here, there[found.sample_map]), -1, 1)))
-    # What the part lacks has no place on it to go to.
+    # Places that the part lacks have no image on it.
     on_part = (here @ lower.made_part.directions.T).max(axis=1) > 0.99
     assert np.median(apart[on_part]) < 6
 
 
-# --- rivals, and what is tried ------------------------------------------------------------------------------
+# --- rivals and attempts ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("apart", "rivals"), [(0.05, False), (0.2, True)])
@@ -329,7 +329,7 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
     alone = _certainty(one, [one])
     assert alone > 0.9
     assert _certainty(one, [one, other]) == pytest.approx(alone / 2 if rivals else alone)
-    # A rival that lies behind takes the less; one that lies far ahead leaves nothing.
+    # A worse rival takes less certainty; a much better one leaves almost none.
     behind = _certainty(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})])
     ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})])
     assert behind > 0.7 * alone
@@ -351,7 +351,7 @@ def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: 
     known = match_part(pair, against_the_first)
     assert known[0].part_match is made[0]
     assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE_WEIGHTS["axes"])
-    # What is known makes a place unlikely beside others; the fit alone says how likely any is.
+    # Evidence lowers a place against its rivals; the fit alone determines absolute certainty.
     assert known[1].certainty < 1e-9
     assert known[1].scores["fit"] == first.scores["fit"]
 
@@ -383,7 +383,7 @@ def test_units_differ_where_one_shape_is_smaller_than_a_hand(lower: PartAndWhole
 
 
 def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWhole) -> None:
-    """What a part goes to is a cut's surroundings: the rest decides, and the less there is of it, the worse."""
+    """Images next to a cut are ignored; the rest decides, and a smaller rest makes the promise worse."""
     part, places, unlike = lower.part, lower.true_places(), unlikeness(lower.part, lower.whole)
     astray = np.arange(len(places)) % 4 == 0
     wrong = np.where(astray, np.roll(places, 7), places)

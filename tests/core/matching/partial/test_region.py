@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small parts are looked for in regions of the whole, each prepared at its own size."""
+"""Small parts are searched for in regions of the whole, each analysed at its own size."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
 
-# Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
+# Directions and lengths of the fingers of the left hand; the body has a hand on each side.
 FINGERS, LENGTHS = (
     np.array([[1, 0, 0.3], [1, 0.3, 0.1], [1, 0.3, -0.25], [1, -0.35, -0.1]]),
     np.array([1.2, 0.7, 0.4, 0.9]),
 )
-# How far from its middle a hand is cut off, as a cosine.
+# Cosine of the angle from the x axis at which a hand is cut off.
 WRIST = 0.87
 
 
 def two_handed(count: int, seed: int) -> Creature:
-    """A ball with fingers at its left, their mirror images at its right, and a head."""
+    """A ball with fingers on its left, their mirror images on its right, and a head."""
     where = directions(count, seed)
-    # More of them where the hands are.
+    # More vertices at the hands.
     where[:, 0] *= 1.7
     where /= np.linalg.norm(where, axis=1, keepdims=True)
     left = FINGERS / np.linalg.norm(FINGERS, axis=1, keepdims=True)
@@ -58,7 +58,7 @@ def two_handed(count: int, seed: int) -> Creature:
 
 
 def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
-    """The left hand of one mesh of the body, another mesh of it, and both in one unit."""
+    """The left hand of one mesh of the body, another mesh of the body, and the pair in one unit."""
     other, body = two_handed(count, 1), two_handed(of_body, 0)
     hand = piece_of(other, other.directions[:, 0] > WRIST)
     return hand, body, in_one_unit(Pair(body.surface, hand.surface, analyse_piece(body), analyse_piece(hand), 60, 20))
@@ -81,7 +81,7 @@ def found(made: tuple[Creature, Creature, Pair]) -> list[Candidate]:
 
 
 def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.ndarray:
-    """(n,) distance between images of the hand's vertices and their places on the body, at unit area of this."""
+    """(n,) distances of images of the hand's vertices from their true places, at unit area of the body."""
     hand, body, pair = made
     points = pair.source_shape.mesh.vertices
     return np.asarray(np.linalg.norm(images.interpolate(points) - points[true_vertex(body, hand)], axis=1))
@@ -98,7 +98,7 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert np.median(errors_of(placed(found[0]), made)) < 0.02
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
-    # As usual parts are looked for, it is not.
+    # The usual search without regions does not find it.
     with retune(REGION, small=0.0), retune(PART_CANDIDATES, regions=1):
         usual = match_part(made[2])
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
@@ -113,7 +113,7 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     on_hand = made[1].directions[:, 0] > WRIST
     both, either = fit.counterparts.source & on_hand, fit.counterparts.source | on_hand
     assert both.sum() > 0.8 * either.sum()
-    # In the body's frame and unit.
+    # Positions are in the body's frame and unit.
     true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]
     assert np.median(np.linalg.norm(fit.fit.positions - true, axis=1)) < 0.02
     assert fit.fit.rotations.shape == (len(true), 3, 3)
@@ -173,7 +173,7 @@ def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
 
 
 def bent_onto(region: Region) -> RegisteredPart:
-    """A part whose vertices lie on vertices of a region, one after the other."""
+    """A registered part whose vertices are placed on successive triangles of a region."""
     mesh, n = region.whole.shape.mesh, len(region.part.shape.mesh.vertices)
     triangle = np.arange(n) % len(mesh.triangles)
     closest = SurfaceMap(triangle, np.tile([1.0, 0, 0], (n, 1)), mesh.triangles)
@@ -211,7 +211,7 @@ def test_maps_into_two_regions_are_compared_in_space(regions: list[Region]) -> N
 
 
 def moved_by(shape: ShapeAnalysis, shift: np.ndarray) -> ShapeAnalysis:
-    """A shape that is elsewhere in its surface's frame."""
+    """Move a shape in its surface's frame, by a shift at unit area."""
     full = shape.proxy.full
     full = replace(full, origin=full.origin + full.scale * shift)
     return replace(shape, proxy=replace(shape.proxy, full=full))

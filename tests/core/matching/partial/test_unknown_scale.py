@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part in another unit than its whole: its scale is found, and it is matched as in one unit."""
+"""The scale of a part in another unit is found, and it is matched as if both had one unit."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def pair_of(source: IncompleteShape, target: IncompleteShape) -> Pair:
 
 
 def true_scale(lower: PartAndWhole) -> float:
-    """The part's, if the whole has unit area."""
+    """Scale of the part if the whole has unit area."""
     areas = [shape.shape.basis.areas.sum() for shape in (lower.part, lower.whole)]
     return float(np.sqrt(areas[0] / areas[1]))
 

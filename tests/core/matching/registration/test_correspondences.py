@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closest points draw a target onto its source only where they can be meant."""
+"""Closest points attract a target to its source only where they are plausible."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def strengths(
     facing: float = 1.0,
     sliding: float = 0.02,
 ) -> np.ndarray:
-    """(p,) how strongly the places of a target are drawn to the source that it lies on, for what they stand for."""
+    """(p,) strength of attraction per area of target places to the source, which is the same shape."""
     n = len(shape.mesh.vertices)
     places = QueryPoints.on(shape, 40)
     limit = GeodesicLimit(np.arange(n) if first is None else first, shape)
@@ -54,7 +54,7 @@ def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: Shape
 def test_a_leap_is_told_by_the_distance_along_the_surface(shape: ShapeAnalysis) -> None:
     n = len(TAIL)
     pairs = np.random.default_rng(0).integers(0, n, (2, 2000))
-    # What reaches the pairs from all samples is no more than the distance between them.
+    # By the triangle inequality, this is a lower bound of the geodesic distance.
     lower = np.abs(shape.distances[:, pairs[0]] - shape.distances[:, pairs[1]]).max(axis=0)
     apart = np.linalg.norm(shape.mesh.vertices[pairs[0]] - shape.mesh.vertices[pairs[1]], axis=1)
     limit = GeodesicLimit(np.arange(n), shape).exceeds_geodesic_limit(*pairs)
@@ -97,7 +97,7 @@ def test_a_place_may_slide_along_the_surface_and_is_drawn_across_it(shape: Shape
 
 
 def test_places_look_both_ways(shape: ShapeAnalysis) -> None:
-    # A source of which the target lacks the tail: its places there draw what of the target is nearest to them.
+    # The target lacks the source's tail: source places there attract the nearest target vertices.
     n = len(TAIL)
     places = QueryPoints.on(shape, 40)
     positions = np.where(TAIL[:, None], shape.mesh.vertices - [0, 0.08, 0], shape.mesh.vertices)
@@ -123,12 +123,12 @@ def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_su
         assert places.areas.min() > 0
 
 
-# --- two layers that lie close together -----------------------------------------------------------------------------
+# --- two close layers -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def leaf() -> ShapeAnalysis:
-    """An ellipsoid whose two sides are nearer to each other than its vertices."""
+    """A flat ellipsoid whose two sides are closer than its vertex spacing."""
     return analyse(ball(1.0, radii=(1, 1, 0.03), count=400).working.part(0)[0], 60, 300, 0)
 
 
@@ -139,7 +139,7 @@ def middle_of(shape: ShapeAnalysis) -> np.ndarray:
 def test_the_closest_point_is_on_the_side_that_faces_alike(leaf: ShapeAnalysis) -> None:
     vertices, normals = leaf.mesh.vertices, leaf.mesh.vertex_normals
     inner = middle_of(leaf)
-    # Past the other side.
+    # Beyond the other side.
     beyond = vertices - 2.5 * vertices * [0, 0, 1]
     for sense in (1, -1):
         found = Surroundings.of(leaf).closest(beyond, sense * normals).interpolate(vertices)

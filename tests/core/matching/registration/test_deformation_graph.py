@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nodes move what is around them, and each other: joints bend, and what turns takes its neighbours along."""
+"""Nodes move the vertices around them and each other: joints bend, and rotating nodes take neighbours along."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def shape() -> ShapeAnalysis:
 
 
 def chain(count: int, length: float = 0.1, axis: int = 0) -> DeformationGraph:
-    """Nodes in a row along an axis, each with four vertices around it that it alone moves."""
+    """Nodes in a row along an axis; each alone moves four vertices around it."""
     centres = np.arange(count)[:, None] * [length, 0.0, 0.0]
     around = 0.03 * np.array([[0.0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     places = np.roll(np.concatenate([centres, (centres[:, None] + around).reshape(-1, 3)]), axis, axis=1)
@@ -47,7 +47,7 @@ def step(bending: DeformationGraph, vertex: np.ndarray, residual: np.ndarray, ap
 
 
 def turn_asked_for(bending: DeformationGraph, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """The vertices around a node, and the residual that a turn about the row's axis asks of them."""
+    """The vertices around a node, and residuals that request a rotation about the row's axis."""
     count = len(bending.nodes.vertex)
     vertex = count + 4 * node + np.arange(4)
     offset = bending.rest[vertex] - bending.rest[node]
@@ -59,11 +59,11 @@ def test_a_node_goes_with_the_neighbour_that_is_where_it_should_be_and_not_with_
     bending.images[2] += [0, 0.2, 0]  # a joint that has bent
     before = bending.images.copy()
     around = 3 + np.arange(4)
-    vertex = np.concatenate([[0], around, [2], around + 8])  # which hold the ends, and how they are turned
+    vertex = np.concatenate([[0], around, [2], around + 8])  # fix both ends and their rotations
     step(bending, vertex, np.repeat([[0, 0.01, 0], [0, 0, 0]], 5, axis=0))
     moved = bending.images - before
     assert moved[0, 1] == pytest.approx(0.01, rel=0.2)
-    # Without a difference between the two, it would go to the middle, a tenth of the length away.
+    # With equal weights for both neighbours it would move to the middle, 0.1 away.
     assert moved[1, 1] == pytest.approx(0.01, abs=0.01)
 
 
@@ -94,7 +94,7 @@ def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
 
 
 def test_a_row_that_is_held_at_one_end_alone_moves_as_a_whole() -> None:
-    # About its end it may turn as it likes.
+    # Rotations about the fixed end are free.
     bending = chain(40)
     step(bending, np.array([0]), np.full((1, 3), 0.01))
     np.testing.assert_allclose(bending.images[0] - chain(40).images[0], 0.01, rtol=1e-3)
@@ -184,7 +184,7 @@ def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: ShapeAnal
     rest = shape.mesh.vertices
     nodes = Nodes.on(shape, 40)
     images = rest.copy()
-    # Around one node left and right are exchanged by mistake.
+    # Vertices around one node are wrongly reflected.
     mine = nodes.near[:, 0] == 7
     images[mine] = rest[nodes.vertex[7]] - (rest[mine] - rest[nodes.vertex[7]])
     bending = DeformationGraph.from_images(nodes, rest, shape.mesh.vertex_normals, images, shape.basis.areas)
@@ -197,7 +197,7 @@ def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnal
     np.testing.assert_allclose(nodes.weight.sum(axis=1), 1)
     assert (np.diff(nodes.weight, axis=1) <= 1e-12).all()
     np.testing.assert_array_equal(nodes.near[nodes.vertex, 0], np.arange(40))
-    # The roots of weights fall evenly with the distance, to zero at the nearest node that has none.
+    # Square roots of weights fall linearly with distance, to zero at the nearest node without weight.
     distance = np.sort(shape.distances[:40].T, axis=1)[:, : nodes.near.shape[1] + 1]
     nearness = distance[:, -1:] - distance[:, :-1]
     root = np.sqrt(nodes.weight / nodes.weight[:, :1])
@@ -207,9 +207,9 @@ def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnal
     assert {tuple(pair) for pair in np.stack([nodes.first, nodes.second], axis=1).tolist()} == {
         tuple(pair) for pair in np.stack([nodes.second, nodes.first], axis=1).tolist()
     }
-    # Those that move a vertex most are bound.
+    # The two nodes with most weight at a vertex are connected.
     pairs = nodes.first * 40 + nodes.second
     assert np.isin(nodes.near[:, 0] * 40 + nodes.near[:, 1], pairs).all()
-    # Only what is near is bound: along the surface no farther than a few times the spacing of the nodes.
+    # Connected nodes are near: their geodesic distance is at most a few node spacings.
     between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
     assert between.max() < 6 * np.sqrt(1 / 40)

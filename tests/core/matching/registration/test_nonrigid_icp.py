@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DeformationGraph a target onto its source: exact where the two are one body, and harmless where they are not."""
+"""Bend a target onto its source: exact if both are one body, harmless otherwise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis
 def blurred_truth(
     source: Creature, target: Creature, functions: int = 30
 ) -> tuple[ShapeAnalysis, ShapeAnalysis, SurfaceMap]:
-    """The shapes, and the true map as far as a few eigenfunctions tell it."""
+    """The shapes, and the true map smoothed by a few eigenfunctions."""
     shapes = shape_of(source), shape_of(target)
     images = source.surface.working.vertices[true_vertex(source, target)]
     basis = shapes[1].basis
@@ -41,7 +41,7 @@ def blurred_truth(
 
 
 def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Floats:
-    """(n_t,) distance between the images' directions and the true ones."""
+    """(n_t,) distance between directions of the images and the true directions."""
     images = surface_map.interpolate(source.directions)
     return np.linalg.norm(images / np.linalg.norm(images, axis=1, keepdims=True) - target.directions, axis=1)
 
@@ -180,7 +180,7 @@ def test_goals_that_one_motion_tells_are_lifted_exactly() -> None:
     fit = Fit(proxy.place, rough, np.tile(np.eye(3), (600, 1, 1)), np.ones(600, dtype=bool))
     found = lift_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
     np.testing.assert_allclose(found, part.vertices, atol=1e-4)
-    # What has moved against the rest is laid where its stand-in leads.
+    # Vertices that moved relative to the rest follow the proxy.
     tip = part.vertices[:, 0] > 0.5 * part.vertices[:, 0].max()
     turn = Rotation.from_rotvec([0, 0.06, 0])
     moved = replace(fit, positions=np.where(tip[:, None], turn.apply(part.vertices), rough))

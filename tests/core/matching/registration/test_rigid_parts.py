@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has not moved is laid exactly, on stand-ins and on full meshes; what has moved is left alone."""
+"""Unmoved parts are registered exactly, on proxies and full meshes; moved parts are left unchanged."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def shape(made: Creature) -> ShapeAnalysis:
 def still(
     source: ShapeAnalysis, target: ShapeAnalysis, vertex: np.ndarray, turn: np.ndarray = TURN
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where a target that was turned has not moved but for that, and where it is taken."""
+    """Which vertices of a rotated target moved only rigidly, and their positions."""
     corner_at = np.zeros(len(source.mesh.vertices), dtype=int)
     corner_at[source.mesh.triangles.ravel()] = np.arange(source.mesh.triangles.size)
     corner = corner_at[vertex]
@@ -100,14 +100,14 @@ def full() -> Proxy:
 
 
 def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, standing: np.ndarray | None = None):
-    """What becomes of goals for a smaller, turned copy, and how near to the source they are to lie."""
+    """Settle goals of a smaller, rotated copy; return them and their tolerated distance from the source."""
     vertices = full.full.vertices
     fits = np.ones(len(vertices), dtype=bool) if fits is None else fits
     return settle(goal, fits, 0.5 * vertices @ TURN.T + 1, goal + 1 if standing is None else standing, full)
 
 
 def rough(full: Proxy) -> np.ndarray:
-    """Goals as a stand-in tells them: off by a few thousandths."""
+    """Goals as from a proxy, with errors of a few thousandths."""
     return full.full.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=full.full.vertices.shape)
 
 
@@ -123,7 +123,7 @@ def test_goals_that_no_similarity_tells_stay(full: Proxy) -> None:
 
 
 def test_a_motion_that_does_not_end_on_the_source_is_not_taken(full: Proxy) -> None:
-    # A body whose every vertex lies a little above or below the source, in turns: no motion brings it there.
+    # Vertices lie alternately above and below the source, so no rigid motion fits.
     side = np.where(np.arange(len(full.full.vertices)) % 2, 1, -1)[:, None]
     apart = full.full.vertices + 2e-3 * side * full.full.vertex_normals
     found, _ = settle(apart, np.ones(len(apart), dtype=bool), apart, apart + 1, full)
@@ -190,7 +190,7 @@ def plum() -> Proxy:
 def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_well(
     plum: Proxy, size: float, stays: bool
 ) -> None:
-    # Vertices of a convex surface lie above triangles of another mesh: at 0.999 of its size they are on them.
+    # Vertices of a convex surface are above another mesh's triangles; at 0.999 of the size they are on them.
     other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
     standing = size * plum.full.from_surface(other.to_surface(other.vertices))
     random = np.random.default_rng(0)

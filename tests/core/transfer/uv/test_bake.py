@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Textures baked anew: each texel shows its own place, and never what lies beyond an island."""
+"""Baked textures show the right place at each texel, and nothing from outside an island."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv import bake as module
 from zoomout_core.transfer.uv.bake import Baked, Picture, bake
 
-BACKGROUND = 255  # of the third channel, which is zero where an island is
+BACKGROUND = 255  # blue value of the background; islands have zero
 
 
 def square(cells: int) -> Surface:
-    """The unit square in triangles."""
+    """The triangulated unit square."""
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, cells + 1), np.linspace(0, 1, cells + 1)))
     first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
     a, b, c, d = first, first + 1, first + cells + 2, first + cells + 1
@@ -28,12 +28,12 @@ SOURCE, TARGET = square(8), square(7)
 
 
 def corners(surface: Surface) -> np.ndarray:
-    """(c, 2) places of the corners in the square."""
+    """(c, 2) positions of the corners in the square."""
     return surface.vertices[surface.corner_vertex, :2]
 
 
 def two_islands(place: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(q, 2) where the left and the right half of the square lie in an atlas, with a gutter between them."""
+    """(q, 2) UVs of places in an atlas that separates the left and right half of the square by a gutter."""
     return np.column_stack([0.03 + 0.7 * place[:, 0] + 0.24 * right, 0.1 + 0.8 * place[:, 1]])
 
 
@@ -42,7 +42,7 @@ ATLAS = two_islands(corners(SOURCE), RIGHT)
 
 
 def picture(size: int) -> Picture:
-    """Red is the place's x and green its y; blue is the background."""
+    """A picture of the atlas: red is x, green is y, and blue marks the background."""
     u, v = np.meshgrid((np.arange(size) + 0.5) / size, (np.arange(size) + 0.5)[::-1] / size)
     right = u > 0.5
     x, y = (u - 0.03 - 0.24 * right) / 0.7, (v - 0.1) / 0.8
@@ -59,13 +59,13 @@ def baked(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, he
 
 
 def places(image: np.ndarray) -> np.ndarray:
-    """(h, w, 2) the places that the colours stand for."""
+    """(h, w, 2) places that the colours encode."""
     return (image[:, :, :2].astype(float) - 20) / 200
 
 
 @pytest.mark.parametrize("size", [16, 33, 128])
 def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> None:
-    uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]  # turned
+    uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]  # transposed
     made = baked(ATLAS, picture(size), uv, 64, 96)
     assert made.image.shape == (96, 64, 3)
     assert not made.image[:, :, 2].any()
@@ -73,7 +73,7 @@ def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> No
     inside = (np.abs(u - 0.5) < 0.4) & (np.abs(v - 0.5) < 0.4)
     assert made.covered[inside].all()
     true = np.stack([v - 0.1, u - 0.1], axis=-1) / 0.8
-    # Beside borders and seams of the source the nearest texel of the island stands in: up to a texel off.
+    # Beside the source's borders and seams the nearest texel of the island is used, up to one texel off.
     assert np.abs(places(made.image) - true)[inside].max() < 1 / (0.7 * size) + 0.006
     assert np.abs(places(made.image) - true)[inside].mean() < 0.1 / size + 0.003
     assert not made.outside.any()
@@ -86,14 +86,14 @@ def test_gutters_take_the_texel_of_the_nearest_island() -> None:
     assert not made.image[:, :, 2].any()
     assert 0.05 < made.covered.mean() < 0.2
     x = places(made.image)[:, :, 0]
-    assert x[0, 0] < 0.05  # beside the left island's left border
+    assert x[0, 0] < 0.05  # nearest to the left island's left border
     assert x[-1, -1] > 0.95
     assert np.ptp(x[:40, -30:]) < 0.5
 
 
 @pytest.mark.parametrize("tile", [0, 3])
 def test_a_tip_that_owns_no_texel_is_read_at_the_nearest_of_its_island(tile: int) -> None:
-    """A wedge, thinner than texels at its left end, over a background."""
+    """The island is a wedge that is thinner than a texel at its left end."""
     place = corners(SOURCE)
     atlas = np.column_stack([0.1 + 0.8 * place[:, 0], 0.53 + 0.4 * (place[:, 1] - 0.5) * place[:, 0]])
     u, v = np.meshgrid((np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5)[::-1] / 16)
@@ -109,7 +109,7 @@ def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
     small = np.array([0.8, 0.8]) + 0.01 * corners(SOURCE)
     atlas = small if alone else np.where(RIGHT[:, None], small, 0.6 * corners(SOURCE))
     image = np.zeros((4, 4, 3), dtype=np.uint8)
-    image[0, 3] = [7, 8, 9]  # the upper right one
+    image[0, 3] = [7, 8, 9]  # the upper right texel
     made = baked(atlas, Picture([image], np.zeros(len(SOURCE.triangles), dtype=int)), corners(TARGET), 8, 8)
     assert (made.image[:, 5:] == [7, 8, 9]).all()
 
@@ -125,7 +125,7 @@ def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeyp
 def test_images_repeat_beyond_the_unit_square() -> None:
     image = np.random.default_rng(0).integers(0, 255, (8, 8, 4), dtype=np.uint8)
     number = np.zeros(len(SOURCE.triangles), dtype=int)
-    for repeats in (1, 16):  # one of a triangle of the source, or several
+    for repeats in (1, 16):  # within one copy of the image, or across several
         at_home, away = (
             baked(repeats * corners(SOURCE) + shift, Picture([image], number), corners(TARGET)) for shift in (0, 5)
         )

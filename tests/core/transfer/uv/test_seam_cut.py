@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cutting a target along the seams of its source: borders between islands become exact, and nothing else changes."""
+"""Cutting a target along its source's seams makes island borders exact and changes nothing else."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.seam_cut import SNAP_DISTANCE, SeamCut, seam_cut
 
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1)}
-# What counts as on a seam, in parts of an island: chords of the source leave its circles by less.
+# Tolerance for points on a seam, as a fraction of an island; chords deviate less from the source's circles.
 ON_SEAM = 0.02
 
 
@@ -39,14 +39,14 @@ def cut_of(source: Sheet, target: Sheet, layout: tuple[int, int]) -> tuple[Attri
 
 
 def in_islands(points: Floats, layout: tuple[int, int]) -> Floats:
-    """(q, 2) parameters of points of the torus, counted in islands."""
+    """(q, 2) parameters of points of the torus, in units of islands."""
     x, y, z = points.T
     turns = np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y) - 2)], axis=1) / (2 * np.pi)
     return turns * layout
 
 
 def straddling(surface: Surface, images: Floats, layout: tuple[int, int]) -> float:
-    """The part of the area in faces whose corners lie in several islands."""
+    """Share of the area in faces whose corners are in several islands."""
     at = in_islands(images, layout)[surface.corner_vertex]
     near = np.abs(at - np.round(at)) < ON_SEAM
     cell = np.floor(at) % layout
@@ -72,7 +72,7 @@ def test_new_vertices_lie_on_seams_and_divide_nearly_all_faces_that_these_cross(
     after = straddling(opened, images, layout)
     assert before > 0.03
     assert after < before / 12
-    # Neither cut does where a seam leaves a large face and enters it again, or where seams meet on its outline.
+    # Faces stay uncut where a seam leaves and re-enters them, or where seams meet on their outline.
     assert found.left < 0.02 * (len(target.surface.face_start) - 1)
 
 
@@ -85,7 +85,7 @@ def test_the_surface_stays_what_it_was(source: Sheet, target: Sheet, layout: tup
     assert len(opened.face_start) == len(target.surface.face_start) + parts
     edges, faces_at = np.unique(np.sort(opened.corner_vertex[face_edges(opened)], axis=1), axis=0, return_counts=True)
     assert (faces_at == 2).all()
-    assert len(opened.vertices) - len(edges) + len(opened.face_start) - 1 == 0  # a torus still
+    assert len(opened.vertices) - len(edges) + len(opened.face_start) - 1 == 0  # still a torus
     assert found.fraction.min() >= SNAP_DISTANCE
     assert found.fraction.max() <= 1 - SNAP_DISTANCE
 
@@ -96,7 +96,7 @@ def test_a_face_within_which_seams_meet_is_divided_from_that_point(source: Sheet
     assert len(found.meeting) > 1
     count = len(target.parameters) + len(found.edge)
     hubs = in_islands(found.surface_map.interpolate(source.surface.vertices)[count:], layout)
-    np.testing.assert_allclose(hubs, np.round(hubs), atol=ON_SEAM)  # a seam of each direction
+    np.testing.assert_allclose(hubs, np.round(hubs), atol=ON_SEAM)  # on a seam in each direction
     triangle = target.surface.vertices[found.corners]
     np.testing.assert_allclose(opened.vertices[count:], np.einsum("hc,hcx->hx", found.weights, triangle))
     faces_at = np.bincount(opened.corner_vertex, minlength=len(opened.vertices))[count:]
@@ -117,7 +117,7 @@ def test_islands_end_exactly_at_the_seams(source: Sheet, target: Sheet, layout: 
     turns = np.round(lower + 0.5 / np.array(layout) - at)
     expected = of.chart(at + turns, island[opened.corner_face])
     error = np.linalg.norm(values - expected, axis=1)
-    assert np.percentile(error, 98) < 2e-3  # chords of the source's grid leave its circles by as much
+    assert np.percentile(error, 98) < 2e-3  # chords of the source's grid deviate this much
 
 
 def test_a_source_without_seams_cuts_nothing(source: Sheet, target: Sheet) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a target is cut open: not beside its vertices, and not into slivers around a point where seams meet."""
+"""Cuts avoid places beside vertices, and slivers around points where seams meet."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ SOURCE = plate(20, 20)
 
 
 def quarters(surface: Surface) -> np.ndarray:
-    """(c, 2) UVs of four islands, which meet in the middle."""
+    """(c, 2) UVs of four islands that meet in the middle."""
     middle = surface.vertices[surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, :2].repeat(4, axis=0)
     return surface.vertices[surface.corner_vertex, :2] + 3 * (middle > 0.5)
 
 
 def pair(column: float) -> Surface:
-    """Two faces beside each other, which part at a place."""
+    """Two adjacent faces that meet at x = `column`."""
     x = np.array([0, column, 1])
     vertices = np.array([[a, b, 0] for a in x for b in (0.0, 1.0)])
     return Surface(vertices, [[0, 2, 3, 1], [2, 4, 5, 3]])
@@ -52,7 +52,7 @@ def test_crossings_beside_a_vertex_move_onto_it(column: float, snapped: bool) ->
     found = cut_of(pair(column))
     along = np.ptp(pair(column).vertices[found.edge][:, :, 1], axis=1) == 0
     assert along.sum() == (0 if snapped else 2)
-    # Vertices that count as on the seam lie there on the source as well.
+    # Vertices snapped to the seam also map to it on the source.
     images = found.surface_map.interpolate(SOURCE.vertices)[[2, 3], 0]
     np.testing.assert_allclose(images, 0.5 if snapped else column, atol=1e-3)
 
@@ -69,7 +69,7 @@ def test_a_point_next_to_an_edge_divides_no_face(column: float, divided: int, le
 
 
 def test_where_the_point_is_found_in_a_polygon_of_several_triangles() -> None:
-    # An octagon around the middle, whose triangles fan out from a corner.
+    # An octagon around the middle, triangulated as a fan from a corner.
     turn = np.arange(8) * np.pi / 4 + 0.3
     ring = np.column_stack([0.5 + 0.4 * np.cos(turn), 0.55 + 0.4 * np.sin(turn), 0 * turn])
     target = Surface(ring, [list(range(8))])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps: the right island, the right side of its seams, and the exact value wherever there is one."""
+"""UV maps choose the right island and the right side of seams, and are exact wherever an exact value exists."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class Atlas:
 
     Attributes:
         uv: (c, 2) at the source's corners.
-        chart: the UVs that island k (m,) gives parameters (m, ..., 2).
-        islands: how many.
-        island_of: the island at parameters (m, 2).
-        island_at: the island at UVs (m, 2).
+        chart: maps parameters (m, ..., 2) and islands (m,) to UVs.
+        islands: number of islands.
+        island_of: maps parameters (m, 2) to islands.
+        island_at: maps UVs (m, 2) to islands.
     """
 
     uv: np.ndarray
@@ -58,7 +58,7 @@ class Atlas:
 
 
 def atlas(source: Sheet, strips: int, bands: int, seed: int = 0) -> Atlas:
-    """Rectangles of the parameters, each turned, scaled, some mirrored, and put into UDIM tiles of its own."""
+    """Rectangles of the parameters, each rotated, scaled and in its own UDIM tile; some are mirrored."""
     random = np.random.default_rng(seed)
     count = strips * bands
     angle, scale = random.uniform(0, 2 * np.pi, count), random.uniform(0.1, 0.2, count) * min(strips, bands)
@@ -92,7 +92,7 @@ def transferred(uv: np.ndarray, surface_map: SurfaceMap | Match, source: Surface
 
 
 def best_chart(result: np.ndarray, target: Sheet, of: Atlas) -> tuple[np.ndarray, np.ndarray]:
-    """The chart of each triangle, shifted by whole turns as suits it best, and the largest error of its corners."""
+    """The chart of each triangle with the best shift by whole turns, and the largest error of its corners."""
     uv, corners = result.reshape(-1, 3, 2), target.corners.reshape(-1, 3, 2)
     island = of.island_at(uv.mean(axis=1))
     errors = [np.abs(of.chart(corners + np.array(turn) - 1, island) - uv).max(axis=(1, 2)) for turn in np.ndindex(3, 3)]
@@ -124,10 +124,10 @@ def test_every_face_lies_in_one_chart_and_is_exact_where_it_crosses_no_seam(
     inside = (np.floor(corners) == np.floor(corners[:, :1])).all(axis=(1, 2))
     assert inside.mean() > 0.3
     assert error[inside].max() < 1e-9
-    # Beyond a seam charts are continued along the tangent, which a curved surface leaves by the square of its edges.
+    # Charts continue linearly beyond a seam; on a curved surface the error is quadratic in the edge length.
     size = np.abs(np.ptp(result.values.reshape(-1, 3, 2), axis=1)).max()
     assert error.max() < 0.1 * size
-    # The island is that of the face's middle, but for faces that lie across a seam.
+    # Faces take the island of their centre, except faces across a seam.
     assert (choice[inside] // 9 == of.island_of(target.middles)[inside]).all()
     assert not result.notes
 
@@ -140,7 +140,7 @@ def test_faces_of_one_chart_share_their_corners_exactly(source: Sheet, target: S
     first, second = adjacent_edges(target.surface)
     one, other = target.surface.corner_face[first[:, 0]], target.surface.corner_face[second[:, 0]]
     jump = np.abs(uv[first] - uv[second]).max(axis=(1, 2))
-    # Where the target's own parameters wrap, faces of one chart have different turns: leave these edges out.
+    # Skip edges where the target's parameters wrap: there, faces of one chart differ by whole turns.
     near = np.abs(target.middles[one] - target.middles[other]).max(axis=1) < 0.5
     joined = (choice[one] == choice[other]) & near
     assert joined.mean() > 0.7
@@ -193,7 +193,7 @@ def test_no_face_spans_the_seam_of_a_globe(count: int) -> None:
     off = result - np.stack([np.arctan2(y, x) / (2 * np.pi), 1 - np.arccos(z) / np.pi], axis=1)
     off[:, 0] = (off[:, 0] - np.round(off[:, 0])) * ring
     away = np.repeat(ring.reshape(-1, 3).min(axis=1) > 2 * edge, 3)
-    # The island fills its tile, so corners beyond the seam stop at it, at most an edge short.
+    # The island fills its tile, so corners beyond the seam are clamped to it, at most an edge short.
     at_seam = (result[:, 0] < 1e-6) | (result[:, 0] > 1 - 1e-6)
     assert np.abs(off[away & ~at_seam]).max() < 1e-3
     assert np.abs(off).max() < 1.5 * edge / (2 * np.pi) + 0.01
@@ -279,7 +279,7 @@ def test_a_noisy_map_still_puts_every_face_into_one_chart(source: Sheet) -> None
         surface_map = true_map(source, *GRID, (target.parameters + noise) % 1)
         uv = transferred(of.uv, surface_map, source.surface, target.surface).values
         _, error = best_chart(uv, target, of)
-        # A chart is at most this steep, and a corner off by half an edge.
+        # Bound: the steepest chart times an error of half an edge.
         assert error.max() < 1.5 * 0.2 * min(layout) * 0.5 / 61 * np.sqrt(2)
 
 
@@ -318,7 +318,7 @@ def test_winding_alone_is_no_flip(source: Sheet) -> None:
 @pytest.mark.parametrize("sides", [3, 4])
 def test_folds_that_the_source_has_are_no_flips(sides: int) -> None:
     mesh = sheet(torus, 97, 61, jitter=0.2, sides=sides)
-    projected = mesh.surface.vertices[mesh.surface.corner_vertex, :2]  # upper and lower half overlap
+    projected = mesh.surface.vertices[mesh.surface.corner_vertex, :2]  # the upper and lower half overlap
     notes = transferred(projected, identity(mesh.surface), mesh.surface, mesh.surface).notes
     assert not [note for note in notes if "flipped" in note]
 

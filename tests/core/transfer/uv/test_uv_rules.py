@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What decides about UVs: which faces belong together, what a face takes, how far UVs run on, and what is reported."""
+"""Rules of UVs: which faces stay connected, which island a face takes, extrapolation limits, and reports."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ def transferred(uv: np.ndarray, surface_map: SurfaceMap, source: Surface, target
 
 
 def corners(surface: Surface) -> np.ndarray:
-    """(c, 2) where the corners of a flat surface lie."""
+    """(c, 2) positions of the corners of a flat surface."""
     return surface.vertices[surface.corner_vertex, :2]
 
 
 def middles(surface: Surface) -> np.ndarray:
-    """(c, 2) the middle of each corner's face."""
+    """(c, 2) centre of each corner's face."""
     size = np.diff(surface.face_start)
     of_face = np.add.reduceat(corners(surface), surface.face_start[:-1]) / size[:, None]
     return np.asarray(of_face[surface.corner_face])
 
 
 def of_each_face(mask: np.ndarray, surface: Surface) -> np.ndarray:
-    """(f,) whether a mask (c,) holds at all corners of a face."""
+    """(f,) whether a mask (c,) is true at all corners of a face."""
     return np.logical_and.reduceat(mask, surface.face_start[:-1])
 
 
 def right_half(surface: Surface) -> np.ndarray:
-    """(c, 1) whether the corners' faces lie right of the middle."""
+    """(c, 1) whether the corners' faces are right of the middle."""
     return np.asarray(middles(surface)[:, :1] > 0.5)
 
 
 def test_faces_of_islands_that_lie_over_each_other_share_no_corners() -> None:
-    # Both islands have almost the same texels at the seam: 0.01 apart, where faces are 0.12 large.
+    # At the seam UVs of both islands differ by only 0.01; faces are 0.12 wide.
     source, target = plate(20, 12), plate(9, 8, jitter=0.2)
     step = np.array([0.01, 0.0])
     uv = transferred(corners(source) + right_half(source) * step, nearest_map(target.vertices, source), source, target)
@@ -55,7 +55,7 @@ def test_faces_of_islands_that_lie_over_each_other_share_no_corners() -> None:
 
 
 def test_faces_on_both_sides_of_a_narrow_slit_within_an_island_share_no_corners() -> None:
-    # Beyond the slit UVs are up to 0.07 apart, where faces are 0.11 large; above it they are the same.
+    # Across the slit UVs differ by up to 0.07, with faces 0.11 wide; above it they agree.
     source, target = plate(20, 20), plate(9, 9, jitter=0.2)
 
     def chart(places: np.ndarray, beyond: np.ndarray | bool) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_faces_on_both_sides_of_a_narrow_slit_within_an_island_share_no_corners(
 
 
 def test_a_face_takes_the_island_of_most_of_its_area_though_others_are_nearer_to_its_middle() -> None:
-    # Four small islands lie where the innermost samples of a square fall, whichever its diagonal.
+    # Four small islands cover the innermost samples of a square, for either diagonal.
     source, target = plate(14, 14), plate(1, 1)
     at = np.floor(14 * middles(source))
     spots = sum((at == place).all(axis=1) for place in ([9, 4], [4, 9], [4, 4], [9, 9]))
@@ -84,7 +84,7 @@ def test_a_face_takes_the_island_of_most_of_its_area_though_others_are_nearer_to
 
 
 def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
-    # The island ends in a column of faces whose UVs are forty times as long as elsewhere.
+    # The island ends in a column of faces whose UVs are 40 times as long as elsewhere.
     source, target = plate(20, 4, height=0.2), plate(1, 1, width=0.6, height=0.2)
     target = Surface(target.vertices + np.array([0.05, 0, 0]), [[0, 2, 3, 1]])
     here, slope = corners(source), 40.0
@@ -100,7 +100,7 @@ def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
 
 
 def squares(sides: np.ndarray, corner: tuple[float, float]) -> np.ndarray:
-    """(4k, 2) corners of squares that have a corner in common."""
+    """(4k, 2) corners of squares that share a corner."""
     outline = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     return (np.array(corner) + outline * sides[:, None, None]).reshape(-1, 2)
 
@@ -116,7 +116,7 @@ def flat(places: np.ndarray, faces: np.ndarray) -> Surface:
 def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_source(
     factors: tuple[float, ...], stretched: int, collapsed: int
 ) -> None:
-    # A hundred loose squares as large together as the source, three of which lie on larger or smaller parts of it.
+    # 100 loose squares with the source's total area; three map to larger or smaller parts of it.
     source, count = plate(20, 20), 100
     sides = np.full(count, 0.1)
     grid = np.stack(np.divmod(np.arange(count), 10), axis=1) * 0.2
@@ -132,7 +132,7 @@ def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_sou
 
 
 def bent(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
-    """Places (c, 2) along each axis on another scale below a knee than above it."""
+    """Scale places (c, 2) along each axis by one factor below a knee and another above it."""
     return np.where(places < knee, below * places, below * knee + above * (places - knee))
 
 
@@ -143,7 +143,7 @@ def test_where_an_island_is_denser_or_sparser_its_uvs_may_be_so_as_well(
     source = plate(20, 20)
     dense = bent(corners(source), knee, below, above)
     assert transferred(dense, identity(source), source, source).notes == ()
-    # The corner that tells how dense the source is lies where it is sparse, and the face does not.
+    # The corner that samples the source's density is in the sparse region, the face is not.
     coarse = plate(4, 4)
     assert transferred(dense, nearest_map(coarse.vertices, source), source, coarse).notes == ()
 
@@ -168,7 +168,7 @@ def test_nothing_trusted_is_still_a_vote_by_area() -> None:
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_values_stay_in_the_tile_that_their_island_lies_in_but_not_where_it_lies_in_several(side: int) -> None:
-    # Each island is as wide as a tile; a face reaches beyond the seam by 0.2.
+    # Each island is as wide as a tile; a face extends 0.2 beyond the seam.
     source, target = plate(20, 10, width=2), plate(1, 1, width=1.2)
     target = target.with_vertices(target.vertices + np.array([0.8 * side, 0, 0]))
     uv = np.where(middles(source)[:, :1] > 1, corners(source) + np.array([7, 0]), corners(source))
