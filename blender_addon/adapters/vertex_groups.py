@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 from bpy.types import Object
+from scipy.sparse import csr_array, diags_array
 
+from zoomout_core.arrays import Booleans
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.stretch import smooth_weights
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 
 from .. import mesh_data
@@ -45,6 +49,20 @@ class WeightAdapter:
         self.weights = job.blend_values(carried, self.present, self.deforming, self.lacking)
         if self.weights is not carried and job.settings.limit:
             limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)
+
+    def smooth(self, target: Surface, chosen: Booleans, limit: int) -> None:
+        """Fill in the weights of groups that share a vertex at some vertices (n,) from the others."""
+        shared = np.asarray(self.sharing["normalised"], dtype=bool)
+        columns = np.flatnonzero(shared)
+        values = csr_array(self.weights.values)
+        filled = smooth_weights(csr_array(values[:, columns]), target, chosen)
+        if limit:
+            limit_weights(filled, target, np.ones(len(columns), dtype=bool), limit)
+        places = csr_array(
+            (np.ones(len(columns)), (np.arange(len(columns)), columns)), shape=(len(columns), len(shared))
+        )
+        kept = values @ diags_array((~shared).astype(float))
+        self.weights = replace(self.weights, values=csr_array(kept + filled @ places))
 
     def write(self, target: Object) -> None:
         mesh_data.write_weights(target, self.weights)

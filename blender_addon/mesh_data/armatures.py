@@ -39,10 +39,12 @@ class Bones:
     Attributes:
         names: names of the bones and of their vertex groups.
         parents: (b,) the number of each bone's nearest deforming ancestor, -1 for none.
+        heads: (b, 3) the place about which each bone turns, at rest, in world space.
     """
 
     names: tuple[str, ...]
     parents: Integers
+    heads: Floats
 
 
 def armatures_of(obj: Object) -> list[Object]:
@@ -59,13 +61,16 @@ def armature_modifiers(obj: Object) -> list[ArmatureModifier]:
 def read_bones(obj: Object) -> Bones:
     """The deforming bones of an object's armatures, the first of each name."""
     above: dict[str, str | None] = {}
+    heads: dict[str, Vector] = {}
     for armature in armatures_of(obj):
         for bone in armature.data.bones:
             if bone.use_deform:
+                heads.setdefault(bone.name, armature.matrix_world @ bone.head_local)
                 parents = (parent.name for parent in bone.parent_recursive if parent.use_deform)
                 above.setdefault(bone.name, next(parents, None))
     number = {name: i for i, name in enumerate(above)}
-    return Bones(tuple(above), np.array([-1 if parent is None else number[parent] for parent in above.values()], int))
+    ancestors = np.array([-1 if parent is None else number[parent] for parent in above.values()], int)
+    return Bones(tuple(above), ancestors, np.array([heads[name] for name in above], dtype=np.float64).reshape(-1, 3))
 
 
 def preserves_volume(obj: Object) -> bool:

@@ -5,8 +5,18 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.select_faults import DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER, select_faults_async
+from ..services.select_faults import (
+    DOUBTFUL,
+    FLIPPED,
+    TORN,
+    WITHOUT_PARTNER,
+    select_faults_async,
+    select_stretched,
+    stretched_vertices,
+)
+from ..translations import translated
 from .matched import MatchedOperator
+from .modal_operator import ModalOperator
 
 
 class SelectOperator(MatchedOperator):
@@ -55,9 +65,35 @@ class ZOOMOUT_OT_select_without_partner(SelectOperator):
     what = WITHOUT_PARTNER
 
 
+class ZOOMOUT_OT_select_stretched(ModalOperator):
+    bl_idname = "zoomout.select_stretched"
+    bl_label = "Select Stretched"
+    bl_description = (
+        "Select the vertices of the active mesh that stretch far more than the source does when the bones of its rig "
+        "turn, to check their weights in Edit Mode or Weight Paint"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active object was bound."""
+        if not super().poll(context):
+            return False
+        if stretched_vertices(context.active_object) is None:
+            cls.poll_message_set(translated("Bind this mesh to a rig first"))
+            return False
+        return True
+
+    async def work(self, context: Context) -> str:
+        result = select_stretched(context, context.active_object)
+        context.tool_settings.mesh_select_mode = (True, False, False)
+        return result
+
+
 CLASSES = (
     ZOOMOUT_OT_select_doubtful,
     ZOOMOUT_OT_select_flipped,
+    ZOOMOUT_OT_select_stretched,
     ZOOMOUT_OT_select_torn,
     ZOOMOUT_OT_select_without_partner,
 )

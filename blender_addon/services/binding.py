@@ -16,12 +16,13 @@ from bpy.types import Context, Object
 from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
 from zoomout_core.transfer.skinning import skinning_matrices
+from zoomout_core.transfer.stretch import check_weights, extreme_poses
 from zoomout_core.transfer.unpose import Rest, unpose
 
 from .. import mesh_data
@@ -34,8 +35,8 @@ from ..storage import stored_match
 
 # Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Fractions of the progress at which weights are read again, and the target is moved to rest.
-READING_ANEW, TAKING = 0.7, 0.8
+# Fractions of the progress at which weights are read again, the target is moved to rest, and the rig is played.
+READING_ANEW, TAKING, CHECKING = 0.7, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,14 @@ class Bound:
         seen: (n_t, 3) its present positions, in world space.
         rest: its rest pose.
         notes: sentences for the user.
+        stretched: (n_t,) vertices at edges that stretch too far when the bones turn.
     """
 
     shape: str
     seen: Floats
     rest: Rest
     notes: tuple[str, ...]
+    stretched: Booleans
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +161,16 @@ async def prepare_binding(
     _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
     rigged = _read_rigged(context, pair)
     posed = await compute(partial(_pose, job, rigged, weights, untouched))
-    if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
-        return Bound("keep_shape", pair.target.vertices, align(pair.target, posed.pose), ())
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
-    with stage("Unposing", TAKING, 1):
+    if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
+        rest = align(pair.target, posed.pose)
+        with stage("Playing the rig", CHECKING, 1):
+            stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights))
+        return Bound("keep_shape", pair.target.vertices, rest, of_check, stretched)
+    with stage("Unposing", TAKING, CHECKING):
         rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
+    with stage("Playing the rig", CHECKING, 1):
+        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights))
     notes = [
         message(
             "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
@@ -178,7 +186,37 @@ async def prepare_binding(
                 "Unposing: {count} vertices that the bones would tear follow their surroundings.", count=rest.smoothed
             )
         )
-    return Bound("rest_pose", pair.target.vertices, rest, tuple(notes))
+    return Bound("rest_pose", pair.target.vertices, rest, (*notes, *of_check), stretched)
+
+
+def _check_weights(
+    job: TransferJob, posed: PosedTarget, rigged: _Rigged, rest: Rest, own: csr_array, weights: WeightAdapter
+) -> tuple[Booleans, tuple[str, ...]]:
+    """Turn the bones to extremes, and smooth the transferred weights where these would tear the target.
+
+    Returns:
+        (n_t,) vertices that stretch too far still, and sentences for the user.
+    """
+    target, bones = job.pair.target.with_vertices(rest.positions), rigged.bones
+    poses = extreme_poses(bones.heads, bones.parents)
+    checked = check_weights(rigged.rest, rigged.weights, target, own, posed.mapped.surface_map, poses)
+    notes = []
+    if checked.smoothed.any():
+        weights.smooth(target, checked.smoothed, job.settings.limit)
+        notes.append(
+            message(
+                "The weights of {count} vertices would tear the mesh when bones turn: they were smoothed.",
+                count=int(checked.smoothed.sum()),
+            )
+        )
+    if checked.stretched.any():
+        notes.append(
+            message(
+                "{count} vertices stretch far more than the source does when bones turn: Select Stretched shows them.",
+                count=int(checked.stretched.sum()),
+            )
+        )
+    return checked.stretched, tuple(notes)
 
 
 def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: WeightAdapter) -> PosedTarget:

@@ -22,7 +22,8 @@ from ..jobs import compute, run
 from ..mesh_data import ObjectPair
 from ..scene.pair import check_not_edited, find_mesh
 from ..scene.stored_pair import read_stored_match
-from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch, unpack_mask
+from ..storage.stored_report import transfer_report
 
 # Kinds of faults.
 DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER = "doubtful", "flipped", "torn", "without_partner"
@@ -54,6 +55,33 @@ async def select_faults_async(context: Context, target_name: str, what: str) -> 
         select = await compute(partial(FAULTS[what], pair, match))
     check_not_edited(context, pair)
     return select(context)
+
+
+def select_stretched(context: Context, target: Object) -> str:
+    """Select only the vertices that stretch far more than the source does when the bones of its rig turn.
+
+    Args:
+        context: Blender's; the target is in its scene.
+        target: an object that *Bind to Rig* has bound, in Object Mode.
+
+    Returns:
+        A sentence for the user, with the number of vertices and their share of the area.
+
+    Raises:
+        MeshError: the target was not bound, or its vertices were edited since; nothing was selected.
+    """
+    obj = find_mesh(context, target.name)
+    stretched = stretched_vertices(obj)
+    if stretched is None:
+        raise zo.MeshError("'{target}' was not bound yet, or was edited since: bind it to a rig.", target=obj.name)
+    share = mesh_data.read_surface_at_rest(obj).share_of_area(stretched)
+    return message("Stretched: {selected}", selected=_select_vertices(obj, stretched, share))
+
+
+def stretched_vertices(target: Object) -> Booleans | None:
+    """(n,) the vertices that stretch when the bones of the target's rig turn; None if that is not known."""
+    report = transfer_report(target)
+    return None if report is None else unpack_mask(report.get("stretched"), len(target.data.vertices))
 
 
 # Numbers of elements of an object: none, one, several.

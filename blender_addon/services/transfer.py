@@ -75,7 +75,8 @@ def transfer_objects(
         data: the kinds of data, of `DATA`; all but the source's own shape, when not given.
         settings: how to transfer the data.
         binding: how to bind the target to the source's armature; it is not bound when not given.
-        match_options: options of `match_objects`, for a new match.
+        match_options: options of `match_objects`, for a new match; with `force=True` data is transferred along it even
+            if it is probably wrong.
 
     Returns:
         The report, see `stored_report.transfer_report`.
@@ -300,6 +301,7 @@ def _write_report(
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
         "verdict": _verdict_in_report(match),
+        "stretched": None if bound is None else stored_match.pack_mask(bound.stretched),
         "bound": None if bound is None else {"armature": target.parent.name, "shape": bound.shape},
     }
     stored_report.write(target, report)

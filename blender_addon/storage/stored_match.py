@@ -124,9 +124,9 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "without_partner": without_partner(match),
-            "source_has_partner": None if of_source is None else _pack(of_source),
+            "source_has_partner": None if of_source is None else pack_mask(of_source),
             "verdict": None if verdict is None else to_json(list(verdict)),
-            "torn": None if torn is None else _pack(torn),
+            "torn": None if torn is None else pack_mask(torn),
             "notes": to_json(match.notes),
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
@@ -171,10 +171,10 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         stored.get("settings", {}),
         pair.source_names[1:],
         read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
-        _unpack(stored.get("source_has_partner"), len(pair.source.vertices)),
+        unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
         stored.get("without_partner"),
         verdict_of(stored),
-        _unpack(stored.get("torn"), len(confidence)),
+        unpack_mask(stored.get("torn"), len(confidence)),
     )
 
 
@@ -225,13 +225,13 @@ def without_partner(match: Match) -> tuple[float, float] | None:
     return match.without_partner if isinstance(match, StoredMatch) else None
 
 
-def _pack(mask: Booleans) -> str:
+def pack_mask(mask: Booleans) -> str:
     """A mask (n,) as text, which is short if its elements are contiguous."""
     return b64encode(zlib.compress(np.packbits(mask).tobytes())).decode()
 
 
-def _unpack(text: str | None, count: int) -> Booleans | None:
-    """(count,) the mask from the text of `_pack`; None if the text is missing or damaged."""
+def unpack_mask(text: str | None, count: int) -> Booleans | None:
+    """(count,) the mask from the text of `pack_mask`; None if the text is missing or damaged."""
     if text is None:
         return None
     try:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A target in another pose is taken to the rest pose and bound: the bones pose it at once."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
@@ -27,9 +28,11 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, jobs
 from blender_addon.scene.pair import read_pair
+from blender_addon.services.select_faults import select_stretched
 from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer import stretch
 
 PLACES = {
     "at the origin": (None, None, None),
@@ -492,3 +495,50 @@ def test_undo_takes_back_all_of_it():
     assert snapshot(target) == before
     assert target.parent is None
     np.testing.assert_array_equal(visible_positions(target), stood)
+
+
+def wrong_at(target, at_rest, reach):
+    """Store a match that sends a patch of the lowest bone to the topmost one."""
+    match_anew(target, at_rest)
+    pair = jobs.run(read_pair(bpy.context, "Source", target.name))
+    kept = stored_match.read(target.data, pair)
+    patch = np.linalg.norm(at_rest - [0.6, 0, 1.0], axis=1) < reach
+    moved = np.where(patch[:, None], at_rest + np.array([0, 0, 4.5]), at_rest)
+    found = closest_points(moved, pair.source.vertices, pair.source.triangles)
+    wrong = replace(kept, surface_map=zo.SurfaceMap(*found, pair.source.triangles))
+    stored_match.write(target.data, wrong, pair, {})
+    return patch
+
+
+def test_weights_that_would_tear_the_mesh_are_smoothed_before_they_are_written():
+    source, armature = source_and_rig()
+    target, at_rest = pose_target(source, armature, {})
+    patch = wrong_at(target, at_rest, 0.4)
+    report = bind(source, target, shape="keep_shape")
+    assert any("would tear the mesh when bones turn: they were smoothed" in note for note in report["notes"])
+    assert weight_array(target, "Lower")[patch].min() > 0.9
+    sums = sum(weight_array(target, bone) for bone in BONES)
+    np.testing.assert_allclose(sums, 1, atol=1e-3)
+    assert select_stretched(bpy.context, target).startswith("Stretched: no vertices of 'Target'")
+
+
+def test_what_stretches_still_is_reported_and_selected(monkeypatch):
+    monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(rounds=0))
+    source, armature = source_and_rig()
+    target, at_rest = pose_target(source, armature, {})
+    patch = wrong_at(target, at_rest, 0.4)
+    report = bind(source, target, shape="keep_shape")
+    assert any("Select Stretched shows them" in note for note in report["notes"])
+    activate(target)
+    assert bpy.ops.zoomout.select_stretched() == {"FINISHED"}
+    chosen = np.zeros(len(target.data.vertices), dtype=bool)
+    target.data.vertices.foreach_get("select", chosen)
+    assert chosen[patch].any()
+    assert not chosen[at_rest[:, 2] > 3].any()
+
+
+def test_stretched_vertices_of_a_mesh_that_was_not_bound_cannot_be_selected(source, target):
+    activate(target)
+    assert not bpy.ops.zoomout.select_stretched.poll()
+    with pytest.raises(zo.MeshError, match="was not bound yet"):
+        select_stretched(bpy.context, target)

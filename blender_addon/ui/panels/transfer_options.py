@@ -8,6 +8,7 @@ from bpy.types import Context, Panel
 from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ...operators.cut_seams import ZOOMOUT_OT_cut_seams
+from ...operators.select_faults import ZOOMOUT_OT_select_stretched
 from ...properties.transfer import BLENDING, NAMING, BindOptions
 from ...services.preflight import likely_source
 from .sidebar import SidebarPanel, split_properties
@@ -30,6 +31,7 @@ class ZOOMOUT_PT_binding(SidebarPanel, Panel):
         row = self.layout.row()
         row.enabled = source is not None and bool(armatures_of(source))
         row.operator(ZOOMOUT_OT_bind_to_rig.bl_idname, icon="ARMATURE_DATA")
+        self.layout.operator(ZOOMOUT_OT_select_stretched.bl_idname, icon="RESTRICT_SELECT_OFF")
 
 
 class ZOOMOUT_PT_blending(SidebarPanel, Panel):

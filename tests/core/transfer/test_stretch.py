@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights that would tear a mesh are found by turning the bones, and smoothed from their surroundings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bent_tube import LENGTH, PARENTS, tube, weights_of
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer.stretch import STRETCH, check_weights, extreme_poses, play, smooth_weights, stretched_edges
+
+HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
+SOURCE, TARGET = tube(20, 61), tube(15, 47, turned=0.4)
+MAP = zo.SurfaceMap(*closest_points(TARGET.vertices, SOURCE.vertices, SOURCE.triangles), SOURCE.triangles)
+POSES = extreme_poses(HEADS, PARENTS)
+
+
+def on_side(radius: float = 0.5) -> np.ndarray:
+    """A patch on the lowest bone."""
+    return np.linalg.norm(TARGET.vertices - [0.6, 0, 1.0], axis=1) < radius
+
+
+def wrong_weights(patch: np.ndarray) -> csr_array:
+    """The true weights, but those of the topmost bone on a patch."""
+    weights = weights_of(TARGET.vertices).toarray()
+    weights[patch] = [0, 0, 1]
+    return csr_array(weights)
+
+
+def test_poses_turn_each_bone_about_its_head_by_the_same_angle_against_its_parent() -> None:
+    for transforms in POSES:
+        for bone, parent in enumerate(PARENTS):
+            above = np.eye(3, 4) if parent < 0 else transforms[parent]
+            head = HEADS[bone]
+            moved = [each[:, :3] @ head + each[:, 3] for each in (transforms[bone], above)]
+            np.testing.assert_allclose(moved[0], moved[1], atol=1e-12)
+            turn = transforms[bone][:, :3] @ above[:, :3].T
+            angle = np.degrees(np.arccos((np.trace(turn) - 1) / 2))
+            assert angle == pytest.approx(STRETCH.angle)
+    assert len(np.unique(POSES.round(6), axis=0)) == len(POSES) == 12
+
+
+def test_bones_may_come_in_any_order() -> None:
+    order = np.array([2, 0, 1])
+    parents = np.array([{-1: -1, 0: 1, 1: 2}[PARENTS[bone]] for bone in order])
+    np.testing.assert_allclose(extreme_poses(HEADS[order], parents), POSES[:, order])
+
+
+def test_a_surface_without_weights_does_not_stretch() -> None:
+    played = play(TARGET, csr_array((len(TARGET.vertices), 3)), POSES)
+    np.testing.assert_array_equal(played.growth, 1)
+
+
+def test_true_weights_tear_nothing_and_stay() -> None:
+    weights = weights_of(TARGET.vertices)
+    checked = check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, weights, MAP, POSES)
+    assert not checked.stretched.any()
+    assert not checked.smoothed.any()
+    assert checked.weights is weights
+
+
+def test_a_patch_of_another_bone_is_found_and_smoothed() -> None:
+    patch = on_side()
+    weights = wrong_weights(patch)
+    played = [play(SOURCE, weights_of(SOURCE.vertices), POSES), play(TARGET, weights, POSES)]
+    torn = stretched_edges(*played, MAP, LENGTH)
+    assert torn.any()
+    ends = played[1].edges[torn]
+    assert (patch[ends[:, 0]] != patch[ends[:, 1]]).all()
+    checked = check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, weights, MAP, POSES)
+    assert not checked.stretched.any()
+    assert checked.smoothed[patch].all()
+    assert np.abs((checked.weights - weights_of(TARGET.vertices)).toarray()).max() < 0.2
+    np.testing.assert_array_equal(checked.weights.toarray()[~checked.smoothed], weights.toarray()[~checked.smoothed])
+
+
+def test_short_edges_do_not_count() -> None:
+    played = [play(each, weights_of(each.vertices), POSES) for each in (SOURCE, TARGET)]
+    torn = played[1]._replace(growth=np.full(len(played[1].edges), 100.0))
+    assert stretched_edges(played[0], torn, MAP, LENGTH).any()
+    assert not stretched_edges(played[0], torn, MAP, 1000 * LENGTH).any()
+
+
+def test_a_source_that_stretches_as_much_excuses_the_target() -> None:
+    weights = weights_of(TARGET.vertices)
+    source = play(SOURCE, weights_of(SOURCE.vertices), POSES)
+    target = play(TARGET, weights, POSES)
+    growth = target._replace(growth=np.full(len(target.edges), 3.0))
+    assert stretched_edges(source, growth, MAP, LENGTH).any()
+    also = source._replace(growth=np.full(len(source.edges), 2.0))
+    assert not stretched_edges(also, growth, MAP, LENGTH).any()
+
+
+def test_smoothed_weights_keep_their_sums() -> None:
+    weights = csr_array(wrong_weights(on_side()).toarray() * 0.5)
+    smoothed = smooth_weights(weights, TARGET, on_side(1.0))
+    np.testing.assert_allclose(smoothed.sum(axis=1), 0.5)

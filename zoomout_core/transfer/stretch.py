@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Check transferred skin weights before they are written: play the bones, and find the edges that stretch too far.
+
+A patch with the weights of another limb is invisible at rest, and shoots across the screen in the first pose. So the
+bones of the source are turned to extremes, the source and the target follow by linear blend skinning, and an edge is
+stretched if it grows much more than the source does at its image. Weights there are filled in from the surroundings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.transfer.inpaint import filling
+from zoomout_core.transfer.skinning import blend_matrices, transform_points
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class StretchTuning(Tuning, set_by="everywhere"):
+    """How bones are turned, and when an edge counts as stretched.
+
+    Attributes:
+        angle: by which each bone is turned against its parent.
+        times: an edge is stretched if it grows by more than this multiple of the source's growth there,
+        min_growth: and by more than this ratio,
+        min_length: and is longer in a pose than this fraction of the surface's size.
+        rings: edges around a stretched one within which weights are filled in.
+        rounds: maximum number of times that they are, as long as fewer edges are stretched.
+    """
+
+    angle: float = tuned(30.0, "degrees", 0, 180)
+    times: float = tuned(2.0, "1", 1, 100)
+    min_growth: float = tuned(2.0, "1", 1, 100)
+    min_length: float = tuned(0.02, "1", 0, 1)
+    rings: int = tuned(4, "edges", 0, 100)
+    rounds: int = tuned(2, "rounds", 0, 10)
+
+
+STRETCH = StretchTuning()
+
+
+class CheckedWeights(NamedTuple):
+    """Skin weights, smoothed where they would tear the target.
+
+    Attributes:
+        weights: (n_t, b) sparse.
+        smoothed: (n_t,) vertices whose weights were filled in from their surroundings.
+        stretched: (n_t,) vertices at edges that stretch too far still.
+    """
+
+    weights: csr_array
+    smoothed: Booleans
+    stretched: Booleans
+
+
+class Played(NamedTuple):
+    """A surface in some poses.
+
+    Attributes:
+        edges: (e, 2) vertex numbers.
+        growth: (e,) the largest ratio of an edge's length in a pose to that at rest.
+        length: (e,) its largest length in a pose.
+    """
+
+    edges: Integers
+    growth: Floats
+    length: Floats
+
+
+def check_weights(
+    source: Surface,
+    source_weights: csr_array,
+    target: Surface,
+    weights: csr_array,
+    surface_map: SurfaceMap,
+    poses: Floats,
+) -> CheckedWeights:
+    """Play a source and a target, and smooth the target's weights around edges that stretch too far.
+
+    Args:
+        source: the source at rest.
+        source_weights: (n_s, b) its skin weights.
+        target: the target at rest.
+        weights: (n_t, b) its skin weights.
+        surface_map: from the target to the source.
+        poses: (f, b, 3, 4) transforms of the bones from rest.
+    """
+    played = play(source, source_weights, poses)
+    size = float(np.ptp(target.vertices, axis=0).max())
+    smoothed = np.zeros(len(target.vertices), dtype=bool)
+
+    def stretched(tried: csr_array) -> Integers:
+        posed = play(target, tried, poses)
+        return posed.edges[stretched_edges(played, posed, surface_map, size)]
+
+    edges = stretched(weights)
+    for _ in range(STRETCH.rounds):
+        if not len(edges):
+            break
+        around = _around(target, edges)
+        tried = smooth_weights(weights, target, around)
+        left = stretched(tried)
+        if len(left) >= len(edges):
+            break
+        weights, edges, smoothed = tried, left, smoothed | around
+    at_edges = np.zeros(len(smoothed), dtype=bool)
+    at_edges[edges] = True
+    return CheckedWeights(weights, smoothed, at_edges)
+
+
+def extreme_poses(heads: Floats, parents: Integers) -> Floats:
+    """(f, b, 3, 4) transforms of bones from the rest pose to poses in which each is turned against its parent.
+
+    In half of the poses all bones turn in the same sense, in the others every second one along a chain turns back.
+
+    Args:
+        heads: (b, 3) the place that each bone turns about, at rest.
+        parents: (b,) the number of each bone's parent, -1 for none.
+    """
+    depth = [0] * len(parents)
+    order = _parents_first(parents)
+    for bone in order:
+        depth[bone] = 0 if parents[bone] < 0 else depth[parents[bone]] + 1
+    poses = []
+    for axis, sign, alternating in product(np.eye(3), (1.0, -1.0), (False, True)):
+        transforms = np.zeros((len(parents), 3, 4))
+        for bone in order:
+            sense = -sign if alternating and depth[bone] % 2 else sign
+            turn = Rotation.from_rotvec(sense * np.radians(STRETCH.angle) * axis).as_matrix()
+            own = np.column_stack([turn, heads[bone] - turn @ heads[bone]])
+            above = None if parents[bone] < 0 else transforms[parents[bone]]
+            transforms[bone] = own if above is None else _compose(above, own)
+        poses.append(transforms)
+    return np.array(poses)
+
+
+def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
+    """Pose a surface by linear blend skinning, and measure its edges.
+
+    Args:
+        rest: the surface at rest.
+        weights: (n, b) sparse skin weights; vertices without any stay in place.
+        poses: (f, b, 3, 4) transforms of the bones.
+    """
+    edges, _ = unique_edges(rest.triangles)
+    weighted = np.asarray(weights.sum(axis=1)).ravel() > 0
+    own = _lengths(rest.vertices, edges)
+    growth, length = np.ones(len(edges)), own.copy()
+    for transforms in poses:
+        moved = transform_points(blend_matrices(transforms, weights), rest.vertices)
+        posed = _lengths(np.where(weighted[:, None], moved, rest.vertices), edges)
+        length = np.maximum(length, posed)
+        growth = np.maximum(growth, posed / np.maximum(own, 1e-300))
+    return Played(edges, growth, length)
+
+
+def stretched_edges(source: Played, target: Played, surface_map: SurfaceMap, size: float) -> Booleans:
+    """(e,) which edges of a target stretch much more than the source does at their images.
+
+    Args:
+        source: the source in some poses.
+        target: the target in the same poses.
+        surface_map: from the target to the source.
+        size: of the target, such as its height.
+    """
+    at_vertex = np.ones(int(surface_map.source_triangles.max()) + 1)
+    for end in source.edges.T:
+        np.maximum.at(at_vertex, end, source.growth)
+    around = at_vertex[surface_map.source_triangles[surface_map.triangle]].max(axis=1)
+    allowed = STRETCH.times * around[target.edges].max(axis=1)
+    too_far = target.growth > np.maximum(allowed, STRETCH.min_growth)
+    return np.asarray(too_far & (target.length > STRETCH.min_length * size))
+
+
+def smooth_weights(weights: csr_array, target: Surface, chosen: Booleans) -> csr_array:
+    """Weights (n, groups), filled in at some vertices (n,) from the others; each vertex keeps its sum."""
+    filled = filling(target, ~chosen).fill_weights(csr_array(weights))
+    before, after = (np.asarray(each.sum(axis=1)).ravel() for each in (weights, filled))
+    scale = np.where((after > 0) & (before > 0), before / np.maximum(after, 1e-300), 1.0)
+    filled.data *= np.repeat(scale, np.diff(filled.indptr))
+    return csr_array(filled)
+
+
+def _around(target: Surface, edges: Integers) -> Booleans:
+    """(n,) the vertices within some rings of edges (e, 2)."""
+    chosen = np.zeros(len(target.vertices), dtype=bool)
+    chosen[edges] = True
+    every, _ = unique_edges(target.triangles)
+    for _ in range(STRETCH.rings):
+        chosen[every[chosen[every].any(axis=1)]] = True
+    return chosen
+
+
+def _parents_first(parents: Integers) -> list[int]:
+    """The numbers of bones, parents before children."""
+    order: list[int] = []
+    known = set[int]()
+
+    def visit(bone: int) -> None:
+        chain = []
+        while bone >= 0 and bone not in known:
+            known.add(bone)
+            chain.append(bone)
+            bone = int(parents[bone])
+        order.extend(reversed(chain))
+
+    for bone in range(len(parents)):
+        visit(bone)
+    return order
+
+
+def _compose(outer: Floats, inner: Floats) -> Floats:
+    """(3, 4) the affine map `outer` after `inner`."""
+    linear = outer[:, :3] @ inner[:, :3]
+    return np.column_stack([linear, outer[:, :3] @ inner[:, 3] + outer[:, 3]])
+
+
+def _lengths(points: Floats, edges: Integers) -> Floats:
+    return np.asarray(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1))
