@@ -67,6 +67,10 @@ class Layout:
         assert active_name in active_owner.bl_rna.properties
         self.drawn.append(("list", name, lambda: rows))
 
+    def panel(self, name, default_closed=False):
+        assert self.above is None  # Blender allows panels only in the layout of a panel
+        return Layout(self.drawn, self), None if default_closed else Layout(self.drawn, self)
+
     def separator(self):
         pass
 

@@ -21,6 +21,7 @@ from blender_addon.services.transfer import transfer_objects
 from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match, stored_symmetry
 from blender_addon.ui import panels
+from blender_addon.ui.panels import result
 from blender_addon.viewport import preview
 from zoomout_core.matching.verdict import judge
 from zoomout_core.runtime.progress import Progress
@@ -89,9 +90,8 @@ def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(t
 
 def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, target):
     match_objects(bpy.context, source, target, k_final=30)
-    shown = texts()
-    assert "Most Likely" in shown
-    assert "Mirror Image" in shown
+    assert "Candidates" in texts()
+    assert "Most Likely" not in texts()  # folded up while the match is certain
 
     def mark():
         everything = drawn()
@@ -103,7 +103,17 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
     listing = stored_candidates.read(target.data)
     use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
     assert mark() == "MOD_MIRROR"
+    shown = texts()
+    assert "Most Likely" in shown
+    assert "Mirror Image" in shown
+    assert "Certain" in buttons()
     assert ("mark", "CHECKMARK", True) not in drawn()
+
+
+def test_no_two_candidates_share_a_name():
+    candidates = [SimpleNamespace(difference=name) for name in ("BEST", "LEGS", "SIDES", "LEGS", "LEGS")]
+    names = result._names(SimpleNamespace(candidates=candidates))
+    assert names == ["Most Likely", "Legs Swapped", "Sides Swapped", "Legs Swapped 2", "Legs Swapped 3"]
 
 
 def test_no_button_moves_whatever_is_shown(source, target):
@@ -147,7 +157,6 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
         "No Partner",
         "Swap Sides",
         "Next",
-        "100%",
     ):
         assert shown[name], name
     assert "Matched with 'Source', 0% doubtful" in texts()

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching import candidate_differences
+from zoomout_core.matching.verdict import VERDICT
 from zoomout_core.messages import message
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
@@ -18,6 +21,7 @@ from ...operators.select_faults import (
 from ...services.preflight import Finding, find_outdated, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
+from ...translations import translated
 from ...viewport import preview
 from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
@@ -25,6 +29,8 @@ from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_fin
 
 # From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
+# Names of the panel of candidates, of which Blender remembers whether they are open.
+CERTAIN, UNCERTAIN = "zoomout_candidates_certain", "zoomout_candidates_uncertain"
 # Number of thumbnails in a row, so that the candidates' differences fit below them.
 COLUMNS = 2
 # Differences of a candidate from the most likely one.
@@ -41,6 +47,8 @@ DIFFERENCES = {
     candidate_differences.TOP: "Top Differs",
     candidate_differences.BOTTOM: "Bottom Differs",
 }
+# Words for the certainty of a candidate, from a probability on: those of rivals do not add up to one.
+WORDS = ((VERDICT.sure, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
 # Labels of the buttons that select elements, short enough for one row.
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
@@ -89,7 +97,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         row.prop_search(settings, "redo_group", target, "vertex_groups")
         row.prop(settings, "redo_keeps", toggle=True)
         if listing is not None:
-            _draw_candidates(usable, listing)
+            _draw_candidates(layout, listing, enabled=not reason)
         # Content that changes with the candidate is below the buttons, so that these do not move.
         if not reason:
             of_target, of_source = stored.get("without_partner") or (0, 0)
@@ -104,20 +112,38 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         sentences(context, layout, stored["notes"], "DOT")
 
 
-def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:
+def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) -> None:
     row = layout.row(align=True)
+    row.enabled = enabled
     row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, text="Swap Sides", icon="MOD_MIRROR")
     row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")
-    grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    # A panel that is closed by default keeps its name only while the match is certain: it opens when it is not.
+    certain = listing.chosen == 0 and listing.candidates[0].certainty >= VERDICT.sure
+    header, body = layout.panel(CERTAIN if certain else UNCERTAIN, default_closed=certain)
+    header.label(text="Candidates")
+    if body is None:
+        return
+    grid = body.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    grid.enabled = enabled
     column = grid.column(align=True)
     column.template_icon(icon_of_source(listing), scale=PICTURE)
     column.label(text="Source")
     column.label(text="")
-    for place, candidate in enumerate(listing.candidates):
+    for place, (candidate, name) in enumerate(zip(listing.candidates, _names(listing), strict=True)):
         column = grid.column(align=True)
         column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
-        column.label(text=DIFFERENCES.get(candidate.difference, ""))
-        text = "Use" if candidate.mirrored else f"{candidate.certainty:.0%}"
+        column.label(text=name)
+        text = "Use" if candidate.mirrored else next(word for least, word in WORDS if candidate.certainty >= least)
         chosen = place == listing.chosen
         button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
         button.candidate = place + 1
+
+
+def _names(listing: CandidateList) -> list[str]:
+    """A name for each candidate; later ones of the same difference are numbered from 2."""
+    names, count = [], Counter[str]()
+    for candidate in listing.candidates:
+        name = translated(DIFFERENCES.get(candidate.difference, ""))
+        count[name] += 1
+        names.append(name if count[name] == 1 else f"{name} {count[name]}")
+    return names
