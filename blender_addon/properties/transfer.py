@@ -79,7 +79,7 @@ class TransferOptions:
     )
 
     shape: BoolProperty(
-        name="Shape as Key",
+        name="Source Shape Key",
         description="Add a shape key, named after the source, that deforms the target to the source's shape",
         default=False,
         options=ONCE,

@@ -110,6 +110,17 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
     assert ("mark", "CHECKMARK", True) not in drawn()
 
 
+def test_other_candidates_are_at_most_as_likely_as_the_first_one_leaves_them():
+    def words(*certainties):
+        candidates = [SimpleNamespace(certainty=certainty) for certainty in certainties]
+        listing = SimpleNamespace(candidates=candidates)
+        return [result._likelihood(listing, place) for place in range(len(candidates))]
+
+    assert words(0.99, 0.6, 0.0) == ["Certain", "Unlikely", "Unlikely"]
+    assert words(0.55, 0.4, 0.05) == ["Likely", "Possible", "Unlikely"]
+    assert words(0.02, 0.01) == ["Unlikely", "Unlikely"]
+
+
 def test_no_two_candidates_share_a_name():
     candidates = [SimpleNamespace(difference=name) for name in ("BEST", "LEGS", "SIDES", "LEGS", "LEGS")]
     names = result._names(SimpleNamespace(candidates=candidates))

@@ -37,7 +37,7 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
     outcome = run("match", files / "source.ply", files / "target.ply", "-o", files / "map.npz")
     assert outcome.exit_code == 0, outcome.output
     for fact in (
-        "correct with a probability of",
+        "The match is",
         "Mean confidence",
         "Flipped: ",
         "Without a partner: ",

@@ -272,7 +272,7 @@ ACCURACY = (
         "Number of eigenfunctions that the match is refined to; more follow smaller features but take longer, "
         "and 0 leaves the number to Detail",
         BLENDER,
-        "Eigenfunctions",
+        "Map Resolution",
         minimum=0,
         maximum=1000,
         soft_maximum=300,

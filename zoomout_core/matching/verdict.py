@@ -15,9 +15,9 @@ from zoomout_core.tuning import Tuning, tuned
 
 GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
 
-RIGHT = "The match is correct with a probability of {certainty:.0%}."
-WRONG = "The match is probably wrong: it is correct with a probability of only {certainty:.0%}."
-UNSURE = "The match may be wrong: it is correct with a probability of {certainty:.0%}."
+RIGHT = "The match is {certainty:.0%} certain."
+WRONG = "The match is probably wrong: it is only {certainty:.0%} certain."
+UNSURE = "The match may be wrong: it is {certainty:.0%} certain."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = "{share:.0%} of the source's visible surface is on parts from which the target receives almost nothing."
@@ -72,8 +72,8 @@ class Verdict(NamedTuple):
         advice: what to do; empty when green.
 
     Example:
-        >>> zo.Verdict("green", "The match is correct with a probability of 99%.", "").line
-        'Green: The match is correct with a probability of 99%.'
+        >>> zo.Verdict("green", "The match is 99% certain.", "").line
+        'Green: The match is 99% certain.'
     """
 
     level: str

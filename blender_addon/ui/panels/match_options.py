@@ -41,6 +41,11 @@ class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
         settings = context.scene.zoomout
         for option in options_of_panel(ZOOMOUT_PT_match_advanced.bl_label, settings.initial):
             self.layout.prop(settings, option.name)
+        target = context.active_object
+        if target is not None and target.type == "MESH":
+            row = self.layout.split(factor=0.72, align=True)
+            row.prop_search(settings, "redo_group", target, "vertex_groups")
+            row.prop(settings, "redo_keeps", toggle=True)
         row = self.layout.row(align=True)
         row.operator(ZOOMOUT_OT_clear_match_data.bl_idname)
         row.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Whole File").whole_file = True

@@ -47,7 +47,7 @@ DIFFERENCES = {
     candidate_differences.TOP: "Top Differs",
     candidate_differences.BOTTOM: "Bottom Differs",
 }
-# Words for the certainty of a candidate, from a probability on: those of rivals do not add up to one.
+# Words for the probability of a candidate, from a probability on.
 WORDS = ((VERDICT.sure, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
 # Labels of the buttons that select elements, short enough for one row.
 SELECTED = {
@@ -93,9 +93,6 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         row.label(text="", icon="RESTRICT_SELECT_OFF")
         for operator, text in SELECTED.items():
             row.operator(operator.bl_idname, text=text)
-        row, settings = usable.split(factor=0.72, align=True), context.scene.zoomout
-        row.prop_search(settings, "redo_group", target, "vertex_groups")
-        row.prop(settings, "redo_keeps", toggle=True)
         if listing is not None:
             _draw_candidates(layout, listing, enabled=not reason)
         # Content that changes with the candidate is below the buttons, so that these do not move.
@@ -133,10 +130,17 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
         column = grid.column(align=True)
         column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
         column.label(text=name)
-        text = "Use" if candidate.mirrored else next(word for least, word in WORDS if candidate.certainty >= least)
+        text = "Use" if candidate.mirrored else _likelihood(listing, place)
         chosen = place == listing.chosen
         button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
         button.candidate = place + 1
+
+
+def _likelihood(listing: CandidateList, place: int) -> str:
+    """How likely a candidate is, in a word; the others are at most as likely as the first one leaves it."""
+    first, certainty = listing.candidates[0].certainty, listing.candidates[place].certainty
+    probability = certainty if place == 0 else min(certainty, 1 - first)
+    return next(word for least, word in WORDS if probability >= least)
 
 
 def _names(listing: CandidateList) -> list[str]:
