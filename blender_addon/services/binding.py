@@ -114,6 +114,12 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
             "'{source}' has a scale of zero, so nothing can be bound to its armature: change its scale.",
             source=source.name,
         )
+    if mesh_data.moves_by_itself(target):
+        raise zo.MeshError(
+            "'{target}' has an animation of its own, which would move it off the rig: clear its location, rotation and "
+            "scale animation, or bind a copy without it.",
+            target=target.name,
+        )
     if not mesh_data.can_be_put(source, target):
         raise zo.MeshError(
             "Constraints, drivers or animation control the transform of '{target}': remove them, so "

@@ -542,3 +542,21 @@ def test_stretched_vertices_of_a_mesh_that_was_not_bound_cannot_be_selected(sour
     assert not bpy.ops.zoomout.select_stretched.poll()
     with pytest.raises(zo.MeshError, match="was not bound yet"):
         select_stretched(bpy.context, target)
+
+
+@pytest.mark.parametrize("path", ["location", "rotation_euler", "delta_scale"])
+def test_a_target_that_is_animated_by_itself_is_refused(path):
+    source, armature = source_and_rig()
+    target, _ = pose_target(source, armature)
+    target.keyframe_insert(path, frame=1)
+    before = snapshot(target)
+    with pytest.raises(zo.MeshError, match="has an animation of its own"):
+        bind(source, target)
+    assert snapshot(target) == before
+
+
+def test_an_animation_that_does_not_move_a_target_is_no_obstacle():
+    source, armature = source_and_rig()
+    target, _ = pose_target(source, armature)
+    target.keyframe_insert("hide_render", frame=1)
+    assert bind(source, target)["bound"]["armature"] == "Rig"
