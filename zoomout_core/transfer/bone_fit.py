@@ -152,8 +152,9 @@ class _Fit:
     """The least squares problem of images y of points x by bones of weights w: sum of c |y - sum of w T x|^2.
 
     With x~ = (x, 1) and transforms T (3, 4) it consists of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
-    C of single ones, sums of c w y x~^T. Points and images are centred, in units of the points' extent. Only bones that
-    move something are included.
+    C of single ones, sums of c w y x~^T. Points and images are centred, in units of the points' extent. Images are also
+    divided by the common scale, so that the regularisation does not depend on it. Only bones that move something are
+    included.
     """
 
     def __init__(
@@ -172,9 +173,15 @@ class _Fit:
         self.shares = csr_array(shares[:, self.moving])
         self.middle, self.image = self.trust @ points, self.trust @ images
         self.size = np.sqrt(max(self.trust @ ((points - self.middle) ** 2).sum(axis=1), SMALLEST))
+        self.image_size = self.size
         self.points, self.images = (points - self.middle) / self.size, (images - self.image) / self.size
         self.all_parents = np.full(len(mass), -1) if parents is None else np.asarray(parents, dtype=np.int64)
         self.measure(np.ones(len(points)))
+        scale = self.of_bones()[1]
+        if scale != 1:
+            self.image_size = self.size * scale
+            self.images = self.images / scale
+            self.measure(np.ones(len(points)))
 
     def measure(self, fitting: Floats) -> None:
         """Compute the moments of points with weights of fit (n,)."""
@@ -213,26 +220,29 @@ class _Fit:
         )
         spreads = mass[:, 0] @ own, mass[:, 0] @ other
         scale = float(np.sqrt(spreads[1] / spreads[0])) if min(spreads) > 0 else 1.0
-        return Moments(place, image, cross, own), 1.0 if abs(scale - 1) < BONES.same_size else scale
+        same = self.size / self.image_size  # the scale at which the given points and images are of one size
+        return Moments(place, image, cross, own), same if abs(scale / same - 1) < BONES.same_size else scale
 
     def inside(self, transforms: Similarities) -> Similarities:
         """Convert transforms of the given points and images to those of the problem."""
         place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
-        shift = (transforms.translation + place - self.image) / self.size
-        return Similarities(transforms.scale, transforms.rotation, shift)
+        shift = (transforms.translation + place - self.image) / self.image_size
+        return Similarities(transforms.scale * (self.size / self.image_size), transforms.rotation, shift)
+
+    def _outside(self, transforms: Similarities) -> Similarities:
+        """Convert transforms of the problem to those of the given points and images."""
+        scale = transforms.scale / (self.size / self.image_size)
+        place = np.einsum("b,bxy,y->bx", scale, transforms.rotation, self.middle)
+        return Similarities(scale, transforms.rotation, self.image + self.image_size * transforms.translation - place)
 
     def pose(self, transforms: Similarities) -> Pose:
         """Make a pose from transforms of the problem."""
-        place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
-        shift = self.image + self.size * transforms.translation - place
-        found = Similarities(transforms.scale, transforms.rotation, shift)
+        found = self._outside(transforms)
         scale = float(transforms.scale[0])
         own = procrustes(self.points, self.images, self.trust, scales=(scale, scale))
-        single = Similarities(own.scale[None], own.rotation[None], own.translation[None])
-        shift = self.image + self.size * single.translation[0] - single.linear[0] @ self.middle
-        common = Similarities(own.scale, own.rotation, shift)
+        fallback = self._outside(Similarities(own.scale[None], own.rotation[None], own.translation[None]))
+        common = Similarities(fallback.scale[0], fallback.rotation[0], fallback.translation[0])
         above = next_above(self.all_parents, self.moving)
-        fallback = Similarities(single.scale, single.rotation, shift[None])
         everyone = Similarities.concatenate([found, fallback])[above]  # -1 is the last one
         return Pose(everyone, common, _bend(transforms.rotation, self.mass))
 

@@ -40,6 +40,18 @@ def test_a_common_scale_is_found_and_a_small_one_is_taken_for_none():
         assert (pose.scale == 1) == (found == 1)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_pose_does_not_depend_on_the_unit_of_the_images(scale):
+    surface = tube()
+    moved = pose_surface(surface, bend(scale=1.6)).vertices + np.random.default_rng(0).normal(
+        0, 0.05, (len(surface.vertices), 3)
+    )
+    pose, scaled = _estimate(surface, moved), _estimate(surface, scale * moved)
+    assert _angles(scaled.transforms, pose.transforms).max() < 1e-6
+    assert scaled.bend == pytest.approx(pose.bend)
+    np.testing.assert_allclose(scaled.transforms.translation / scale, pose.transforms.translation, atol=1e-6)
+
+
 def test_a_bend_says_whether_a_surface_stands_at_rest():
     surface = tube()
     still = bend((0, 0, 0), (0, 0, 0))
