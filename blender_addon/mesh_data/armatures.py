@@ -141,6 +141,8 @@ def _curves(animation: AnimData) -> list[FCurve]:
         return []
     if not hasattr(action, "layers"):  # before Blender 4.4
         return list(action.fcurves)
+    if animation.action_slot is None:
+        return []
     bags = (strip.channelbag(animation.action_slot) for layer in action.layers for strip in layer.strips)
     return [curve for bag in bags if bag is not None for curve in bag.fcurves]
 
