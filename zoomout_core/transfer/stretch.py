@@ -99,17 +99,17 @@ def check_weights(
     size = float(np.ptp(target.vertices, axis=0).max())
     smoothed = np.zeros(len(target.vertices), dtype=bool)
 
-    def stretched(tried: csr_array) -> Integers:
+    def find_stretched(tried: csr_array) -> Integers:
         posed = play(target, tried, poses)
         return posed.edges[stretched_edges(played, posed, surface_map, size)]
 
-    edges = stretched(weights)
+    edges = find_stretched(weights)
     for _ in range(STRETCH.rounds):
         if not len(edges):
             break
         around = _around(target, edges)
         tried = smooth_weights(weights, target, around)
-        left = stretched(tried)
+        left = find_stretched(tried)
         if len(left) >= len(edges):
             break
         weights, edges, smoothed = tried, left, smoothed | around
