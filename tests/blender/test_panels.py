@@ -189,20 +189,18 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
 
 
-@pytest.mark.parametrize(
-    ("verdict", "icon"), [(judge(0.6, 0, 0, 0, 0), "ERROR"), (judge(0.1, 0, 0, 0, 0), "CANCEL"), (None, "DOT")]
-)
-def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target, verdict, icon):
+def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
-    stored = None if verdict is None else list(verdict)
-    target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": stored})
-    everything = drawn()
-    assert ("mark", icon, True) in everything
-    assert ("mark", "CHECKMARK", True) not in everything
-    for text in () if verdict is None else (verdict.sentence, verdict.advice):
-        assert text.split()[-1] in texts()
+    for verdict, icon in ((judge(0.6, 0, 0, 0, 0), "ERROR"), (judge(0.1, 0, 0, 0, 0), "CANCEL"), (None, "DOT")):
+        stored = None if verdict is None else list(verdict)
+        target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": stored})
+        everything = drawn()
+        assert ("mark", icon, True) in everything
+        assert ("mark", "CHECKMARK", True) not in everything
+        for text in () if verdict is None else (verdict.sentence, verdict.advice):
+            assert text.split()[-1] in texts()
 
 
 @pytest.mark.slow
