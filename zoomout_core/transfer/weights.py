@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.inpaint import MIN_WEIGHT
+from zoomout_core.transfer.inpaint import MIN_WEIGHT, filling
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.weight_islands import find_islands
 
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01
@@ -25,6 +26,10 @@ SUM_TOLERANCE = 0.01
 # limited to four, 3 reduces the larger steps between neighbours (99th percentile) by 16 to 37 %, for 6 to 23 % more
 # error; fading further gains little.
 FADING_EDGES = 3
+# Smallest mean change of the weights of an island, summed over groups, for which it is filled in.
+MIN_ISLAND_CHANGE = 0.5
+# Smallest number of its vertices; single ones are noise of the weights.
+MIN_ISLAND = 3
 
 
 def mix_weights(
@@ -40,7 +45,8 @@ def mix_weights(
 
     Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled to
     sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups are
-    mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in.
+    mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in, and so are
+    islands of the `normalised` groups, see `find_islands`.
 
     Args:
         attribute: values are a sparse (n_s, groups) array.
@@ -70,6 +76,9 @@ def mix_weights(
     if mapped.filling is not None:
         mixed, both_sums = mapped.filling.fill_weights(mixed), mapped.filling.fill(both_sums, following=True)
         notes += mapped.filling.notes(following=True)
+    if shared.any():
+        mixed, found = _fill_islands(mixed, weights, shared, mapped)
+        notes += found
     mixed.data[mixed.data < MIN_WEIGHT] = 0
     mixed.eliminate_zeros()
     counted = shared[weights.indices] & (weights.data >= MIN_WEIGHT)
@@ -165,6 +174,35 @@ def _column_mask(columns: ArrayLike | None, count: int) -> Booleans:
     mask[:] = False
     mask[chosen.astype(np.int64)] = True
     return mask
+
+
+def _fill_islands(
+    mixed: csr_array, weights: csr_array, shared: Booleans, mapped: MappedTarget
+) -> tuple[csr_array, tuple[str, ...]]:
+    """Fill in islands of bones from their surroundings: the weights (n_t, groups), and a note if there are any."""
+    columns = np.flatnonzero(shared)
+    of_source, of_target = csr_array(weights[:, columns]), csr_array(mixed[:, columns])
+    island = find_islands(mapped.surface_map, mapped.source, of_source, mapped.target, of_target)
+    on_island = island >= 0
+    if not on_island.any() or on_island.all():
+        return mixed, ()
+    filled = filling(mapped.target, ~on_island).fill_weights(of_target)
+    # Where two bones move a place alike, the stronger one changes to and fro along their border.
+    change = np.asarray(abs(filled - of_target).sum(axis=1)).ravel()
+    members = np.bincount(island[on_island])
+    clear = np.bincount(island[on_island], change[on_island]) > MIN_ISLAND_CHANGE * np.maximum(members, 1)
+    on_island &= (clear & (members >= MIN_ISLAND))[island]
+    if not on_island.any():
+        return mixed, ()
+    count = int(on_island.sum())
+    note = plural(
+        count,
+        "{count} vertex on an island of a bone was filled in from its surroundings.",
+        "{count} vertices on islands of bones were filled in from their surroundings.",
+    )
+    here = diags_array(on_island.astype(np.float64))
+    places = csr_array((np.ones(len(columns)), (np.arange(len(columns)), columns)), shape=(len(columns), len(shared)))
+    return csr_array(mixed + here @ (csr_array(filled - of_target) @ places)), (note,)
 
 
 def mixing_matrix(mapped: MappedTarget) -> Any:

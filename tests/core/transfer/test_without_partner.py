@@ -114,6 +114,8 @@ def test_every_kind_goes_on_as_it_is_around(mesh: Sheet, match: Masked, kind: Ki
     expected = dense(values(mesh, kind, Domain.POINT))[around] if kind is not Kind.UV else [0.8, 0.5]
     got = dense(transfer(attribute, match, mesh.surface, mesh.surface))
     np.testing.assert_allclose(got[alone], np.tile(expected, (alone.sum(), 1)), atol=0.04)
+    if kind is Kind.WEIGHT:  # its islands are filled in without a mask, too
+        return
     # Without the mask, the disk gets the value at the wrong image.
     blind = Masked(match.surface_map, match.confidence, np.ones_like(match.has_partner))
     wrong = dense(transfer(attribute, blind, mesh.surface, mesh.surface))[alone]
