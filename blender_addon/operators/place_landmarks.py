@@ -181,7 +181,8 @@ def _advice(context: Context, objects: list[Object]) -> str:
         )
         task = message(click, number=number, name=obj.name)
     else:
-        task = message("Click on {names}", names=_names(objects))
+        number = next_number(context.scene, objects[0], objects) if objects else 1
+        task = message("Landmark {number}: click on {names}", number=number, names=_names(objects))
     return message("{task}  |  Drag a dot to move it  |  Backspace: undo  |  ESC or right click: finish", task=task)
 
 

@@ -179,8 +179,10 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
 
 
 def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
-    """The verdict in the description of a match; None in files of earlier versions, and for nearest points."""
+    """The verdict in the description of a match, or in a report; None if it has none, as for nearest points."""
     verdict = stored.get("verdict")
+    if isinstance(verdict, dict):  # as in reports
+        verdict = [verdict.get(name) for name in zo.Verdict._fields]
     if not isinstance(verdict, list) or len(verdict) != len(zo.Verdict._fields) or verdict[0] not in LEVELS:
         return None
     return zo.Verdict(*map(str, verdict))

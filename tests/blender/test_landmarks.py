@@ -219,7 +219,11 @@ def test_landmarks_are_placed_out_of_other_modes_which_come_back(source, target)
 def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_next(source, target, placing):
     screen = placing.screen
     assert screen.cursor == "CROSSHAIR"
-    for x, status in ((-1.2, "Landmark 1: click on 'Target'"), (0.8, "Click on"), (1.1, "Landmark 2: click on 'Sou")):
+    for x, status in (
+        (-1.2, "Landmark 1: click on 'Target'"),
+        (0.8, "Landmark 2: click on 'Source', 'Target'"),
+        (1.1, "Landmark 2: click on 'Sou"),
+    ):
         assert placing.event("LEFTMOUSE", x, 0.05) == {"RUNNING_MODAL"}
         assert screen.status.startswith(status)
     assert placing.event("LEFTMOUSE", -0.9, 0.05) == {"RUNNING_MODAL"}

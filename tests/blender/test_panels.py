@@ -19,7 +19,8 @@ from blender_addon.scene import mesh_facts
 from blender_addon.services.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.services.use_candidate import use_candidate
-from blender_addon.storage import stored_candidates, stored_match, stored_symmetry
+from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
+from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels
 from blender_addon.ui.panels import result
 from blender_addon.viewport import preview
@@ -119,6 +120,16 @@ def test_other_candidates_are_at_most_as_likely_as_the_first_one_leaves_them():
     assert words(0.99, 0.6, 0.0) == ["Certain", "Unlikely", "Unlikely"]
     assert words(0.55, 0.4, 0.05) == ["Likely", "Possible", "Unlikely"]
     assert words(0.02, 0.01) == ["Unlikely", "Unlikely"]
+
+
+def test_the_report_bears_the_mark_of_its_verdict(source, target):
+    transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
+    marks = [text for kind, text, _ in drawn() if kind == "mark"]
+    assert marks.count("CHECKMARK") == 2
+    kept = transfer_report(target)
+    stored_report.write(target, kept | {"verdict": judge(0.6, 0, 0, 0, 0)._asdict()})
+    assert [text for kind, text, _ in drawn() if kind == "mark"].count("CHECKMARK") == 1
+    assert "choose another candidate or add landmarks" in texts()
 
 
 def test_no_two_candidates_share_a_name():

@@ -119,7 +119,7 @@ def test_a_click_proposes_the_partner_which_a_click_on_its_dot_confirms(source, 
     placing.event("LEFTMOUSE", 0.8, 0.05)
     placing.event("LEFTMOUSE", 0.8, 0.05, "RELEASE")
     assert (numbers(matched), proposed(matched)) == ([1], [])
-    assert placing.screen.status.startswith("Click on")
+    assert "click on 'Source', 'Target'" in placing.screen.status
 
 
 def test_a_proposal_is_dragged_or_set_by_a_click_elsewhere(source, matched, placing):

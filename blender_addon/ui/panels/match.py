@@ -7,7 +7,7 @@ from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
-from zoomout_core.matching.verdict import AMBER, GREEN, RED
+from zoomout_core.matching.verdict import RED
 from zoomout_core.messages import message
 
 from ...operators.match import ZOOMOUT_OT_match
@@ -17,9 +17,16 @@ from ...services.preflight import findings, likely_source, stale
 from ...storage import stored_match
 from ...translations import translated
 from .. import manual
-from .sidebar import SidebarPanel, count_text, help_button, main_button, sentences, show_findings, split_properties
-
-VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
+from .sidebar import (
+    VERDICT_ICONS,
+    SidebarPanel,
+    count_text,
+    help_button,
+    main_button,
+    sentences,
+    show_findings,
+    split_properties,
+)
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
@@ -53,15 +60,16 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             row.prop(settings, "detail", expand=True)
         found = findings(context)
         show_findings(context, layout, found)
-        again = is_mesh and stored_match.description(target.data) is not None
+        stored = stored_match.description(target.data) if is_mesh else None
         main_button(
             layout,
             ZOOMOUT_OT_match.bl_idname,
-            "Match Again" if again and not others else count_text("Match", "Match {count} Targets", context, source),
+            "Match Again"
+            if stored is not None and not others
+            else count_text("Match", "Match {count} Targets", context, source),
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )
-        stored = stored_match.description(target.data) if is_mesh else None
         if stored is not None:
             _draw_verdict(context, layout, stored)
 

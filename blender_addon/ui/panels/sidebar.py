@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from bpy.types import Context, Object, UILayout
 
+from zoomout_core.matching.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import message
 
 from ...operators import activity
@@ -26,6 +27,8 @@ BUTTON = 1.5
 # Letters of a label that fits beside two others; number of lines of the longest legend.
 NARROW, LEGEND = 12, 2
 NOTHING_SHOWN = "No preview is shown"
+# Icons of verdicts on a match.
+VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
 # Size of the thumbnails of candidates, in icons.
 PICTURE = 3.2
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
+from zoomout_core.matching.verdict import GREEN
 from zoomout_core.messages import as_message, message
 
 from ...operators.choose_data import ZOOMOUT_OT_choose_data
@@ -15,9 +16,18 @@ from ...scene.selection import match_source, own_sources
 from ...services.inventory import inventory
 from ...services.preflight import Finding, find_outdated, findings, likely_source, stale
 from ...services.transfer import summary
+from ...storage import stored_match
 from ...storage.stored_report import transfer_report
 from .. import manual
-from .sidebar import SidebarPanel, count_text, help_button, main_button, sentences, show_findings
+from .sidebar import (
+    VERDICT_ICONS,
+    SidebarPanel,
+    count_text,
+    help_button,
+    main_button,
+    sentences,
+    show_findings,
+)
 
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
@@ -65,7 +75,10 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
         report = transfer_report(context.active_object)
         if report is None:
             return
-        sentences(context, self.layout, [summary(report)], "CHECKMARK")
+        verdict = stored_match.verdict_of(report)
+        sentences(context, self.layout, [summary(report)], VERDICT_ICONS[GREEN if verdict is None else verdict.level])
+        if verdict is not None and verdict.level != GREEN:
+            sentences(context, self.layout, [verdict.sentence, verdict.advice], "BLANK1")
         skipped = [
             message("{name}: skipped, {reason}", name=name, reason=as_message(reason))
             for name, reason in report["skipped"].items()
