@@ -68,7 +68,7 @@ def figure_option(command: Any) -> Any:
 @common_options
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes to match in.")
 def collection(data: Path, pairs: int | None, json_file: Path | None, workers: int) -> None:
-    """How many maps are right by themselves and once cycles were closed; --pairs: shapes of each class."""
+    """Number of right maps of a collection, alone and made cycle-consistent; --pairs: shapes of each class."""
     report(collection_tables.run(data, pairs, workers), data, json_file)
 
 
@@ -76,7 +76,7 @@ def collection(data: Path, pairs: int | None, json_file: Path | None, workers: i
 @common_options
 @click.option("--planned", type=click.IntRange(min=10), default=10_000, show_default=True, help="Shapes of the plan.")
 def collection_engine(data: Path, pairs: int | None, json_file: Path | None, planned: int) -> None:
-    """What the engine of collections costs beside a plain loop; --pairs: how many shapes."""
+    """Overhead of the collection engine over a plain loop; --pairs: number of shapes."""
     report(collection_engine_tables.run(data, pairs, planned), data, json_file)
 
 
@@ -87,14 +87,14 @@ def collection_engine(data: Path, pairs: int | None, json_file: Path | None, pla
     "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst pairs of each set here."
 )
 def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate: bool, pictures: Path | None) -> None:
-    """How often `match` is right with no hint, how exact it is, and whether it knows; published maps beside it."""
+    """Success, error and calibration of `match` without hints, beside published maps."""
     report(correspondence_tables.run(data, pairs, ablate, pictures), data, json_file)
 
 
 @main.command()
 @common_options
 def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """Whole matches with and without the parts of the method that few shapes need, on the sets that need them."""
+    """Whole matches without the stages that few shapes need, on the sets that need them."""
     report(leave_out_table.run(data, pairs), data, json_file)
 
 
@@ -102,28 +102,28 @@ def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
 @common_options
 @figure_option
 def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """ZoomOut beside ICP, Deblur, PMF, RHM and BCICP from the same initial maps, with the paper's own figures."""
+    """ZoomOut, ICP, Deblur, PMF, RHM and BCICP from the same initial maps, beside the paper's figures."""
     report(refinement_tables.run(data, pairs, figure), data, json_file)
 
 
 @main.command()
 @common_options
 def peers(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """ZoomOut alone, with all given, beside another implementation of it."""
+    """ZoomOut alone, from the same input, beside another implementation."""
     report({"rows": peers_table.run(data, pairs)}, data, json_file)
 
 
 @main.command()
 @common_options
 def small_parts(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """How often `match` finds where a hand, a foot, a head or a tail was cut off, and whether it knows."""
+    """How often `match` finds the place of a hand, foot, head or tail that was cut off, and its calibration."""
     report(small_parts_table.run(data, pairs), data, json_file)
 
 
 @main.command()
 @common_options
 def speed(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """How long a match takes, from 5k to 840k vertices, where the time goes, and another implementation beside it."""
+    """Time of a match by stage, from 5k to 840k vertices, beside another implementation."""
     report(speed_tables.run(data, pairs), data, json_file)
 
 
@@ -131,21 +131,21 @@ def speed(data: Path, pairs: int | None, json_file: Path | None) -> None:
 @common_options
 @figure_option
 def scale(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """How the cost grows with vertices, eigenfunctions and samples: fitted exponents."""
+    """Growth of the time with vertices, eigenfunctions and samples, as fitted exponents."""
     report(scale_tables.run(data, pairs, figure), data, json_file)
 
 
 @main.command()
 @common_options
 def profile(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """Which functions the time of a match goes to."""
+    """Time of a match by function."""
     report(profile_table.run(data, pairs), data, json_file)
 
 
 @main.command()
 @common_options
 def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """How exactly UVs, weights, colours and the rest arrive, and how exactly by Data Transfer and MeshLab."""
+    """Error of transferred UVs, weights, colours and other attributes, beside Data Transfer and MeshLab."""
     from benchmarks import transfer as transfer_tables  # it starts Blender, which the other tables do without
 
     report(transfer_tables.run(data, pairs), data, json_file)
@@ -157,7 +157,7 @@ def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
     "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
 )
 def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """Whether bones, limbs and places arrive on game characters and dressed bodies, beside Blender's Data Transfer."""
+    """Bones, limbs and positions on game characters and dressed bodies, beside Blender's Data Transfer."""
     from benchmarks import characters as character_tables  # it starts Blender
 
     report(character_tables.run(data, pairs, pictures), data, json_file)
@@ -169,7 +169,7 @@ def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: 
     "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
 )
 def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """Lost parts, limbs of the other side and torn edges of maps, and whether the verdict knows; Data Transfer too."""
+    """Lost parts, limbs on the other side and torn edges of maps, and the verdict, beside Data Transfer."""
     from benchmarks import everywhere as everywhere_tables  # it starts Blender
 
     report(everywhere_tables.run(data, pairs, pictures), data, json_file)
@@ -179,7 +179,7 @@ def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: 
 @common_options
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each character here.")
 def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """How exactly posed characters, bound to a rig, follow it into other poses, beside the true weights."""
+    """Error of posed characters that are bound to a rig, in other poses, beside the true weights."""
     from benchmarks import binding as binding_table  # it starts Blender
 
     report(binding_table.run(data, pairs, pictures), data, json_file)
@@ -188,7 +188,7 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 @main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def session(json_file: Path | None) -> None:
-    """Presses and seconds from a fresh scene to a target that an animation poses, and how far it is off, by way."""
+    """Clicks, seconds and error of several ways from a fresh scene to a target that an animation poses."""
     from benchmarks import session as session_table  # it starts Blender
 
     report(session_table.run(), None, json_file)
@@ -199,7 +199,7 @@ def session(json_file: Path | None) -> None:
 @click.option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Write the page to this Markdown file.")
 @click.option("--pairs", type=click.IntRange(min=1), help="Use this many files, and this many meshes.")
 def robustness(json_file: Path | None, page: Path | None, pairs: int | None) -> None:
-    """What this project, pyFMaps, Data Transfer and MeshLab do with malformed files and hard meshes."""
+    """Behaviour of this project, pyFMaps, Data Transfer and MeshLab on malformed files and difficult meshes."""
     from benchmarks import robustness as robustness_table
 
     tables = robustness_table.run(pairs)
@@ -211,7 +211,7 @@ def robustness(json_file: Path | None, page: Path | None, pairs: int | None) -> 
 @main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def load(json_file: Path | None) -> None:
-    """How long a character's 60 groups, 3 UV maps, 50 shape keys and the rest take onto 100k vertices, by kind."""
+    """Time of transferring 60 groups, 3 UV maps, 50 shape keys and more to 100k vertices, by kind."""
     from benchmarks.transfer import load as load_table  # it starts Blender
 
     report(load_table.run(), None, json_file)
@@ -226,7 +226,7 @@ def load(json_file: Path | None) -> None:
 )
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def window(data: Path, tables: tuple[str, ...], json_file: Path | None) -> None:
-    """How long Blender's window stands still during each operator, how soon ESC ends it, and what undo costs."""
+    """How long each operator blocks Blender's window, how soon ESC ends it, and the cost of undo."""
     from benchmarks import window as window_tables  # it starts Blender
 
     report(window_tables.run(data, tables or window_tables.TABLES), data, json_file)
@@ -235,7 +235,7 @@ def window(data: Path, tables: tuple[str, ...], json_file: Path | None) -> None:
 @main.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 def limb(file: Path) -> None:
-    """Draw the checker on an arm that a seam runs along, as it arrives by us and by Data Transfer, to an image file."""
+    """Draw the checker on an arm with a seam, as transferred by this project and by Data Transfer, to an image file."""
     from benchmarks.transfer import picture
 
     picture.draw(file)
@@ -246,7 +246,7 @@ def limb(file: Path) -> None:
 @click.option("--things/--no-things", default=True, help="Build things and characters in Blender, and measure those.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the vase's symmetries here.")
 def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool, figure: Path | None) -> None:
-    """How often a shape's own symmetry is found, how exactly, by which criterion, and what mirroring by it is worth."""
+    """Success and error of detected symmetries by criterion, and of mirroring along them."""
     report(symmetry_tables.run(data, pairs, things, figure), data, json_file)
 
 
@@ -254,7 +254,7 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 @common_options
 @figure_option
 def discretisation(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """How often `match` is right, and how exact, where the same people are meshed in other ways, or are clouds."""
+    """Success and error of `match` on the same people with other meshing, or as point clouds."""
     report(discretisation_table.run(data, pairs, figure), data, json_file)
 
 
@@ -270,7 +270,7 @@ def partial(data: Path, pairs: int | None, json_file: Path | None, figure: Path 
 @common_options
 @figure_option
 def clutter(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """ZoomOut in functions on a region, in a cut and cluttered scene, beside LMH and PFM."""
+    """ZoomOut in the basis of a region, in cut and cluttered scenes, beside LMH and PFM."""
     report(clutter_table.run(data, pairs, figure), data, json_file)
 
 
@@ -278,7 +278,7 @@ def clutter(data: Path, pairs: int | None, json_file: Path | None, figure: Path 
 @common_options
 @figure_option
 def step_size(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """How exact ZoomOut is with steps of 1 to 50, beside spectral ICP."""
+    """Error of ZoomOut with steps of 1 to 50, beside spectral ICP."""
     report(step_size_table.run(data, pairs, figure), data, json_file)
 
 
@@ -286,7 +286,7 @@ def step_size(data: Path, pairs: int | None, json_file: Path | None, figure: Pat
 @common_options
 @figure_option
 def initial_size(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """How exact ZoomOut is from functional maps of several sizes, and how much noise it bears."""
+    """Error of ZoomOut from initial maps of several sizes, and with noise."""
     report(initial_size_table.run(data, pairs, figure), data, json_file)
 
 
@@ -294,7 +294,7 @@ def initial_size(data: Path, pairs: int | None, json_file: Path | None, figure: 
 @common_options
 @figure_option
 def overfitting(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """How exact maps are that descriptors were fitted by, against the size of the fit, and ZoomOut beside them."""
+    """Error of maps fitted to descriptors against the size of the fit, beside ZoomOut."""
     report(overfitting_table.run(data, pairs, figure), data, json_file)
 
 
@@ -302,7 +302,7 @@ def overfitting(data: Path, pairs: int | None, json_file: Path | None, figure: P
 @common_options
 @figure_option
 def large(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """ZoomOut on meshes of 19k and 52k vertices, on all of them and on samples, beside spectral ICP and RHM."""
+    """ZoomOut on meshes of 19k and 52k vertices, with and without sampling, beside spectral ICP and RHM."""
     report(large_table.run(data, pairs, figure), data, json_file)
 
 
@@ -310,7 +310,7 @@ def large(data: Path, pairs: int | None, json_file: Path | None, figure: Path | 
 @common_options
 @figure_option
 def signs(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """Symmetries from the signs of the first four eigenfunctions, ranked by how they commute with the Laplacian."""
+    """Symmetries from the signs of the first four eigenfunctions, ranked by commutativity with the Laplacian."""
     report(signs_table.run(data, pairs, figure), data, json_file)
 
 
@@ -318,7 +318,7 @@ def signs(data: Path, pairs: int | None, json_file: Path | None, figure: Path | 
 @common_options
 @figure_option
 def downsampled(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
-    """ZoomOut on decimated meshes, with the map carried to the full ones, beside ZoomOut on samples of these."""
+    """ZoomOut on decimated meshes, with the map lifted to the full ones, beside ZoomOut on samples of these."""
     report(downsampled_table.run(data, pairs, figure), data, json_file)
 
 
@@ -342,7 +342,7 @@ def wrap(data: Path, pairs: int | None, json_file: Path | None, pictures: Path |
 @common_options
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each case here.")
 def dress(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """Outfits on other bodies: how exact, how much in the skin, how distorted, beside Blender's Surface Deform."""
+    """Outfits on other bodies: error, penetration of the skin and distortion, beside Blender's Surface Deform."""
     from benchmarks import dressing  # it starts Blender, which the other tables do without
 
     report(dressing.run(data, pairs, pictures), data, json_file)
@@ -352,7 +352,7 @@ def dress(data: Path, pairs: int | None, json_file: Path | None, pictures: Path 
 @common_options
 @click.option("--stage", "stages", multiple=True, help="Only stages whose name has this in it, such as `shells`.")
 def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[str, ...]) -> None:
-    """What half of each tuned number, and twice as much, does to the maps."""
+    """Effect of half and twice each tuned number on the maps."""
     try:
         rows = tuning_table.run(data, pairs, stages)
     except ValueError as error:
@@ -370,7 +370,7 @@ def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[
     "--against", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Compare with this earlier JSON."
 )
 def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: Path | None) -> None:
-    """Hashes of maps, symmetries, transfers and errors, at 1 and 8 threads, to check that a change changes none."""
+    """Hashes of maps, symmetries, transfers and errors at 1 and 8 threads, to compare two versions of the code."""
     try:
         tables = golden_tables.run(data, only, against)
     except ValueError as error:
@@ -394,7 +394,7 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
 )
 @click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
 def paper(data: Path, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
-    """Every table and figure of ZoomOut's paper on one page, with the published figures beside."""
+    """All tables and figures of ZoomOut's paper on one page, beside the published figures."""
     try:
         failures = paper_page.run(data, pairs, page, only)
     except ValueError as error:
