@@ -16,7 +16,7 @@ from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.memory import free_memory
 
 # Bytes that matches took, within a quarter (pairs of creatures of 5,000 to 300,000 vertices, by all details): in any
-# case, for each vertex, and for each vertex and function of a stand-in, where distances and whatever else is known at
+# case, for each vertex, and for each vertex and function of a proxy, where distances and whatever else is known at
 # its vertices are as many functions more.
 ALWAYS, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
 GIB = 1 << 30
@@ -35,7 +35,7 @@ def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVer
     Args:
         vertices: of each mesh.
         k_final: size of the final functional map.
-        proxy_vertices: of the stand-ins, as of `MatchOptions`.
+        proxy_vertices: of the proxies, as in `MatchOptions`.
 
     Raises:
         NotEnoughMemoryError: it does not fit; the message says which size would, and which detail.

@@ -18,39 +18,39 @@ Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 # Whether shapes may be parts of each other.
 PARTIAL = ("auto", "off")
-# The smallest sizes that are accepted: of the final functional map, and of a stand-in, in vertices.
+# Minimum sizes of the final functional map, and of a proxy, in vertices.
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchOptions:
-    """How two surfaces are matched; checks that need no surfaces are made at once.
+    """Options of a match; they are validated at once, as far as this does not need the surfaces.
 
     Attributes:
-        initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
-            from the nearest points, where the two overlap in space. "given": from `initial_map`.
+        initial: the initial map. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity": from
+            nearest points, if the two overlap in space. "given": from `initial_map`.
         landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
             or points (m, 3) on the surface, in its own frame and unit.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
-            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
-            that is evidence, not the start alone.
-        k_final: size of the final functional map, 4 or more; less on meshes with fewer vertices.
+            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" it is evidence, not
+            only the initial map.
+        k_final: size of the final functional map, at least 4; smaller on meshes with fewer vertices.
         step: growth of the functional map in a round; smaller steps take more rounds.
-        samples: farthest points that the iterations run on.
+        samples: number of farthest-point samples of the iterations.
         seed: of the eigensolver.
-        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices, 500 or more;
-            "auto": 4,000 to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times
-            as long and gains little.
-        common_axes: (3,) or (a, 3) directions in which both are oriented alike, such as the up axis: evidence only.
-        regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
-            same name: evidence, which also holds the map in place, and decides which loose parts belong together.
-        partial: "auto": where the map of two whole shapes is unsure and something may be missing at a border of either,
-            one is tried as a part of the other, too, with initial="auto"; "off": shapes are whole.
-        exact_landmarks: bend the final map so that each landmark lands on its counterpart; else landmarks draw it.
+        proxy_vertices: approximate number of vertices, at least 500, to which larger meshes are decimated; "auto": an
+            eighth of the mesh's, from 4,000 to 6,000; None to match full meshes, which takes many times as long and
+            gains little.
+        common_axes: (3,) or (a, 3) directions that both surfaces share, such as the up axis, as evidence.
+        regions: pairs of source vertices and target vertices that correspond as sets, such as vertex groups of the same
+            name. They are evidence, constrain the map, and decide which loose parts are paired.
+        partial: "auto": if the map of two whole shapes is unsure, and a piece may be missing at a border of either, one
+            is also tried as a part of the other, with initial="auto"; "off": shapes are whole.
+        exact_landmarks: deform the final map so that each landmark lands on its counterpart; else landmarks attract it.
 
     Raises:
-        ValueError: options that do not fit together.
+        ValueError: options contradict each other.
 
     Example:
         >>> zo.MatchOptions(k_final=200).initial

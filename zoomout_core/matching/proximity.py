@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A map by proximity alone, for clothes on a body: the nearest points, if they are near and face the same way.
 
-Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: what is too far off, or lies
-on a surface that faces another way, as the other leg does, has no counterpart; it is filled in by the transfer.
+Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: places that are too far off,
+or near a surface that faces another way, such as the other leg, have no counterpart; the transfer fills them in.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class ProximityMatch:
 
     @property
     def has_partner(self) -> Booleans:
-        """(n_t,) whether the nearest point is one to be trusted."""
+        """(n_t,) whether the nearest point is reliable."""
         return self.confidence > 0
 
 
@@ -65,21 +65,21 @@ def match_by_proximity(
     most_angle: float = MAX_ANGLE,
     either_side: bool = False,
 ) -> ProximityMatch:
-    """Find for every vertex of the target the nearest point on the source, where the two lie over each other.
+    """Find for every vertex of the target the nearest point on the source, for surfaces that overlap in space.
 
-    Nothing is refined, and nothing is known where the nearest point is none to be trusted: a transfer fills that in.
+    The map is not refined. A transfer fills in places where the nearest point is not reliable.
 
     Args:
         source: the surface that the map lands on, such as a body.
         target: the surface that the map starts from, such as clothes on it, in the same pose.
-        most_distance: how far the nearest point may be, over the square root of the source's area.
-        most_angle: by how many degrees the normals at the two points may differ. Which side of an open part of the
-            target is the outer one, its nearest points tell.
-        either_side: whether they may also face each other: for clothes with an inner side of their own.
+        most_distance: maximum distance of the nearest point, relative to the square root of the source's area.
+        most_angle: maximum angle between the normals at the two points, in degrees. The outer side of an open part of
+            the target is determined by its nearest points.
+        either_side: whether opposite normals are accepted as well, for clothes with an inner side of their own.
 
     Raises:
         ValueError: a distance that is not positive, or an angle that is not from 0 to 180.
-        MeshError: nothing of the target is near the source.
+        MeshError: no part of the target is near the source.
 
     Example:
         >>> clothes = source.with_vertices(1.01 * source.vertices)
@@ -122,7 +122,7 @@ def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Bo
     there = unit_vectors(surface_map.interpolate(_normals(source)))
     cosine = np.einsum("nx,nx->n", there, _normals(target))
     working = target.working
-    component = working.component[working.vertex_of]  # of no meaning where no face uses the vertex
+    component = working.component[working.vertex_of]  # undefined for vertices without a face
     areas = vertex_areas(working.vertices, working.triangles)[working.vertex_of]
     agreement = segment_sum(cosine * areas * near, component)
     border = border_edges(working.triangles)
@@ -132,6 +132,6 @@ def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Bo
 
 
 def _normals(surface: Surface) -> Floats:
-    """(n, 3) outward unit normals of a surface's vertices; zero where no face uses one."""
+    """(n, 3) outward unit normals of a surface's vertices; zero for vertices without a face."""
     working = surface.working
     return np.where((working.vertex_of >= 0)[:, None], working.vertex_normals[working.vertex_of], 0)

@@ -171,7 +171,7 @@ def refine(
 def _weight_factor(
     vertex: Integers, aligned: Alignment, source: ShapeAnalysis, target: ShapeAnalysis, size: int
 ) -> float:
-    """What to multiply the weights of positions in space by, from how far a map misses in space and along the surface.
+    """Factor of the weights of positions in space, from the errors of a map in space and along the surface.
 
     Args:
         vertex: (s,) the source vertex of each of the target's samples.

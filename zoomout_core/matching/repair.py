@@ -201,7 +201,7 @@ def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
 def _fill(
     images: _Images, filled: Booleans, edges: Integers, component: Integers, source: WorkingMesh, corners: Floats
 ) -> _Images:
-    """Images of which some were filled in harmonically from the others, and projected to the source.
+    """Fill in some images harmonically from the others, and project them to the source.
 
     A part of the target stays on the parts of the source that its trusted images are on: a shirt does not land on the
     body below it.

@@ -64,7 +64,7 @@ VERDICT = VerdictTuning()
 
 
 class Verdict(NamedTuple):
-    """What to think of a map.
+    """A verdict on a map.
 
     Attributes:
         level: "green", "amber" or "red".

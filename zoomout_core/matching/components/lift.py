@@ -89,7 +89,7 @@ def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Boolea
 
     Args:
         proxy: of the surface's main part.
-        has_partner: (m,) which vertices of the stand-in have.
+        has_partner: (m,) which vertices of the proxy have a counterpart.
         beside: (n,) which vertices that are not on the main part have.
     """
     on_part = proxy.place.interpolate(has_partner.astype(np.float64)) >= 0.5

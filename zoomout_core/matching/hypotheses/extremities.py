@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
 
-Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are
-weighed by how well they keep the distances between them; many are tried, for a shape and its mirror image keep
-them alike, and a limb that only one shape has makes wrong ones appear better. The distances to the paired extremities,
-and the sense in which these turn around each point, then give a map by nearest neighbours. What that keeps all over
-the surface decides which pairings are refined, and they hold the map in place meanwhile.
+Extremities are the persistent maxima of the average geodesic distance. Pairings of two shapes' extremities are compared
+by the preservation of the distances between them. Many are tried, because a mirror image preserves them equally, and a
+limb that only one shape has favours wrong ones. The distances to the paired extremities, and their handedness around
+each point, give a map by nearest neighbours. The invariants of this map decide which pairings are refined, with the
+extremities as constraints.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
     """The definition of extremities, and the pairings that are tried.
 
     Attributes:
-        persistence: rise of the average distance above the pass to a higher maximum: heads have 0.14 and more, hands
-            and feet 0.34 and more, fingers 0.05.
-        min_count: extremities of a shape; with fewer there is nothing to pair.
-        max_count: extremities of a shape.
-        quotas: pairings of all extremities that are tried, and of all but one, two and three: a limb that only one
-            shape has, and its neighbours' changed places, make the right pairing one of many.
-        average_cost: of a difference of average distances, beside a difference of distances to another pair.
-        persistence_cost: of a difference of persistence.
-        levels: of persistence at which the leading extremities are paired on their own, too.
-        kept_consistent: pairings that are refined because they keep the distances best.
-        kept: pairings that are refined in all, the others because their first maps score best.
-        lesser_persistence: of tips that are paired, too, where no map is likely: ears, and what is hardly a limb,
-        more_consistent: and pairings that are refined then because they keep the distances best,
-        more: and in all.
-        coarse_size: of the functional maps of these first maps.
+        persistence: minimum rise of the average distance above the pass to a higher maximum: heads have at least 0.14,
+            hands and feet 0.34, fingers 0.05.
+        min_count: minimum number of extremities for pairing.
+        max_count: maximum number of extremities of a shape.
+        quotas: numbers of pairings to try of all extremities, and of all but one, two and three: if only one shape has
+            a limb, the right pairing is one of many.
+        average_cost: cost of a difference of average distances, relative to a difference of distances to another pair.
+        persistence_cost: cost of a difference of persistence.
+        levels: levels of persistence at which the leading extremities are also paired alone.
+        kept_consistent: number of pairings to refine that preserve the distances best.
+        kept: total number of pairings to refine; the others have the best scores of their first maps.
+        lesser_persistence: persistence of further tips, such as ears, that are paired if no map is likely.
+        more_consistent: number of these pairings to refine that preserve the distances best.
+        more: total number of these pairings to refine.
+        coarse_size: size of the functional maps of the first maps.
         beam: entries of the table of extensions that the search for pairings keeps. With up to seven extremities on
             either side no pairing is lost.
     """
@@ -81,7 +81,7 @@ class Extremities:
     Attributes:
         places: the tips' vertices, the most persistent first, and their functions.
         average_distance: (m,) to all of the surface, at unit area.
-        persistence: (m,) how far each stands out.
+        persistence: (m,) persistence of each.
     """
 
     places: LandmarkFeatures
@@ -132,10 +132,10 @@ def extremity_hypotheses(
 def more_extremity_hypotheses(
     source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement = no_disagreement
 ) -> list[Hypothesis]:
-    """Further maps, for where no map is likely: of more pairings, and of those of lesser tips.
+    """Further maps if no map is likely: from more pairings, and from pairings of tips of lower persistence.
 
-    Other species have limbs, ears and snouts of other lengths: the right pairing is not among those that keep distances
-    best, or one of its tips is none. Args as for `extremity_hypotheses`.
+    Other species have limbs, ears and snouts of other lengths, so the right pairing may not be among those preserving
+    distances best, or one of its tips is not an extremity. Args as for `extremity_hypotheses`.
     """
     sides = _sides(source, target)
     usual = EXTREMITIES.kept_consistent, EXTREMITIES.kept
@@ -247,7 +247,7 @@ def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
 
 
 def has_extremities(shape: ShapeAnalysis) -> bool:
-    """Whether enough tips stand out clearly to go by them."""
+    """Whether enough tips have a high persistence."""
     _, persistence = _maxima(shape)
     return int((persistence > EXTREMITIES.persistence).sum()) >= EXTREMITIES.min_count
 
@@ -265,9 +265,9 @@ def _average_distance(shape: ShapeAnalysis) -> Floats:
 
 
 def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
-    """Pairings of all extremities, and of the leading ones alone, those first that keep distances best.
+    """Pairings of all extremities, and of the leading ones alone, ordered by the preservation of distances.
 
-    None where a shape has too few of them.
+    None if a shape has too few of them.
     """
     if min(len(first.vertices), len(second.vertices)) < EXTREMITIES.min_count:
         return []
@@ -278,7 +278,7 @@ def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integer
 
 
 def _levels(first: Floats, second: Floats) -> list[int]:
-    """Numbers of leading tips after which the persistence of both shapes drops: there they may correspond one to one.
+    """Numbers of leading tips after which the persistence of both shapes drops: these may correspond one to one.
 
     Claws, ears and horns come and go with pose and proportions; limbs do not.
     """
@@ -310,9 +310,9 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
     """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
 
     Args:
-        single: (a, b) what it costs to pair an element of the first set with one of the second.
-        mutual: (a, b, a, b) what it costs to have two pairs side by side.
-        size: how many pairs; the cost is the mean over the pairs plus the mean over all twos of them.
+        single: (a, b) cost of pairing an element of the first set with one of the second.
+        mutual: (a, b, a, b) cost of a combination of two pairs.
+        size: number of pairs; the cost is the mean over pairs plus the mean over combinations of two of them.
 
     Returns:
         (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
@@ -339,8 +339,8 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
 def _persistent_maxima(values: Floats, mesh: WorkingMesh) -> tuple[Integers, Floats]:
     """Local maxima of a function on the mesh and their persistence, by falling persistence.
 
-    Every vertex belongs to the hill that the steepest way up leads to. Of two hills the lower one ends at the
-    highest pass between them (Edelsbrunner, Letscher and Zomorodian 2002).
+    Every vertex belongs to the hill that its steepest ascent leads to. The lower of two hills ends at the highest pass
+    between them (Edelsbrunner, Letscher and Zomorodian 2002).
     """
     order = np.argsort(-values, kind="stable")
     rank = np.empty_like(order)

@@ -97,8 +97,8 @@ _Map = TypeVar("_Map", _Found, PartCandidate)
 def part_candidates(regions: Sequence[Region]) -> list[PartCandidate]:
     """Maps of a part to a whole, the most likely first.
 
-    Of two fragments, each has regions that the other one lacks: landmarks of the whole are placed on the part, too, and
-    the best maps of either search are compared, for those that only one finds seldom promise most of both.
+    Each of two fragments has regions that the other one lacks. So landmarks of the whole are placed on the part, too,
+    and the best maps of both searches are compared, because their promises are not comparable.
 
     Args:
         regions: of the whole that the part is looked for in, which compete; or all of it, one region.
@@ -172,7 +172,7 @@ def _differing(maps: Sequence[_Map], most: int) -> list[_Map]:
 def landmark_sets(part: IncompleteShape, regions: int) -> list[Integers]:
     """Places of a part (m,) to search for: spread over all of it, and over some regions of it.
 
-    Some region is on the whole, should this lack pieces, too, and is like it, should the shapes differ.
+    At least one region is on the whole even if that lacks pieces, and is similar to it even if the shapes differ.
     """
     in_region, around = PART_CANDIDATES.landmarks_in_region, landmarks_of(part, regions)
     return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in around)]
@@ -205,9 +205,9 @@ def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> 
 
 
 def _promise(places: Integers, region: Region) -> float:
-    """How little a map of places promises before the part is bent by it: the least is the best.
+    """The promise of a map of places before the part is registered by it; the lowest is the best.
 
-    The surroundings of each place are turned onto their images by a rotation, which fits that of a mirrored map ill.
+    The surroundings of each place are rotated onto their images, which fits badly for mirrored maps.
     Places with images next to a cut of the whole may have no counterpart, and are ignored.
     """
     part, whole = region.part, region.whole
@@ -256,9 +256,9 @@ def _images(registered: RegisteredPart, part: IncompleteShape, whole: Incomplete
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
-    """The scores of a registered part, and what they tell: the smallest fit is the most likely.
+    """The scores of a registered part, and its fit, of which the lowest is the most likely.
 
-    With the area that lies on the whole, on which this rests.
+    The scores include the area on the whole, on which the fit is based.
     """
     areas = part.shape.basis.areas
     scores = registered.scores(areas)

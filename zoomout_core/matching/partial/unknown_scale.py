@@ -52,7 +52,7 @@ UNKNOWN_SCALE = UnknownScaleTuning()
 def match_at_unknown_scale(
     pair: Pair, disagreement: Callable[[Pair], Disagreement]
 ) -> tuple[Pair, list[Candidate]] | None:
-    """A pair in the unit in which one shape lies best on the other as a part of it.
+    """A pair in the unit in which one shape fits best on the other as a part of it.
 
     Args:
         pair: the two shapes, each in a unit of its own.
