@@ -64,7 +64,7 @@ def _blend_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floa
     """
     real = Rotation.from_matrix(transforms.rotation).as_quat()  # x, y, z, w
     dual = 0.5 * _product(np.column_stack([transforms.translation, np.zeros(len(real))]), real)
-    facing = np.einsum("ex,ex->e", real[shares.indices], real[_strongest(shares)[row_of(shares)]])
+    facing = np.einsum("ex,ex->e", real[shares.indices], real[strongest(shares)[row_of(shares)]])
     signed = csr_array((np.where(facing < 0, -1, 1) * shares.data, shares.indices, shares.indptr), shape=shares.shape)
     weighted = np.diff(shares.indptr) > 0
     real, dual = np.asarray(signed @ real)[weighted], np.asarray(signed @ dual)[weighted]
@@ -75,7 +75,7 @@ def _blend_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floa
     return matrices
 
 
-def _strongest(shares: csr_array) -> Integers:
+def strongest(shares: csr_array) -> Integers:
     """(n,) the column of the largest weight of each row; 0 for an empty row."""
     found: Integers = np.zeros(shares.shape[0], dtype=np.int64)
     ascending = np.argsort(shares.data, kind="stable")

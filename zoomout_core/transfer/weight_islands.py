@@ -15,6 +15,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+from zoomout_core.transfer.skinning import strongest
 
 # Largest area of an island relative to that of the region that it is cut off from: nothing tells which of two is right.
 MAX_ISLAND = 0.25
@@ -40,7 +41,7 @@ def find_islands(
     area = np.bincount(region, areas, count)
     first = np.zeros(count, dtype=np.int64)
     first[region[::-1]] = np.arange(len(region))[::-1]
-    image = _most_area(region, of_source[surface_map.vertex], areas, count)
+    image = _dominant_label(region, of_source[surface_map.vertex], areas, count)
     # Regions of one bone on one part that come from one region of the source.
     key = np.stack([bone[first], part[first], image])
     _, group = np.unique(key, axis=1, return_inverse=True)
@@ -53,7 +54,7 @@ def find_islands(
 def _regions(surface: Surface, weights: csr_array) -> tuple[Integers, Integers]:
     """(n,) the bone that moves each vertex most, -1 for none, and (n,) the number of its connected region."""
     weights, mesh, n = csr_array(weights), surface.working, len(surface.vertices)
-    bone = np.where(np.diff(weights.indptr) > 0, np.asarray(weights.argmax(axis=1)).ravel(), -1)
+    bone = np.where(np.diff(weights.indptr) > 0, strongest(weights), -1)
     edges, _ = unique_edges(surface.triangles)
     alike = edges[bone[edges[:, 0]] == bone[edges[:, 1]]]
     used = np.flatnonzero(mesh.vertex_of >= 0)
@@ -65,7 +66,6 @@ def _regions(surface: Surface, weights: csr_array) -> tuple[Integers, Integers]:
     return bone, np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _most_area(region: Integers, label: Integers, areas: Floats, count: int) -> Integers:
+def _dominant_label(region: Integers, label: Integers, areas: Floats, count: int) -> Integers:
     """(count,) the label that most of the area of each region has."""
-    shares = csr_array((areas, (region, label)), shape=(count, int(label.max()) + 1))
-    return np.asarray(shares.argmax(axis=1)).ravel()
+    return strongest(csr_array((areas, (region, label)), shape=(count, int(label.max()) + 1)))
