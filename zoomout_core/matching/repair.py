@@ -33,6 +33,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Edges, and places to project, that are compared at once; bounds the memory.
 BLOCK = 1 << 16
+# Samples of each triangle, on average, that are enough on coarse sources.
+SAMPLES_OF_TRIANGLE = 20
 # Multiple by which a geodesic distance beyond the limit counts: only if all candidates are beyond it one is taken.
 BEYOND = 1e3
 
@@ -46,7 +48,7 @@ class RepairTuning(Tuning, set_by="everywhere"):
         min_length: and longer than this.
         small_patch: a patch that torn edges cut off is filled in if it is smaller than this fraction of its component.
         min_trusted: a component is repaired only if this fraction of its area is not torn.
-        samples: points on the source to which places are projected; at least one for each triangle.
+        samples: maximum number of points on the source to which places are projected, unless it has more triangles.
         candidates: nearest samples that are compared.
         normal_weight: the distance that counts as much as a unit difference of normals.
         geodesic_weight: the distance that counts as much as a unit of geodesic distance.
@@ -248,7 +250,8 @@ def _project(
     Returns:
         (q,) triangle numbers, -1 where no point near a goal is allowed, and (q, 3) barycentric coordinates.
     """
-    count = max(REPAIR.samples, len(source.triangles))
+    count = len(source.triangles) * SAMPLES_OF_TRIANGLE
+    count = max(min(count, REPAIR.samples), len(source.triangles))
     points, on = surface_samples(source.vertices, source.triangles, count)
     normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
     tree = cKDTree(np.hstack([points, REPAIR.normal_weight * normals]), balanced_tree=False, compact_nodes=False)
