@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each stage of the automatic match is worth: the map that comes out without it.
+"""Ablation of the automatic match: the map that results without each stage.
 
-The dense refinement is the same whatever went before it, and is left out: a candidate counts by the nearest
-neighbours that its own functional map gives. Without a source of hypotheses, or without anchors, hypotheses are
-refined and ranked anew; without a criterion the candidates of the match are ranked anew.
+The dense refinement does not depend on what comes before it, so it is left out: a candidate is judged by the nearest
+neighbours of its own functional map. Without a source of hypotheses, or without anchors, hypotheses are
+refined and ranked again; without a criterion the candidates of the match are ranked again.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ NEUTRAL = {
 
 
 def maps_without(result: MatchResult) -> dict[str, Integers]:
-    """The vertex map (n_t,), -1 for no image, that a match leads to without each of its stages.
+    """The vertex map (n_t,), -1 for no image, that results without each stage of a match.
 
     Args:
-        result: of a match that began automatically, and without landmarks.
+        result: of an automatic match without landmarks.
     """
     best = {"all": result.candidates[0], **_with_other_hypotheses(result.pair), **_with_other_scores(result)}
     maps: dict[int, Integers] = {}  # mostly it is the same candidate: one map for each
@@ -55,7 +55,7 @@ def maps_without(result: MatchResult) -> dict[str, Integers]:
 
 
 def _with_other_hypotheses(pair: Pair) -> dict[str, Candidate]:
-    """The best candidate without each source of hypotheses that leaves any, and without anchors."""
+    """The best candidate without each source of hypotheses (if any hypotheses remain), and without anchors."""
     shapes = pair.source_shape, pair.target_shape
     by_source = {name: guess(*shapes) for name, guess in SOURCES.items()}
     pools: dict[str, list[Hypothesis]] = {
@@ -67,7 +67,7 @@ def _with_other_hypotheses(pair: Pair) -> dict[str, Candidate]:
 
 
 def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
-    """The best of the match's candidates without each criterion, and by the scores of one direction alone."""
+    """The match's best candidate without each criterion, and by the scores of one direction only."""
     source, target = result.pair.source_shape, result.pair.target_shape
     scores = {
         f"without {name}": [candidate.scores | neutral for candidate in result.candidates]

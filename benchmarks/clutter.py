@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An animal in a cut and cluttered scene: ZoomOut in a Hamiltonian basis beside LMH and PFM."""
+"""An animal in a cut and cluttered scene: ZoomOut in a Hamiltonian basis, compared with LMH and PFM."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ DRAWN = 3
 
 @dataclass(frozen=True, eq=False)
 class Scene(PairOfParts):
-    """An animal whose pose is seen in a scene, which lacks some of it and has other things.
+    """A posed animal in a scene that lacks some of it and has other objects.
 
     Attributes:
-        name: of the model, and of what is in the scene.
+        name: of the model and of the scene's contents.
         source: the scene.
         target: the model, in one unit with it.
         truth: (n_t,) source vertex of each target vertex; -1 where the scene lacks it.
@@ -72,7 +72,7 @@ class Scene(PairOfParts):
 
     @cached_property
     def potentials(self) -> tuple[Floats, Floats]:
-        """(n_s,) and (n_t,) potentials: from 0 at the matches to 1 far from all."""
+        """(n_s,) and (n_t,) potentials: 0 at the matches, 1 far from all of them."""
         on_target, on_source = self.matches.T
         width = SPREAD * np.sqrt(self.target.area)
         return potential(self.source, on_source, width), potential(self.target, on_target, width)
@@ -87,7 +87,7 @@ class Scene(PairOfParts):
 
 
 def potential(surface: Surface, vertices: Integers, width: float) -> Floats:
-    """(n,) one less the sum of Gaussians of the distances along the surface from some vertices; at least zero."""
+    """(n,) one minus the sum of Gaussians of the geodesic distances from some vertices, at least zero."""
     apart = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=vertices)
     return np.asarray(np.maximum(1 - np.exp(-(apart**2) / (2 * width**2)).sum(axis=0), 0))
 
@@ -96,7 +96,7 @@ def potential(surface: Surface, vertices: Integers, width: float) -> Floats:
 
 
 def _first(scene: Scene, bases: tuple[SpectralBasis, SpectralBasis]) -> Floats:
-    """(K_INITIAL, K_INITIAL) functional map that takes heat at the matches to each other."""
+    """(K_INITIAL, K_INITIAL) functional map that maps heat kernels at the matches to each other."""
     on_target, on_source = scene.matches.T
     small = [_leading(basis, K_INITIAL) for basis in bases]
     return transport(kernels(small[0], on_source), kernels(small[1], on_target))
@@ -117,7 +117,7 @@ def _zoomout(scene: Scene) -> Integers:
 
 
 def _whole_zoomout(scene: Scene) -> Integers:
-    """The same in the eigenfunctions of scene and model, which know nothing of a region."""
+    """The same in the Laplacian eigenfunctions of the whole scene and model."""
     source, target = zo.eigenbasis(scene.source, K_FINAL), zo.eigenbasis(scene.target, K_FINAL).at_area(scene.scale)
     return zo.zoomout(source, target, _first(scene, (source, target)), K_FINAL, STEP, samples=None).vertex
 
@@ -131,7 +131,7 @@ def _lmh(scene: Scene) -> Integers:
 
 
 def _pfm(scene: Scene) -> Integers:
-    """It takes the model for a part of the scene, and is given no match."""
+    """PFM without matches, with the model as a part of the scene."""
     source, target = (Side(surface, zo.eigenbasis(surface, K_FINAL)) for surface in (scene.source, scene.target))
     of_source = zo.shot(scene.source, RADIUS * np.sqrt(scene.scale))
     return pfm(source, target, of_source, zo.shot(scene.target, RADIUS), K_FINAL).vertex
@@ -156,20 +156,20 @@ METHODS: dict[str, Callable[[Scene], Integers]] = {
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Match models to scenes that show them cut, in another pose, and beside another animal.
+    """Match models to scenes with a cut copy of them in another pose, next to another animal.
 
-    Scenes are made of the set `tosca_r` of a folder: an animal in one pose and one of another class are joined by the
-    skin around both, and what lies beyond a plane is cut off. The map leads from the model to the scene. LMH and
-    ZoomOut are given sparse true matches, and work in functions on the region around these; PFM is given none.
+    Scenes are made from the set `tosca_r`: an animal in one pose and one of another class are joined by the
+    skin around both, and cut by a plane. The map leads from the model to the scene. LMH and
+    ZoomOut are given sparse true matches, and use functions on the region around these; PFM is given none.
 
-    `rows`, for each method, of the model's places that the scene shows: mean and median over the scenes of the mean
-    geodesic error times 1000, mean share of the animal in the scene that their images cover, median seconds with bases
-    and descriptors.
+    `rows`, for each method, over the model's vertices that exist in the scene: mean and median over the scenes of the
+    mean geodesic error times 1000, mean share of the animal in the scene that their images cover, median seconds with
+    bases and descriptors.
 
     Args:
         data: the folder of the sets, or the set.
-        pairs: number of scenes; `SCENES` when there are fewer than asked for, or none is given.
-        figure: an image file to draw the first scenes to, the maps by the colours that they carry over.
+        pairs: number of scenes, at most and by default `SCENES`.
+        figure: an image file for the first scenes, with maps shown by transferred colours.
 
     Returns:
         The table, and under `pairs` a record for each scene and method.
@@ -215,7 +215,7 @@ def _rows(records: list[Record]) -> list[Record]:
 
 
 def _views(scene: Scene, vertices: dict[str, Integers]) -> list[View]:
-    """The scene with the animal's places in colours, and the model with those that each map carries over."""
+    """The scene with the animal in colours, and the model with the colours that each map transfers."""
     grey = np.full(3, GREY)
     colour = np.where(scene.region[:, None], place_colors(scene.source.vertices, scene.source.vertices), grey)
     seen = scene.truth >= 0
@@ -250,7 +250,7 @@ def chosen_animals(folder: Path, count: int) -> list[tuple[str, str, str]]:
 
 
 def make_scene(folder: Path, model: str, pose: str, other: str) -> Scene:
-    """The scene of an animal in some pose and another one beside it."""
+    """The scene of an animal in some pose next to another one."""
     with np.load(folder / CORRESPONDENCE) as truth:
         on_model, on_pose = truth[model], truth[pose]
     target, posed, clutter = (read_surface(folder / f"{name}.off") for name in (model, pose, other))
@@ -267,7 +267,7 @@ def make_scene(folder: Path, model: str, pose: str, other: str) -> Scene:
 
 
 def union_and_cut(animal: Surface, clutter: Surface) -> Surface:
-    """The skin around an animal and another thing that touches it, without what lies beyond a plane."""
+    """The skin around an animal and another object that touches it, cut by a plane."""
     points = animal.vertices
     along = int(np.argmax(np.ptp(points, axis=0)))
     limit = points[:, along].min() + KEPT * np.ptp(points[:, along])
@@ -290,7 +290,7 @@ def union_and_cut(animal: Surface, clutter: Surface) -> Surface:
 
 
 def touching(fixed: Floats, moving: Floats, axis: int) -> float:
-    """How far points (m, 3) must go along an axis to come near to others (n, 3) from its far end, by bisection."""
+    """The distance by which points (m, 3) must move along an axis to touch others (n, 3), by bisection."""
     tree = cKDTree(fixed)
     near = np.sqrt(np.ptp(fixed, axis=0).prod() ** (2 / 3) / len(fixed))
     low, high = 0.0, float(np.ptp(fixed[:, axis]) + np.ptp(moving[:, axis]))

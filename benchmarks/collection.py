@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collections: how many maps of all pairs of neighbours are right by themselves, and once they were brought to agree.
+"""Collections: how many maps between neighbours are right alone, and after they were made cycle-consistent.
 
-Every class of a set is a collection of its own, and those that are far from isometric are, with all of their classes
-together, one more. Beside it some pairs of each are given a wrong candidate for their first one.
+Every class of a set is a collection, and all classes of each set that is far from isometric together are one more.
+Each is also tried with a wrong first candidate in some of its pairs.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ SHARES, DRAWS = (0.1, 0.2, 0.3), 3
 def run(data: Path, most: int | None, workers: int = 2) -> Tables:
     """Match collections.
 
-    `rows`: for each class of a set how many maps are wrong before and after they were brought to agree, how many were
-    put right and how many broken. `flips`: the same where a share of the pairs has a wrong candidate first, as the
-    samples of the search have it.
+    `rows`: for each class of a set how many maps are wrong before and after they were made consistent, how many were
+    corrected and how many broken. `flips`: the same where a share of the pairs has a wrong first candidate from the
+    search on samples.
 
     Args:
         data: a folder with some of the sets `SETS`.
@@ -113,7 +113,7 @@ def errors_of(result: CollectionResult, folder: Path) -> dict[PairName, float]:
 
 
 def _changes(before: Mapping[PairName, float], after: Mapping[PairName, float], wrong: float) -> Record:
-    """How many maps are wrong, were put right, and were broken."""
+    """How many maps are wrong, were corrected, and were broken."""
     return {
         "wrong before": sum(error > wrong for error in before.values()),
         "wrong after": sum(error > wrong for error in after.values()),
@@ -123,9 +123,9 @@ def _changes(before: Mapping[PairName, float], after: Mapping[PairName, float], 
 
 
 def _flips(result: CollectionResult) -> Iterator[Record]:
-    """What becomes of pairs that have a wrong candidate first, as sure of itself as the right one was.
+    """Changes of pairs whose first candidate is wrong, with the same certainty as the right one.
 
-    Right is what the collection agreed on.
+    The consistent map counts as right.
     """
     agreement = result.agreement
     assert agreement is not None
@@ -155,7 +155,7 @@ def _with_a_wrong_one_first(
     random: np.random.Generator,
     share: float,
 ) -> CandidateMaps:
-    """With a probability the candidates with the most likely wrong one first, if there is one."""
+    """With the given probability, the candidates with the most likely wrong one first, if there is one."""
     unlike = [_unlike(each, maps, pair, shapes) for each in maps.forward]
     alike = maps.reverses_orientation == maps.reverses_orientation[0]
     wrong = np.flatnonzero((np.array(unlike) > CYCLES.open) & alike)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the engine of collections costs: pairs a minute beside a loop, tasks that only sleep, a plan of thousands."""
+"""Overhead of the collection engine: pairs per minute next to a loop, sleeping tasks, a graph of thousands of tasks."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ PLANNED, NEIGHBOURS = 10_000, 4
 def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
     """Measure the engine.
 
-    `throughput`: shapes of `faust_r` to a template, nothing prepared before: by a loop over `zo.match` in one thread
-    and in as many as there are cores, in one process, and in two. `overhead`: tasks that only sleep. `planned`: seconds
-    and memory of a graph of many tasks that sleep for no time.
+    `throughput`: shapes of `faust_r` to a template, without prepared bases: by a loop over `zo.match` in one thread
+    and in one per core, in one process, and in two. `overhead`: tasks that only sleep. `planned`: seconds
+    and memory of a graph of many empty tasks.
 
     Args:
         data: the benchmark data.
@@ -45,7 +45,7 @@ def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
 
 
 def nap(seconds: float, *_: object) -> int:
-    """A stand-in for a task."""
+    """A task that only sleeps."""
     time.sleep(seconds)
     return 0
 
@@ -89,7 +89,7 @@ def _naps(workers: int) -> Record:
 
 
 def _plan(shapes: int) -> Record:
-    """A graph of as many shapes and their pairs, all of whose tasks do nothing."""
+    """A graph of so many shapes and their pairs, whose tasks do nothing."""
     tasks = [Task(f"prepare {number}", nap, (0.0,)) for number in range(shapes)]
     for number in range(shapes):
         for step in range(1, NEIGHBOURS + 1):
@@ -113,7 +113,7 @@ def _plan(shapes: int) -> Record:
 
 
 def _peak() -> float:
-    """The most memory that this process has had, in MB."""
+    """Peak memory of this process, in MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

@@ -21,8 +21,8 @@ def compare(
 
     Args:
         pair: the shapes, with known places.
-        methods: by name a vertex map (n_t,), or what makes one.
-        about: what else each record says.
+        methods: by name, a vertex map (n_t,), or a function that makes one.
+        about: further columns of each record.
 
     Returns:
         A record for each method with its mean error times 1000, its seconds (None for a given map) and its curve
@@ -54,8 +54,8 @@ def rows_by(
         published: mean error and seconds that a paper has for a method.
 
     Returns:
-        Rows with the number of pairs, mean and median over these of the mean errors, median seconds, and what is
-        published.
+        Rows with the number of pairs, mean and median over these of the mean errors, median seconds, and the published
+        figures.
     """
     rows = []
     for kind in dict.fromkeys(tuple(record[column] for column in columns) for record in records):
@@ -77,9 +77,9 @@ def mean_curves(panel: str, records: Sequence[Record], line: str = "method") -> 
     """Mean curves of records, for `benchmarks.curves.draw_curves`.
 
     Args:
-        panel: the column that says which panel a record belongs to,
+        panel: the column by which records are divided into panels.
         records: with a `curve` each.
-        line: and the one that says which line.
+        line: the column by which they are divided into lines.
     """
     panels: dict[str, dict[str, Floats]] = {}
     for kind in dict.fromkeys((record[panel], record[line]) for record in records):

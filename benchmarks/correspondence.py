@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How often `match` is right with no hint, how exact it is, and how long it takes; published maps beside it.
+"""Success rate, accuracy and time of `match` without hints, next to published maps.
 
-Every figure is worked out from records, one a pair and method, so that a failure can be looked up.
+Every figure is computed from records, one per pair and method, so that failures can be looked up.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ class Map:
     """A map to be measured.
 
     Attributes:
-        method: what made it.
+        method: its name.
         vertex: (n_t,) the source vertex of each target vertex, -1 where there is none.
-        figures: what else there is to record.
-        confidence: (n_t,) of the vertices, if it is known.
+        figures: further columns of the record.
+        confidence: (n_t,) of the vertices, if known.
     """
 
     method: str
@@ -76,12 +76,12 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     """All tables of the sets in a folder.
 
     `rows`, for each set and method: success, mean and median error over the pairs, median seconds of a cold pair.
-    Of our maps also the mean share of the target's area that is turned over and of the source's that is covered
+    For our maps also the mean share of the target's area that is flipped and of the source's that is covered
     (`zoomout_core.evaluation`); the median over the pairs of the rank correlation between 1 - confidence and error;
     and, of the pairs that succeeded, the median share of trusted vertices that are right and of vertices that are
     not trusted. Vertices are those whose place is known.
 
-    `calibration`, for all sets and each: the maps announced with a certainty of some class, the mean of it, how many
+    `calibration`, for all sets and each: the maps whose certainty is in some range, its mean, how many
     are right, and how many have left and right exchanged.
 
     `parts`, for each kind of missing pieces of the sets of parts: success, mean and median error on what has a partner,
@@ -95,11 +95,11 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     Args:
         data: the folder of the sets.
         pairs: number of pairs of each set, and of each kind of parts, evenly spread over its list.
-        ablate: make the last table, too.
-        picture_folder: where to draw the worst pairs of each set.
+        ablate: make the last table as well.
+        picture_folder: for pictures of the worst pairs of each set.
 
     Returns:
-        The tables by name, and all records under `pairs`; nothing but empty tables where there is no set.
+        The tables by name, and all records under `pairs`; empty tables if there is no set.
     """
     records: list[Record] = []
     ablated: list[Record] = []
@@ -148,7 +148,7 @@ def _match(method: str, pair: PairOfMeshes | PairOfParts, **start: Any) -> tuple
 
 
 def _published_maps(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
-    """The published maps of a pair, and ours that start from the complete ones among those that others refine."""
+    """The published maps of a pair, and ours refined from those complete initial maps that others refine."""
     for path in sorted(folder.glob("map_*.npz")):
         with np.load(path) as maps:
             vertex = maps.get(f"{pair.target_name}__{pair.source_name}")
@@ -171,7 +171,7 @@ def _picture(record: Record, pair: PairOfMeshes | PairOfParts, result: zo.MatchR
 
 
 def _records(name: str, pair: PairOfMeshes, maps: list[Map]) -> list[Record]:
-    """What is known about maps of one pair."""
+    """Records of the maps of one pair."""
     limit = NON_ISOMETRIC_LIMIT if is_far(name) else ISOMETRIC_LIMIT
     errors = pair.errors(np.column_stack([entry.vertex for entry in maps]))
     records = []
@@ -189,7 +189,7 @@ def _records(name: str, pair: PairOfMeshes, maps: list[Map]) -> list[Record]:
 
 
 def _records_of_parts(folder: Path, pairs: int | None, picture_folder: Path | None) -> list[Record]:
-    """What is known about our maps of the pairs of a set of parts; `pairs` of each kind."""
+    """Records of our maps of a set of parts; `pairs` of each kind."""
     records: list[Record] = []
     worst: list[tuple[float, Picture]] = []
     names = [name for kind in PARTS.values() for name in part_names(folder, pairs, [kind])]
@@ -212,7 +212,7 @@ def _records_of_parts(folder: Path, pairs: int | None, picture_folder: Path | No
 
 
 def _regions(pair: PairOfParts, result: zo.MatchResult) -> Record:
-    """How well a result knows what has a partner."""
+    """Accuracy of the regions that a result says have a partner."""
     missing = 100 * pair.source.share_of_area(~pair.region)
     stated = 100 * result.source_share_without_partner
     return {
@@ -230,7 +230,7 @@ def _overlap(surface: Surface, one: Booleans, other: Booleans) -> float:
 
 
 def _trust(confidence: Floats, error: Floats) -> Record:
-    """How well the confidence (c,) foretells the error (c,)."""
+    """How well the confidence (c,) predicts the error (c,)."""
     known = np.isfinite(error)
     confidence, error = confidence[known], error[known]
     trusted = confidence >= TRUSTED

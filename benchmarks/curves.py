@@ -21,7 +21,7 @@ LETTERS, KEY = 13, 8
 
 
 def share_below(errors: Floats) -> list[float]:
-    """The share of errors (n,), times 1000, up to each of `THRESHOLDS`; NaN counts as above all."""
+    """The share of errors (n,), times 1000, up to each of `THRESHOLDS`; NaN counts as infinite."""
     return plotting.share_below(errors, THRESHOLDS).tolist()
 
 
@@ -58,9 +58,9 @@ def draw_lines(
 
     Args:
         path: the file.
-        lines: x and y of each line, by its name.
-        xlabel: what x is.
-        ylabel: what y is; it begins at zero.
+        lines: x and y of each line, by name.
+        xlabel: label of the x axis.
+        ylabel: label of the y axis, which begins at zero.
     """
     figure = Figure(figsize=PANEL, layout="constrained")
     axes = figure.add_subplot()
@@ -73,7 +73,7 @@ def draw_lines(
 
 
 def _finish(figure: Figure, path: Path) -> None:
-    """One legend of all panels' lines, since colours go by name; and the file."""
+    """Add one legend for all panels, whose colours go by name, and write the file."""
     handles = {
         label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }

@@ -2,9 +2,9 @@
 """Bijective and continuous iterative closest points (BCICP).
 
 Ren, Poulenard, Wonka and Ovsjanikov, Continuous and orientation-preserving correspondences via functional maps (2018).
-Maps in both directions refine each other: their functional maps are turned towards inverses of each other, nearest
-neighbours are sought in both embeddings at once, and vertex maps are mended: small pieces that stand out of their
-surroundings and jumps along edges are smoothed, and vertices that no image reaches are given one.
+Maps in both directions refine each other: their functional maps are rotated towards inverses of each other, nearest
+neighbours are searched in both embeddings at once, and vertex maps are repaired: small patches that differ from their
+surroundings and jumps along edges are smoothed, and vertices that are not covered are assigned to a target vertex.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ def bcicp(
     """Refine two vertex maps, one in each direction, together.
 
     Args:
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
+        source: the shape whose vertices are the images.
+        target: the shape on which the map is defined.
         initial: (n_t,) source vertex of each target vertex.
         initial_back: (n_s,) target vertex of each source vertex.
         k: size of the functional maps.
-        iterations: how often; at least one.
+        iterations: at least one.
 
     Returns:
         The map from target to source, and the map back.
@@ -79,18 +79,18 @@ def bcicp(
 
 
 def turn_to_inverse(functional_map: Floats, back: Floats) -> Floats:
-    """A functional map C (k_t, k_s), turned so that it undoes the one back, D (k_s, k_t), as well as it can.
+    """The rotation of a functional map C (k_t, k_s) that brings it nearest to the inverse of D (k_s, k_t).
 
-    With the polar decomposition D C = P R it is C R', after which D C R' = P is symmetric and has no rotation left.
+    With the polar decomposition D C = P R it is C R': D C R' = P is symmetric positive semidefinite.
     """
     return functional_map @ nearest_orthonormal(back @ functional_map).T
 
 
 def smooth_map(vertex: Integers, source: Surface, target: Surface) -> Integers:
-    """A vertex map (n_t,) without small pieces that stand out of their surroundings, and with fewer jumps.
+    """A vertex map (n_t,) without small patches that differ from their surroundings, and with fewer jumps.
 
-    Pieces are what jumps separate; small ones take the images of what is nearest around them. A vertex at a jump then
-    takes that of its own and its neighbours' images whose distances to the others have the least sum.
+    Jumps separate patches; a small one takes the images of its nearest surroundings. Each vertex at a jump then
+    takes the medoid of its own image and its neighbours' images.
     """
     edges, _ = unique_edges(target.triangles)
     pieces = connected_components(_graph(edges[~_jumps(vertex, edges, source)], len(vertex)), directed=False)[1]
@@ -107,9 +107,9 @@ def smooth_map(vertex: Integers, source: Surface, target: Surface) -> Integers:
 
 
 def covering(vertex: Integers, back: Integers) -> Integers:
-    """A vertex map (n_t,) that reaches more of the source, with the map back (n_s,).
+    """A vertex map (n_t,) that covers more of the source, by means of the map back (n_s,).
 
-    Of a source vertex that is no image, the partner by the map back is taken to it, if its old image stays reached.
+    The partner (by the map back) of an uncovered source vertex is moved to it if the partner's old image stays covered.
     """
     preimages = np.bincount(vertex, minlength=len(back))
     covered = vertex.copy()

@@ -7,11 +7,11 @@ Gaussian mixture that the target's points x_n are drawn from, and move by y + v(
 
     (d(P 1) G + lambda sigma^2 I) W = P X - d(P 1) Y,
 
-and the variance sigma^2. The kernel G is replaced by its largest eigenpairs (the paper's section 6), and the iteration
-runs on farthest points; v moves all others. The method knows places alone: it needs poses that are alike.
+and the variance sigma^2. The kernel G is approximated by its largest eigenpairs (section 6), and the iteration
+runs on farthest points; v moves all others. The method uses positions only, so it needs similar poses.
 
-It is written out here since `pycpd` forms all differences of two points at once, (m, n, 3) numbers in each expectation,
-and moves nothing but the points that it was given.
+It is implemented here because `pycpd` stores all pairwise differences, (m, n, 3) numbers in each expectation step,
+and moves only the points that it was given.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ class Drift:
 
 
 def cpd(source: Floats, target: Floats, samples: int = SAMPLES) -> Integers:
-    """Bend the source onto the target, and take the nearest points.
+    """Deform the source onto the target, and take the nearest points.
 
     Args:
-        source: (n_s, 3) points that the map lands on.
-        target: (n_t, 3) points that the map starts from, in about the same pose and placement.
-        samples: farthest points of each that the iteration runs on.
+        source: (n_s, 3) points that are the images.
+        target: (n_t, 3) points to be mapped, in about the same pose and position.
+        samples: number of farthest points of each on which the iteration runs.
 
     Returns:
         (n_t,) source point of each target point.
@@ -71,7 +71,7 @@ def cpd(source: Floats, target: Floats, samples: int = SAMPLES) -> Integers:
 
 
 def register(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Drift:
-    """The displacement that takes points (m, 3) to others (n, 3), both of about mean zero and variance one."""
+    """The displacement that moves points (m, 3) onto others (n, 3), both of about zero mean and unit variance."""
     values, vectors = _low_rank(kernel(moving, moving))
     weights = np.zeros_like(moving)
     moved = moving
@@ -94,7 +94,7 @@ def register(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Dri
 
 
 def probabilities(centres: Floats, points: Floats, variance: float) -> Floats:
-    """(m, n) that a centre (m, 3) gave rise to a point (n, 3); a column falls short of one by the outliers."""
+    """(m, n) probabilities that a centre (m, 3) generated a point (n, 3); the rest up to one is that of an outlier."""
     m, d = centres.shape
     likelihood = np.exp(cdist(centres, points, "sqeuclidean") / (-2 * variance))
     uniform = (2 * np.pi * variance) ** (d / 2) * OUTLIERS / (1 - OUTLIERS) * m / len(points)
@@ -107,7 +107,7 @@ def kernel(points: Floats, centres: Floats) -> Floats:
 
 
 def _low_rank(matrix: Floats) -> tuple[Floats, Floats]:
-    """(r,) the largest eigenvalues, those that are none but for rounding left out, and their vectors (m, r)."""
+    """(r,) the largest eigenvalues above rounding errors, and their eigenvectors (m, r)."""
     m = len(matrix)
     values, vectors = eigh(matrix, subset_by_index=(max(0, m - RANK), m - 1))
     kept = values > 1e-10 * values[-1]
@@ -115,6 +115,6 @@ def _low_rank(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def _normalise(points: Floats) -> Floats:
-    """Points (n, d) of mean zero and of variance one over all coordinates."""
+    """Points (n, d) of zero mean and of unit variance over all coordinates."""
     centred = points - points.mean(axis=0)
     return np.asarray(centred / np.sqrt((centred**2).mean()))

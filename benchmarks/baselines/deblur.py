@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Deblurring with upsampling: Algorithm 1 of Melzi et al. 2019, after Ezuz and Ben-Chen 2017.
 
-Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017), read a vertex map T off a functional map C
-by bringing the target's eigenfunctions over: T(p) = argmin_q ||Phi_source(q) - Phi_target(p) C||. ZoomOut brings the
-source's over: argmin_q ||Phi_source(q) C' - Phi_target(p)||. The loop around it is the same.
+Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017), convert a functional map C to a vertex map T
+by transporting the target's eigenfunctions: T(p) = argmin_q ||Phi_source(q) - Phi_target(p) C||. ZoomOut transports the
+source's: argmin_q ||Phi_source(q) C' - Phi_target(p)||. The loop around it is the same.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def deblur(
     """Refine a vertex map by upsampling with the conversion of Ezuz and Ben-Chen.
 
     Args:
-        basis_source: of the surface that the map lands on; k_final eigenfunctions at least.
-        basis_target: of the surface that the map starts from; as many.
+        basis_source: at least k_final eigenfunctions of the source, on which the images are.
+        basis_target: as many of the target.
         initial: (n_t,) source vertex of each target vertex.
         k_initial: size of the first functional map.
-        k_final: size of the last; k_initial and a whole number of steps.
+        k_final: size of the last; it differs from k_initial by a multiple of `step`.
         step: growth in an iteration.
     """
     vertex = initial
@@ -41,6 +41,6 @@ def deblur(
 
 
 def deblur_map(functional_map: Floats, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
-    """(n_t,) vertex map of a functional map (k_t, k_s), by the target's eigenfunctions brought to the source."""
+    """(n_t,) vertex map of a functional map (k_t, k_s), by transporting the target's eigenfunctions to the source."""
     k_target, k_source = functional_map.shape
     return nearest(basis_target.eigenvectors[:, :k_target] @ functional_map, basis_source.eigenvectors[:, :k_source])

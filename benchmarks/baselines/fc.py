@@ -2,11 +2,11 @@
 """Functional correspondence (FC): a functional map from descriptors, and spectral ICP.
 
 Ovsjanikov, Ben-Chen, Solomon, Butscher and Guibas, Functional maps: a flexible representation of maps between shapes
-(2012). C F = G for the descriptors F and G of the two shapes and Lambda_target C = C Lambda_source, in the sense of
-least squares, and then nearest neighbours and the nearest orthonormal matrix in turns. It takes both shapes for whole.
+(2012). C F = G for the descriptors F and G of the two shapes and Lambda_target C = C Lambda_source, in the
+least-squares sense; then nearest neighbours alternate with the nearest orthonormal matrix. Both shapes must be whole.
 
-ZoomOut's comparison of partial shapes abbreviates its methods as PFM, GTM, FC and CPD. No text at hand spells FC out;
-it is read as the method of which "partial functional correspondence" (PFM) is the extension to parts. "Fully spectral
+ZoomOut's comparison on partial shapes abbreviates its methods as PFM, GTM, FC and CPD. It does not spell FC out;
+we take it for the method that "partial functional correspondence" (PFM) extends to parts. "Fully spectral
 partial matching" (Litany et al. 2017) is the other candidate; its own authors write FSPM.
 """
 
@@ -30,10 +30,10 @@ def fc(source: Side, target: Side, k: int = SIZE, iterations: int = 10) -> Integ
     """Match two surfaces by SHOT descriptors.
 
     Args:
-        source: what the map lands on.
-        target: what the map starts from, in the same unit; k eigenfunctions at least, like the source.
+        source: the surface whose vertices are the images.
+        target: the surface to be mapped, in the same unit; both need at least k eigenfunctions.
         k: size of the functional map.
-        iterations: of spectral ICP; at least one.
+        iterations: of spectral ICP, at least one.
 
     Returns:
         (n_t,) source vertex of each target vertex.

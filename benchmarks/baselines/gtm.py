@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Game-theoretic matching (GTM): sparse matches that keep distances to each other, chosen by evolution.
+"""Game-theoretic matching (GTM): sparse matches that preserve pairwise distances, selected by replicator dynamics.
 
 Rodola, Bronstein, Albarelli, Bergamasco and Torsello, A game-theoretic approach to deformable shape matching (2012).
-A strategy is a match of a target's point p_i with a source's point q_i, among the few whose descriptors are most alike.
-Two strategies pay each other the more the less they distort the distance (Gromov's metric), exp(-(d(p_i, p_j) -
-d(q_i, q_j))^2 / 2 s^2), and nothing if they share a point. A population x on all strategies, under the replicator
-dynamics x_i <- x_i (A x)_i / x'A x, ends at a local maximum of x'A x with sum x = 1, whose support is small: a group of
-matches that all agree.
+A strategy is a match of a target point p_i with one of the few source points q_i whose descriptors are most similar.
+The payoff of two strategies decreases with the distortion of the distance (Gromov's metric), exp(-(d(p_i, p_j) -
+d(q_i, q_j))^2 / 2 s^2), and is zero if they share a point. A population x over all strategies, under the replicator
+dynamics x_i <- x_i (A x)_i / x'A x, converges to a local maximum of x'A x with sum x = 1 and small support: a group of
+mutually consistent matches.
 
-The paper stops at the group. Here all other vertices go where their geodesic distances to the matches near them are
-kept best, which tells a place on a surface as coordinates do in space.
+The paper stops at the group. Here every other vertex is mapped to where its geodesic distances to nearby matches are
+preserved best, as in trilateration.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def gtm(source: Surface, target: Surface) -> Integers:
     """Match two surfaces, or a part of one, of the same unit.
 
     Args:
-        source: the surface that the map lands on.
-        target: the surface that the map starts from, or a part of it.
+        source: the surface whose vertices are the images.
+        target: the surface to be mapped, or a part of it.
 
     Returns:
         (n_t,) source vertex of each target vertex; -1 on parts of the target without a match.
@@ -70,10 +70,10 @@ def gtm(source: Surface, target: Surface) -> Integers:
 
 
 def payoffs(pairs: Integers, between_targets: Floats, between_sources: Floats) -> Floats:
-    """(m, m) what matches pay each other.
+    """(m, m) payoffs of pairs of matches.
 
     Args:
-        pairs: (m, 2) numbers of a target's and a source's sample.
+        pairs: (m, 2) indices of a target's and a source's sample.
         between_targets: (p, p) distances of the target's samples; infinite where there is no path.
         between_sources: (q, q) of the source's.
     """
@@ -86,7 +86,7 @@ def payoffs(pairs: Integers, between_targets: Floats, between_sources: Floats) -
 
 
 def agreeing(payoff: Floats) -> Integers:
-    """(g,) numbers of the strategies that survive the replicator dynamics, of payoffs (m, m) not below zero."""
+    """(g,) indices of the strategies that survive the replicator dynamics, given nonnegative payoffs (m, m)."""
     share = np.full(len(payoff), 1 / len(payoff))
     for _ in range(ROUNDS):
         earned = share * (payoff @ share)
@@ -100,7 +100,7 @@ def agreeing(payoff: Floats) -> Integers:
 
 
 def interpolate(from_targets: Floats, from_sources: Floats) -> Integers:
-    """(n_t,) the source vertex that keeps a target vertex's distances to matched points; -1 where there are none.
+    """(n_t,) the source vertex that preserves a target vertex's distances to matched points; -1 where there are none.
 
     Args:
         from_targets: (g, n_t) distances of the target's vertices from its matched points,

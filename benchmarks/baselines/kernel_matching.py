@@ -2,16 +2,16 @@
 """Kernel matching (PMF): bijections that agree with heat flow, by a sequence of linear assignments.
 
 Vestner et al., Efficient deformable shape correspondence via kernel matching (2017). With the heat kernels
-K(t) = Phi exp(-t Lambda) Phi' of the two shapes, a permutation Pi that maximises <Pi, K_target Pi K_source> takes
-points between which heat flows to points between which it flows as well. The kernels are positive definite, so the
-maximum is convex, and each assignment Pi <- argmax <., K_target Pi K_source> raises it. From large t to small ones the
-kernels become local, and the map exact. Descriptors, which the paper adds where there is no map to begin with, are
+K(t) = Phi exp(-t Lambda) Phi' of the two shapes, a permutation Pi that maximises <Pi, K_target Pi K_source> maps
+pairs of points with high heat flow to pairs with high heat flow. The kernels are positive definite, so the
+objective is convex, and each assignment Pi <- argmax <., K_target Pi K_source> increases it. As t decreases, the
+kernels become local and the map accurate. Descriptors, which the paper adds when there is no initial map, are
 left out.
 
-An assignment takes the cube of the number of points, so it is solved on samples, and the remaining vertices take the
-partner that receives the same heat from the matched ones. The paper goes on to finer scales, where the coarse match
-says in which small regions points are assigned to each other, up to a bijection of all vertices. That gains nothing
-on meshes that are made independently of each other, which are denser in other places: a bijection of all vertices in
+An assignment is cubic in the number of points, so it is solved on samples, and the remaining vertices take the
+partner that receives the same heat from the matched ones. The paper continues to finer scales, where the coarse match
+restricts assignments to small regions, up to a bijection of all vertices. That gains nothing
+on independently made meshes, whose densities differ: a bijection of all vertices in
 ten regions has twice the error of the samples' map (67e-3 for 33e-3, three pairs of people), since it shifts limbs to
 even out their numbers of vertices; one of three times as many farthest points, each among the 20 candidates that the
 samples match it with, has the same error in twice the time (28e-3, two pairs). What limits the method here is that
@@ -44,13 +44,13 @@ def kernel_matching(
     samples: int = 1000,
     times: Floats = TIMES,
 ) -> tuple[Integers, Integers]:
-    """Refine a vertex map into one bijection of samples, read in both directions.
+    """Refine a vertex map into a bijection of samples, extended to all vertices in both directions.
 
     Args:
         basis_source: of the surface that the map lands on.
         basis_target: of the surface that the map starts from; as many eigenfunctions.
         initial: (n_t,) source vertex of each target vertex.
-        samples: farthest points of each shape that are assigned to each other.
+        samples: number of farthest points of each shape that are assigned to each other.
         times: (t,) of the heat flow, descending, at unit area.
 
     Returns:

@@ -2,14 +2,14 @@
 """Localized manifold harmonics (LMH).
 
 Melzi, Rodola, Castellani and Bronstein, Localized manifold harmonics for spectral shape analysis (2018). Functions on a
-region come from the Laplacian with a potential outside, and are kept orthogonal to the first k' eigenfunctions Psi of
-the whole surface, so that they add to these what is local:
+region come from the Laplacian with a potential outside, constrained to be orthogonal to the first k' eigenfunctions Psi
+of the whole surface, so that they complement these locally:
 
     (W + tau A diag(v) + mu A Psi Psi' A) phi = lambda A phi,    tau and mu large.
 
-ZoomOut's comparison of an object in clutter takes LMH's first step. It is read here so: sparse matches say where the
-region lies on both shapes; a functional map of fixed size between the two localised bases takes heat kernels at the
-matches to each other, in the sense of least squares; nearest neighbours in these bases are the map. Nothing grows.
+ZoomOut's comparison of an object in clutter uses LMH's first step. We read it as follows: sparse matches locate the
+region on both shapes; a functional map of fixed size between the two localised bases maps heat kernels at the
+matches to each other in the least-squares sense; nearest neighbours in these bases give the map. The size is fixed.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ def localized_harmonics(
     """The first k localised harmonics of a region.
 
     Args:
-        surface: of one component, in which every vertex is used.
-        whole: its eigenfunctions, those that the harmonics are to be orthogonal to.
+        surface: connected, without unused vertices.
+        whole: its eigenfunctions to which the harmonics are orthogonal.
         potential: (n,) from 0 on the region to 1 outside.
         k: how many.
-        seed: start of the iteration.
+        seed: of the initial vector.
 
     Returns:
-        The harmonics; `components` is 0 as none of them is constant.
+        The harmonics; `components` is 0 because none of them is constant.
     """
     stiffness, areas = mesh_laplacian(surface.vertices, surface.triangles)
     scale = 4 * np.pi * k / (areas @ (1 - potential))
@@ -78,7 +78,7 @@ def localized_harmonics(
 
 
 def lmh(basis_source: SpectralBasis, basis_target: SpectralBasis, matches: ArrayLike) -> Integers:
-    """(n_t,) source vertex of each target vertex, from sparse matches in localised bases of as many functions.
+    """(n_t,) source vertex of each target vertex, from sparse matches in localised bases of equal size.
 
     Args:
         basis_source: localised harmonics of the surface that the map lands on.
@@ -99,7 +99,7 @@ def kernels(basis: SpectralBasis, vertices: Integers) -> Floats:
 
 
 def transport(of_source: Floats, of_target: Floats) -> Floats:
-    """(k_t, k_s) the functional map that takes functions (k_s, d) to others (k_t, d) by least squares, with a ridge."""
+    """(k_t, k_s) the functional map that maps functions (k_s, d) to others (k_t, d), by ridge regression."""
     gram = of_source @ of_source.T
     gram += RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
     return np.asarray(np.linalg.solve(gram, of_source @ of_target.T).T)

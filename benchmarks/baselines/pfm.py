@@ -10,10 +10,10 @@ target's descriptors, g_j the source's descriptors, eta(v) = (1 + tanh(6 v - 3))
     + AREA (target's area - area of eta(v))^2                       the region is as large as the target
     + LENGTH integral of xi(v) |grad v|                             and has a short border (Mumford and Shah)
 
-where r of the target's eigenvalues are as low as the source's k-th, D is the identity in the first r rows, and W is the
-distance from the line of slope r / k, less where both numbers are high. Steps in C and in v alternate, the first step
-in C with all of the source. At the end C is refined by iterative closest points with r orthonormal rows. The weights
-are not the authors', whose descriptors are scaled otherwise: here each term is of order one on the pairs of `partial`.
+where r of the target's eigenvalues are below the source's k-th, D is the identity in the first r rows, and W is the
+distance from the line of slope r / k, with less weight at high indices. Steps in C and in v alternate, the first step
+in C with the whole source. At the end C is refined by iterative closest points with r orthonormal rows. The weights
+are not the authors', whose descriptors are scaled differently: each term is of order one on the pairs of `partial`.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ SMOOTHING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """What is found of a part.
+    """Where a part is on the whole.
 
     Attributes:
         functional_map: (r, k) from the source's functions to the target's first r.
         vertex: (n_t,) source vertex of each target vertex.
-        region: (n_s,) from 0 to 1: how far a source vertex belongs to the region.
+        region: (n_s,) membership of each source vertex in the region, from 0 to 1.
     """
 
     functional_map: Floats
@@ -68,7 +68,7 @@ def pfm(
     k: int = 100,
     rounds: int = ROUNDS,
 ) -> Partial:
-    """Match a part to a whole by descriptors, and find where on the whole it lies.
+    """Match a part to a whole by descriptors, and locate it on the whole.
 
     Args:
         source: the whole; k eigenfunctions at least.
@@ -88,7 +88,7 @@ def pfm(
 
 
 def first_map(source: Side, target: Side, descriptors_source: Floats, descriptors_target: Floats, k: int) -> Integers:
-    """(n_t,) the vertex map that `pfm` begins with, when it takes all of the source for the region."""
+    """(n_t,) the initial vertex map of `pfm`, for which the region is the whole source."""
     problem = _Problem.of(source, target, descriptors_source, descriptors_target, k)
     return closest_points(problem.first_map()[: problem.fit.r], problem.rows_source, problem.basis, 0)[1]
 
@@ -119,13 +119,13 @@ class _Problem:
         return cls(basis, source.basis.eigenvectors[:, :k], fit, RegionEnergy.of(source, on_source, share, k))
 
     def first_map(self) -> Floats:
-        """(k, k) the functional map that fits the descriptors of all of the source."""
+        """(k, k) the functional map that fits the descriptors of the whole source."""
         whole = self.place.coefficients(np.ones(len(self.rows_source)))
         return self.fit.minimiser(np.zeros(self.fit.W.shape), whole)
 
 
 def slant(k: int, r: int) -> Floats:
-    """(k, k) W: how far the numbers (i, j) of the target's and the source's function are off the line i = j r / k."""
+    """(k, k) W: distance of the indices (i, j) of target and source functions from the line i = j r / k."""
     i, j = np.indices((k, k))
     return np.exp(-DECAY * np.hypot(i, j)) * np.abs(k * i - r * j) / np.hypot(k, r)
 
@@ -142,7 +142,7 @@ class MapEnergy:
     Attributes:
         A: (k, d) coefficients of the target's descriptors.
         W: (k, k) weights of the slant.
-        r: how many rows are to be orthonormal.
+        r: number of rows that should be orthonormal.
     """
 
     A: Floats
@@ -150,7 +150,7 @@ class MapEnergy:
     r: int
 
     def at(self, C: Floats, B: Floats) -> tuple[float, Floats]:
-        """The energy, and (k, k) its gradient, of a map C (k, k), where B (k, d) is what the region has."""
+        """The energy of a map C (k, k) and its gradient (k, k), given the region's coefficients B (k, d)."""
         data, directions = lengths(C.T @ self.A - B)
         slanted = self.W * C
         gram = C @ C.T
@@ -161,7 +161,7 @@ class MapEnergy:
         )
 
     def minimiser(self, C: Floats, B: Floats) -> Floats:
-        """(k, k) what L-BFGS reaches from a map C (k, k)."""
+        """(k, k) minimiser that L-BFGS finds from a map C (k, k)."""
 
         def energy(flat: Floats) -> tuple[float, Floats]:
             value, gradient = self.at(flat.reshape(C.shape), B)
@@ -195,7 +195,7 @@ class RegionEnergy:
 
     @classmethod
     def of(cls, source: Side, descriptors: Floats, share: float, k: int) -> RegionEnergy:
-        """Of a source at whatever area, the first k of its functions, and a target with a share of its area."""
+        """From a source of any area, the first k of its functions, and a target with a share of its area."""
         points = source.surface.vertices / np.sqrt(source.surface.area)
         triangles = source.surface.triangles
         m = len(triangles)
@@ -216,7 +216,7 @@ class RegionEnergy:
         return np.asarray((self.rows.T * (self.areas * eta)) @ self.descriptors)
 
     def at(self, v: Floats, wanted: Floats) -> tuple[float, Floats]:
-        """The energy, and (n,) its gradient, of v (n,), where coefficients (k, d) of the descriptors are wanted."""
+        """The energy of v (n,) and its gradient (n,), given the desired coefficients (k, d) of the descriptors."""
         eta = membership(v)
         data, directions = lengths(self.coefficients(eta) - wanted)
         of_eta = self.areas * np.einsum("nd,nd->n", self.rows @ directions, self.descriptors)
@@ -227,7 +227,7 @@ class RegionEnergy:
         return float(value), np.asarray(of_eta * 12 * eta * (1 - eta) + LENGTH * of_border)
 
     def minimiser(self, v: Floats, wanted: Floats) -> Floats:
-        """(n,) what L-BFGS reaches from v (n,)."""
+        """(n,) minimiser that L-BFGS finds from v (n,)."""
 
         def energy(flat: Floats) -> tuple[float, Floats]:
             return self.at(flat, wanted)
@@ -254,7 +254,7 @@ def closest_points(
         C: (r, k) functional map.
         rows_source: (n_s, k) the source's eigenvectors.
         basis: of the target, r eigenfunctions at least.
-        iterations: how often; nearest neighbours are taken once more.
+        iterations: of both steps, followed by a final search for nearest neighbours.
 
     Returns:
         (r, k) the map, and (n_t,) source vertex of each target vertex.
@@ -273,7 +273,7 @@ def orthonormal_rows(matrix: Floats) -> Floats:
 
 
 def lengths(columns: Floats) -> tuple[float, Floats]:
-    """The sum of the columns' lengths, and the columns (k, d) at unit length, which is its gradient."""
+    """The sum of the columns' norms, and its gradient: the normalised columns (k, d)."""
     length = np.sqrt((columns**2).sum(axis=0) + SMOOTHING**2)
     return float(length.sum()), columns / length
 

@@ -2,15 +2,15 @@
 """Reversible harmonic maps (RHM).
 
 Ezuz, Solomon and Ben-Chen, Reversible harmonic maps between discrete surfaces (2019). Both shapes are embedded so that
-straight distances are about geodesic ones (X_1, X_2, n x d). The maps in both directions (P_12, P_21: a point of the
-other surface for each vertex) and their images Y_12, Y_21 in these embeddings minimise, with the same of the other
-direction,
+Euclidean distances approximate geodesic ones (X_1, X_2, n x d). The maps in both directions (P_12, P_21: a point of the
+other surface for each vertex) and their images Y_12, Y_21 in these embeddings minimise, summed over both
+directions,
 
     alpha tr(Y_12' W_1 Y_12) + (1 - alpha) ||P_21 Y_12 - X_2||^2 + beta ||Y_12 - P_12 X_2||^2:
 
-the Dirichlet energy of the map, how far going back and there misses the start, and how far the image is off the other
+the Dirichlet energy of the map, its deviation from invertibility, and the distance of the image from the other
 surface; norms are weighted by area. Given the maps, Y solves a sparse linear system; given Y, every vertex is projected
-onto the other surface in the embedding of both terms with P_12, [sqrt(1 - alpha) Y_21, sqrt(beta) X_2].
+onto the other surface in the joint embedding of both terms with P_12, [sqrt(1 - alpha) Y_21, sqrt(beta) X_2].
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ ITERATIONS = 30
 
 @dataclass(frozen=True, eq=False)
 class Embedded:
-    """A surface of one component, in which every vertex is used.
+    """A connected surface without unused vertices.
 
     Attributes:
         surface: the mesh.
-        positions: (n, d) whose straight distances are about geodesic ones, at unit area.
+        positions: (n, d) whose Euclidean distances approximate geodesic ones, at unit area.
         stiffness: (n, n) of the Laplacian.
         areas: (n,) of the vertices, summing to one.
         around: neighbourhoods of triangles, for projections.
@@ -59,7 +59,7 @@ class Embedded:
 
     @classmethod
     def of(cls, surface: Surface) -> Embedded:
-        """The surface with all that is needed of it."""
+        """The surface with its embedding, Laplacian and search structure."""
         n = len(surface.vertices)
         laplacian = mesh_laplacian(surface.vertices, surface.triangles)
         return cls(surface, geodesic_embedding(surface), *laplacian, Neighbourhoods(surface.triangles, n))
@@ -99,14 +99,14 @@ def rhm(
 
 
 def images(start: Embedded, end: Embedded, there: csr_array, back: csr_array, beta: float) -> Floats:
-    """(n_1, d) where a map's images would be best in the embedding of where it ends, given the maps both ways.
+    """(n_1, d) the optimal images in the other surface's embedding, given the maps in both directions.
 
     Args:
-        start: where the map starts (1).
-        end: where it ends (2).
+        start: the surface to be mapped (1).
+        end: the surface with the images (2).
         there: (n_1, n_2) matrix of the map.
         back: (n_2, n_1) matrix of the map back.
-        beta: weight of being near the map's images.
+        beta: weight of the distance from the other surface.
     """
     returned = (1 - ALPHA) * back.T @ diags_array(end.areas)
     near = beta * diags_array(start.areas)
@@ -115,7 +115,7 @@ def images(start: Embedded, end: Embedded, there: csr_array, back: csr_array, be
 
 
 def geodesic_embedding(surface: Surface, dimension: int = DIMENSION) -> Floats:
-    """(n, dimension) positions whose straight distances are about geodesic ones, at unit area.
+    """(n, dimension) positions whose Euclidean distances approximate geodesic ones, at unit area.
 
     Classical scaling of the distances between farthest points, to which all other vertices are added (landmark MDS,
     de Silva and Tenenbaum 2004). Distances run along edges.
@@ -131,7 +131,7 @@ def geodesic_embedding(surface: Surface, dimension: int = DIMENSION) -> Floats:
 
 
 def _project(start: Embedded, end: Embedded, image: Floats, image_back: Floats, beta: float) -> SurfaceMap:
-    """The map for which both terms that it occurs in are least."""
+    """The map that minimises both terms in which it occurs."""
     weights = np.sqrt(1 - ALPHA), np.sqrt(beta)
     queries = np.hstack([weights[0] * start.positions, weights[1] * image])
     surface = np.hstack([weights[0] * image_back, weights[1] * end.positions])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZoomOut on samples as in its paper: all iterations on samples, and a single conversion to a dense map.
+"""ZoomOut on samples as in its paper: all iterations on samples, then one conversion to a dense map.
 
-Melzi et al. 2019, section 4.4. The core's own, `zoomout_core.zoomout` with samples, adds a few rounds on all vertices,
-which recover the exactness that samples cost.
+Melzi et al. 2019, section 4.4. The core's `zoomout_core.zoomout` with samples adds a few iterations on all vertices,
+which recover the accuracy that sampling costs.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def sampled_zoomout(
     """Refine a functional map (k_t, k_s), or a vertex map (n_t,) by its functional map of size k_initial.
 
     Args:
-        source: of the surface that the map lands on.
-        target: of the surface that the map starts from.
+        source: basis of the surface with the images.
+        target: basis of the surface to be mapped.
         initial: the map.
         k_final: size of the final functional map.
-        step: its growth in an iteration.
+        step: its increase per iteration.
         samples: number of farthest points of each surface.
-        k_initial: see above.
+        k_initial: size of the functional map of a vertex map.
     """
     on_source, on_target = (
         SampledBasis.of(basis, farthest_points(basis.points, samples)) for basis in (source, target)

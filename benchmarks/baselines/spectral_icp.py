@@ -2,7 +2,7 @@
 """Iterative closest points in the spectral embedding, with a functional map of fixed size.
 
 Ovsjanikov et al., Functional maps: a flexible representation of maps between shapes (2012), section 6.3: a map that
-preserves areas has an orthonormal functional map, so that C is a rigid motion between the embeddings.
+preserves areas has an orthonormal functional map, so C is a rigid motion between the embeddings.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ def spectral_icp(
     """Refine a vertex map by alternating nearest neighbours with orthonormal functional maps.
 
     Args:
-        basis_source: of the surface that the map lands on; k eigenfunctions at least.
-        basis_target: of the surface that the map starts from; as many.
+        basis_source: at least k eigenfunctions of the source, on which the images are.
+        basis_target: as many of the target.
         initial: (n_t,) source vertex of each target vertex.
         k: size of the functional map.
-        iterations: how often; at least one.
+        iterations: at least one.
     """
     vertex = initial
     for _ in range(iterations):

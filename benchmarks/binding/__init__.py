@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How exactly a target follows a rig that it is bound to: in poses that its source takes, against the source itself."""
+"""Accuracy of a target that is bound to a rig, in other poses, compared with the posed source."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ Row = dict[str, Any]
 
 
 def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, list[Row]]:
-    """Bind characters that stand in a pose, and let the rig take others.
+    """Bind posed characters to the source's rig, and put the rig into other poses.
 
-    Errors are in percent of the largest extent: of the distance to the source's surface as it moves, and of that to
-    the place on it that a vertex stems from.
+    Errors are in percent of the largest extent: the distance to the posed source's surface, and the distance to
+    a vertex's true place on it.
 
     Args:
         data: folder of the sets, with characters among them.
         most: largest number of characters of each kind; None for all.
-        picture_folder: where to draw each case.
+        picture_folder: for a picture of each case.
 
     Returns:
         `rows`: for each kind, mesh and way medians over cases, and in how many the median distance from the surface is
@@ -89,7 +89,7 @@ def _rows(case: Case, picture_folder: Path | None) -> Iterator[Row]:
 
 
 class _Truth:
-    """Where a target should be in each of the poses."""
+    """The true positions of a target in each of the poses."""
 
     def __init__(self, case: Case) -> None:
         self.extent = float(np.ptp(case.target.vertices, axis=0).max())
@@ -102,7 +102,7 @@ class _Truth:
         take(case.armature, {})
 
     def off(self, points: Floats, number: int) -> Floats:
-        """(n, 2) distances of vertices (n, 3), in percent, in a pose: from the surface, and from their places."""
+        """(n, 2) distances of vertices (n, 3) from the surface and from their true places in a pose, in percent."""
         search = self.searches[number]
         triangle, barycentric = search.closest(points)
         nearest = np.einsum("nc,ncx->nx", barycentric, search.vertices[search.triangles[triangle]])
@@ -111,7 +111,7 @@ class _Truth:
 
 
 def _by_true_weights(case: Case) -> Iterator[Floats]:
-    """(n, 3) the target in each pose, by true weights and from the true rest pose."""
+    """(n, 3) the target in each pose, with true weights and the true rest pose."""
     names = tuple(bone.name for bone in case.armature.data.bones if bone.use_deform)
     weights = weights_of(case.source, names)
     own = case.truth.interpolate(weights.toarray())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigged characters, and targets that stand in one of their poses: where these go in other poses is known."""
+"""Rigged characters, and targets in one of their poses, whose positions in other poses are known."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class Case:
     Attributes:
         kind: "generated" or "game".
         name: of the character and the pose.
-        mesh: how the target's mesh came about, "isotropic" or "voxels": vertices of the one lie on the source, as it is
-            posed, and those of the other near it.
+        mesh: how the target was meshed, "isotropic" or "voxels": vertices of the former are on the posed source,
+            those of the latter near it.
         source: the object, at rest.
-        armature: that deforms it.
+        armature: deforms it.
         target: the target's surface.
-        truth: where its vertices lie on the source.
-        bound_in: the pose that the target stands in.
-        taken: the poses that it is to take.
+        truth: its vertices' places on the source.
+        bound_in: the target's pose.
+        taken: the poses to test.
     """
 
     kind: str
@@ -65,7 +65,7 @@ class Case:
 
 
 def make_cases(data: Path, most: int | None) -> Iterator[Case]:
-    """Generated characters in several poses, and those of games, or about `most` of each kind, evenly spread."""
+    """Generated characters in several poses, and game characters, or about `most` of each kind, evenly spread."""
     for number in spread(list(range(BOUND_IN)), most):
         yield from _generate(number)
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((data / "characters" / "game").glob("*"))]
@@ -82,7 +82,7 @@ def take(armature: Object, stance: Stance) -> None:
 
 
 def bone_matrices(armature: Object, names: tuple[str, ...]) -> Floats:
-    """(b, 4, 4) where bones take what is at rest, in world space, in the pose that the armature is in."""
+    """(b, 4, 4) transforms of bones from the rest pose to the armature's current pose, in world space."""
     world = armature.matrix_world
     return np.array(
         [
@@ -106,7 +106,7 @@ def weights_of(source: Object, names: tuple[str, ...]) -> csr_array:
 
 
 def positions(obj: Object) -> Floats:
-    """(n, 3) where the vertices of an object are seen."""
+    """(n, 3) world positions of an object's evaluated vertices."""
     with mesh_data.evaluated_mesh(obj, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
         return mesh_data.positions_in_world(evaluated, mesh_data.read_positions(mesh).astype(np.float64))
 
@@ -129,7 +129,7 @@ def _generate(number: int) -> Iterator[Case]:
 
 
 def _of_game(path: Path) -> Iterator[Case]:
-    """A character of a game in the frame that differs most from its rest."""
+    """A game character in the frame that differs most from its rest pose."""
     character = read_character(path)
     if is_broken(character):
         return
@@ -158,7 +158,7 @@ def _of_game(path: Path) -> Iterator[Case]:
 
 
 def _swung(stance: Stance) -> Stance:
-    """Another pose for characters without animation: what turns, turns the other way."""
+    """Another pose for characters without animation: all rotations are inverted."""
     return {
         name: Matrix.LocRotScale(basis.translation, basis.to_quaternion().inverted(), basis.to_scale())
         for name, basis in stance.items()
@@ -172,7 +172,7 @@ def _stance(armature: Object) -> Stance:
 def _cases(
     kind: str, name: str, source: Object, armature: Object, bound_in: Stance, taken: tuple[Stance, ...]
 ) -> Iterator[Case]:
-    """A case for each way of making a mesh of the source in a pose."""
+    """A case for each way of remeshing the posed source."""
     take(armature, bound_in)
     posed = positions(source)
     take(armature, {})

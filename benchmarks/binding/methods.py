@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ways to put a target onto a rig: ours, and what artists have without it."""
+"""Ways to bind a target to a rig: ours, and those that artists use otherwise."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def bind(case: Case, target: Object) -> None:
 
 
 def bind_by_truth(case: Case, target: Object) -> None:
-    """Ours, along the true map: what is left are errors of binding alone."""
+    """Ours, along the true map, which leaves the errors of binding only."""
     pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     sure = np.ones(len(target.data.vertices))
     stored_match.write(target.data, stored_match.StoredMatch(case.truth, sure, ()), pair, {})
@@ -35,7 +35,7 @@ def bind_by_truth(case: Case, target: Object) -> None:
 
 
 def weights_alone(case: Case, target: Object) -> None:
-    """Weights by the match, and an Armature modifier: the target stays in its pose."""
+    """Weights by the match, and an Armature modifier, without a change of the rest pose."""
     api.transfer_objects(bpy.context, case.source, target, ["vertex_groups"])
     target.modifiers.new("Armature", "ARMATURE").object = case.armature
 
@@ -61,7 +61,7 @@ WAYS: dict[str, Way] = {
 
 
 def match_bare(case: Case) -> tuple[Object, float, float]:
-    """A bare target, matched with nothing given; seconds and certainty."""
+    """A bare target, matched without hints; seconds and certainty."""
     mesh = bpy.data.meshes.new("Target")
     mesh.from_pydata(case.target.vertices, [], case.target.triangles)
     target = bpy.data.objects.new("Target", mesh)

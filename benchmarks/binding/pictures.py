@@ -21,11 +21,11 @@ SUN, SKY, SAMPLES = (0.7, 0.2, 0.9), (0.5, 0.5, 0.5), 8
 
 
 def draw(file: Path, objects: Sequence[Object]) -> None:
-    """Draw objects beside each other, as they are seen now.
+    """Draw objects side by side, as they are evaluated now.
 
     Args:
         file: image to write.
-        objects: from left to right; they need not stand apart.
+        objects: from left to right; they may overlap in space.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     shapes = [positions(obj) for obj in objects]

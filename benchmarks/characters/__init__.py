@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Characters as users have them, of many loose parts: do bones, limbs and places arrive, and does the match know?"""
+"""Characters of many loose parts: accuracy of bones, limbs and places, and calibration of the match."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ WORST = 8
 
 
 def run(data: Path, pairs: int | None, picture_folder: Path | None) -> dict[str, list[Row]]:
-    """Match each case with nothing given.
+    """Match each case without hints.
 
     `rows`, for each case: loose parts of source and target, seconds of a cold match, certainty, mean confidence; by
-    weights: the shares of the target whose strongest bone and whose limb is right, of the sided limbs the share that
-    lands on the other side, mean L1 error; or mean and median error in centimetres. The same for Blender's Data
-    Transfer (DT), whether the case is right, and whether it is behind Data Transfer.
+    weights: the shares of the target with the right strongest bone and the right limb, of the sided limbs the share
+    that is mapped to the other side, mean L1 error; or mean and median error in centimetres. The same for Blender's
+    Data Transfer (DT), whether the case is right, and whether it is worse than Data Transfer.
 
     `summary`: these for each kind of case.
 
     Args:
         data: the folder of the sets, with characters among them.
         pairs: approximate number of cases of each kind, evenly spread.
-        picture_folder: where to draw the worst cases of each kind.
+        picture_folder: for pictures of the worst cases of each kind.
     """
     rows: list[Row] = []
     worst: dict[str, list[tuple[float, Picture]]] = {}

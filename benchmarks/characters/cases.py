@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs of characters whose correspondence is known: by the weights of their files, or exactly."""
+"""Pairs of characters with known correspondence, either exact or by the weights in their files."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Case:
     Attributes:
         kind: "pose", "skin", "other" or "outfits".
         name: of the character or characters, and the pose.
-        source: the surface that the map lands on.
-        target: the surface that it starts from.
-        truth: what is known.
+        source: the surface with the images.
+        target: the surface to be mapped.
+        truth: the known correspondence.
     """
 
     kind: str
@@ -79,7 +79,7 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
 
 
 def first_pairs(folder: Path) -> Iterator[Case]:
-    """Of each pack of game characters in a folder the first two that go together, at rest."""
+    """The first two compatible characters of each pack of game characters, at rest."""
     for pack in sorted(folder.glob("*")):
         found = (_other(*files, False) for files in pairwise(sorted(pack.glob("*.glb"))))
         yield from islice((case for case in found if case is not None), 1)
@@ -92,7 +92,7 @@ def spread(entries: list[T], most: int | None) -> list[T]:
 
 
 def _cycle(pack: list[Path]) -> Iterator[tuple[Path, Path, bool]]:
-    """Each character of a pack with the next, and whether the latter is posed."""
+    """Each character of a pack paired with the next, and whether the latter is posed."""
     for i, path in enumerate(pack if len(pack) > 1 else []):
         for posed in (False, True) if len(pack) <= SMALL_PACK else (bool(i % 2),):
             yield path, pack[(i + 1) % len(pack)], posed
@@ -161,5 +161,5 @@ def is_broken(character: Character) -> bool:
 
 
 def _moving(body: Body) -> Booleans:
-    """(b,) which bones move something."""
+    """(b,) which bones have weights."""
     return np.asarray((body.weights > 0).any(axis=0))

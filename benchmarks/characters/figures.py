@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a map makes of a case: whether bones and limbs arrive, or how far images are from their places."""
+"""Accuracy of the map of a case: shares of right bones and limbs, or distances of images from their true places."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ WEIGHTED = 0.5
 
 
 class Figures(NamedTuple):
-    """How well a map does; None for what the truth of the case does not include.
+    """Figures of a map; None where the case's truth does not include them.
 
     Attributes:
         dom: share of the target's vertices whose strongest bone is right.
         limb: share of them on the right limb.
-        side: of those on limbs of a side, the share that lands on the other side.
+        side: share of the vertices on sided limbs that is mapped to the other side.
         l1: mean sum of absolute differences of the weights.
         error: mean error in centimetres.
         median: median error in centimetres.
@@ -55,14 +55,14 @@ def figures(case: Case, surface_map: zo.SurfaceMap) -> Figures:
 
 
 def nearest_in_space(case: Case) -> zo.SurfaceMap:
-    """The map by which Blender's Data Transfer goes ("Nearest Face Interpolated"), both objects as they stand."""
+    """The map of Blender's Data Transfer ("Nearest Face Interpolated"), with both objects where they are."""
     source = case.source
     closest = closest_points(case.target.vertices, source.vertices, source.triangles)
     return zo.SurfaceMap(*closest, source.triangles)
 
 
 def wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
-    """(n_t,) which vertices of the target land on a wrong limb, or too far off."""
+    """(n_t,) which target vertices are mapped to a wrong limb, or too far from their true place."""
     if isinstance(case.truth, Rest):
         return errors_at_rest(case.truth, surface_map) >= RIGHT_ERROR
     truth = case.truth
@@ -71,13 +71,13 @@ def wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
 
 
 def errors_at_rest(truth: Rest, surface_map: zo.SurfaceMap) -> Floats:
-    """(n_t,) distances in centimetres between the images' places on the common body and the right ones."""
+    """(n_t,) distances in centimetres between the images and the true places, on the common body."""
     distance = np.linalg.norm(surface_map.interpolate(truth.source) - truth.target, axis=1)
     return np.asarray(distance / truth.unit)
 
 
 def dominant(weights: Floats) -> Integers:
-    """(n,) the strongest bone by weights (n, b), -1 where there are none."""
+    """(n,) the bone with the largest weight (n, b); -1 where all are zero."""
     return np.where(weights.sum(axis=1) > WEIGHTED, np.argmax(weights, axis=1), -1)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigged characters of games, read by Blender's importer: at rest, in a frame of their animation, and made anew."""
+"""Rigged game characters, read by Blender's importer: at rest, in a frame of their animation, and remeshed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ STRIDE = (
 
 
 class Body(NamedTuple):
-    """A character in one pose, all its skinned objects as one mesh in world space.
+    """A character in one pose, with all its skinned objects as one mesh in world space.
 
     Attributes:
         vertices: (n, 3) positions.
@@ -60,15 +60,15 @@ class Body(NamedTuple):
 
 
 class Character(NamedTuple):
-    """What a file holds.
+    """A character read from a file.
 
     Attributes:
-        pack: the folder that it is from.
+        pack: its folder.
         name: of the character.
         skeleton: its bones.
-        rest: as it was rigged.
+        rest: in its rest pose.
         posed: the same mesh in the frame of its actions that differs most from the rest.
-        thinned: the same pose on another mesh.
+        thinned: the same pose, remeshed.
         pose: the action and the frame.
     """
 
@@ -83,7 +83,7 @@ class Character(NamedTuple):
 
 @lru_cache(maxsize=4)
 def read_character(path: Path) -> Character:
-    """A character from a glTF file; the scene that is open makes room for it."""
+    """A character from a glTF file; replaces the open scene."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     before, bpy.app.debug_value = bpy.app.debug_value, ERRORS_ALONE
     bpy.ops.import_scene.gltf(filepath=str(path))
@@ -113,11 +113,11 @@ def read_character(path: Path) -> Character:
 
 
 def one_skin(body: Body, voxel: float = VOXEL) -> Body:
-    """A character rebuilt from voxels, so that its parts become one skin; weights from the closest points.
+    """A character remeshed by voxels, so that its parts become one skin; weights from the closest points.
 
     Args:
         body: the character.
-        voxel: width of a voxel over the extent.
+        voxel: width of a voxel relative to the extent.
     """
     mesh = bpy.data.meshes.new("Skin")
     mesh.from_pydata(body.vertices, [], body.triangles)
@@ -135,13 +135,13 @@ def one_skin(body: Body, voxel: float = VOXEL) -> Body:
 
 
 def _largest_part(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
-    """The part of the largest area, without the crumbs and caves that voxels leave."""
+    """The part of the largest area, without the small parts and inner cavities that voxels leave."""
     used = zo.Surface(vertices, triangles).components == 0
     return vertices[used], (np.cumsum(used) - 1)[triangles[used[triangles[:, 0]]]]
 
 
 def shuffle(body: Body, seed: int = 0) -> Body:
-    """The same mesh, its vertices and triangles in another order."""
+    """The same mesh with its vertices and triangles in random order."""
     rng = np.random.default_rng(seed)
     order = rng.permutation(len(body.vertices))
     place = np.argsort(order)
@@ -161,7 +161,7 @@ def _skeleton(armature: Object) -> Skeleton:
 
 
 def _body(parts: list[Object], skeleton: Skeleton) -> Body:
-    """The parts as their modifiers leave them."""
+    """The parts, evaluated, as one mesh."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     bodies, first = [], 0
     for part in parts:
@@ -190,7 +190,7 @@ def _weights(part: Object, mesh: bpy.types.Mesh, bones: tuple[str, ...]) -> Floa
 
 
 def _extent(body: Body) -> float:
-    """The largest extent along an axis: the height of people."""
+    """The largest extent along an axis, which is the height of people."""
     return float(np.ptp(body.vertices, axis=0).max())
 
 
@@ -198,7 +198,7 @@ def _extent(body: Body) -> float:
 
 
 def _strike(armature: Object, parts: list[Object], rest: Body) -> str:
-    """Put the armature into the frame that differs most from the rest, and say which it is."""
+    """Put the armature into the frame that differs most from the rest pose, and return its action and frame."""
     if armature.animation_data is None or not bpy.data.actions:
         _stride(armature)
         return "stride"
@@ -224,7 +224,7 @@ def all_frames() -> Iterator[tuple[Action, int]]:
 
 
 def _points(parts: list[Object]) -> Floats:
-    """(n, 3) the vertices of the parts in world space, as they stand."""
+    """(n, 3) evaluated vertices of the parts in world space."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     points = []
     for part in parts:
@@ -234,7 +234,7 @@ def _points(parts: list[Object]) -> Floats:
 
 
 def _bend(points: Floats, rest: Floats) -> float:
-    """Mean distance between points (n, 3) and their rest (n, 3), after the rigid motion that leaves least of it."""
+    """Mean distance between points (n, 3) and their rest positions (n, 3), after rigid alignment."""
     motion = rigid_motion(points, rest)
     return float(np.linalg.norm(points @ motion[:3, :3].T + motion[:3, 3] - rest, axis=1).mean())
 

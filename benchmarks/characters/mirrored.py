@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Characters as cases of symmetry: the truth of a map onto itself, by the names of bones or by places at rest."""
+"""Characters as cases of symmetry, with the true self-map by the names of bones or by places at rest."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MIDDLE = 3.0
 
 
 def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
-    """Characters and outfits, each a case of a map onto itself that exchanges left and right.
+    """Characters and outfits, each a case of a self-map that exchanges left and right.
 
     Args:
         folder: with packs of characters under `game`, and outfits under `outfits`.
@@ -50,9 +50,9 @@ def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
 
 
 def mirrored_bones(character: Character) -> Bones:
-    """What a map of a character onto itself should make of its weights: those of each bone come from its partner.
+    """The weights that a symmetry of a character should produce: those of each bone come from its partner.
 
-    What is moved by a bone of a side that has no partner, such as a weapon's, is not known.
+    The truth is unknown at vertices moved by a sided bone without a partner, such as a weapon's.
     """
     truth = bones_of(character, character, character.rest)
     names = [counterpart_of(name, truth.names) for name in truth.names]
@@ -83,12 +83,12 @@ def _worn_case(path: Path) -> Case:
 
 
 def symmetry_records(folder: Path, most: int | None) -> list[Row]:
-    """A record for each case, as `mirror_cases` gives them."""
+    """A record for each case of `mirror_cases`."""
     return [symmetry_record(case) for case in tqdm(mirror_cases(folder, most), desc="characters", leave=False)]
 
 
 def symmetry_record(case: Case) -> Row:
-    """What the first symmetry makes of a case, and whether it knows."""
+    """Figures and certainty of the first symmetry of a case."""
     zo.forget_shapes()
     begin = perf_counter()
     first = zo.detect_symmetry(case.source)[0]
@@ -109,10 +109,10 @@ def symmetry_record(case: Case) -> Row:
 
 
 def symmetry_rows(records: list[Row]) -> list[Row]:
-    """For each kind of case: how many have their left and right found, and how many are announced so, rightly or not.
+    """For each kind of case: how many symmetries are right, and how many are announced as right, and rightly so.
 
-    Also the worst and the median share of vertices on the mirrored limb, median error of what is worn, and the worst
-    and median share of vertices on the side that is theirs.
+    Also the worst and the median share of vertices on the mirrored limb, the median error of outfits, and the worst
+    and median share of vertices on their own side.
     """
     rows = []
     for kind in dict.fromkeys(record["characters"] for record in records):
@@ -137,7 +137,7 @@ def symmetry_rows(records: list[Row]) -> list[Row]:
 
 
 def _sides(case: Case, symmetry: zo.Symmetry) -> float | None:
-    """The share of vertices, of those that have a side, on the side of their own; which is left does not count."""
+    """The share of sided vertices on their own side, up to an exchange of left and right."""
     truth = case.truth
     if isinstance(truth, Bones):
         bone = dominant(truth.source)

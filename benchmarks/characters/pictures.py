@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sheets of the worst cases: where images lie, which of them are wrong, and whether the match knew."""
+"""Sheets of the worst cases: positions of the images, wrong ones, and the match's confidence."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Picture(NamedTuple):
     Attributes:
         row: of the table.
         case: what was matched.
-        result: what came of it.
+        result: of the match.
     """
 
     row: dict[str, Any]
@@ -45,7 +45,7 @@ class Picture(NamedTuple):
 
 
 def draw(path: Path, pictures: list[Picture]) -> None:
-    """Write cases to one PNG file, a row each, all of it seen from the front and from the side."""
+    """Write cases to one PNG file, a row each, from the front and from the side."""
     figure = Figure(figsize=(CELL[0], len(pictures) * CELL[1]), layout="constrained")
     for number, picture in enumerate(pictures, start=1):
         axes = figure.add_subplot(len(pictures), 1, number)
@@ -87,8 +87,8 @@ def _views(vertices: Floats, upward: int) -> tuple[Floats, Floats]:
 
     Args:
         vertices: (n, 3) positions.
-        upward: the axis that points up. Characters look along the third of their axes, those that stand along z
-            against their second.
+        upward: the axis that points up. Characters face along +z if it is y, and along -y if it is z.
+
     """
     points = vertices - (vertices.max(axis=0) + vertices.min(axis=0)) / 2
     points = points / np.ptp(points, axis=0).max()

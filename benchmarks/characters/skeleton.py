@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limbs of a skeleton, from its tree, the names of its bones and the sides in these names.
+"""Limbs of a skeleton, from its hierarchy, its bones' names and the sides in these names.
 
-A chain of sided bones that leaves the middle of the body is a limb of its own (an arm, a leg, a wing), however
-many there are; bones of the middle are distinguished by their names.
+A chain of sided bones that starts at the middle of the body is one limb (an arm, a leg, a wing), however
+many bones it has; bones of the middle are distinguished by their names.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Skeleton(NamedTuple):
 
     Attributes:
         names: (b,) of the bones.
-        parent: (b,) the number of each bone's parent, -1 at roots.
-        head: (b, 3) where bones begin, at rest.
+        parent: (b,) the index of each bone's parent, -1 at roots.
+        head: (b, 3) the bones' heads at rest.
     """
 
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class Skeleton(NamedTuple):
 
 
 class Limbs(NamedTuple):
-    """What the bones of a skeleton belong to.
+    """The limbs and sides of a skeleton's bones.
 
     Attributes:
         limb: (b,) the name of each bone's limb.
@@ -67,7 +67,7 @@ def limbs_of(skeleton: Skeleton) -> Limbs:
 
 
 def _side(skeleton: Skeleton, bone: int) -> int:
-    """The side in a bone's name, or, where that is unclear, the one in all names below it."""
+    """The side in a bone's name, or, if there is none, the common side of all its descendants."""
     own = _named_side(skeleton.names[bone])
     clear = re.search(r"\.\d+$", skeleton.names[bone]) is None
     below = [_named_side(skeleton.names[i]) for i in np.flatnonzero(skeleton.parent == bone)]
@@ -82,7 +82,7 @@ def _named_side(name: str) -> int:
 
 
 def _sided_limb(name: str, above: str) -> str:
-    """The limb of a chain that begins with a sided bone; the name carries its side."""
+    """The limb of a chain that begins with a sided bone; its name includes the side."""
     return "head" if above == "head" and OF_HEAD.search(name) else name
 
 
@@ -91,7 +91,7 @@ def _middle_limb(name: str, above: str) -> str:
 
 
 def _with_pulled_bones(skeleton: Skeleton, limb: list[str], side: Integers) -> tuple[str, ...]:
-    """The limbs, after feet and the like that hang from the root went to the limb of their side that ends nearest."""
+    """The limbs, with feet and the like that are children of the root added to the nearest limb of their side."""
     pulled = np.array([bool(PULLED.search(name)) for name in limb])
     has_child = np.isin(np.arange(len(limb)), skeleton.parent)
     ends = np.flatnonzero(~pulled & ~has_child & (side != 0) & (np.array(limb) != "head"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of the table of characters, and what they amount to."""
+"""Rows of the table of characters, and their summary."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BASELINE = "DT "
 
 
 def measure(case: Case) -> tuple[Row, zo.MatchResult]:
-    """Match a case with nothing given: its row, and the result."""
+    """Match a case without hints: its row, and the result."""
     zo.forget_shapes()
     begin = perf_counter()
     result = zo.match(case.source, case.target)
@@ -45,7 +45,7 @@ def measure(case: Case) -> tuple[Row, zo.MatchResult]:
 
 
 def summary(rows: list[Row]) -> list[Row]:
-    """For each kind and all: how many cases are right, behind Data Transfer, and announced as right but wrong.
+    """For each kind and all: how many cases are right, worse than Data Transfer, and announced as right but wrong.
 
     Also the worst and the median limb, strongest bone and error.
     """
@@ -54,7 +54,7 @@ def summary(rows: list[Row]) -> list[Row]:
 
 
 def badness(row: Row) -> float:
-    """What the worst cases of a kind have most of."""
+    """The figure by which the worst cases of a kind are chosen."""
     return float(row["cm"] if row["cm"] is not None else 1 - (row["limb"] or 0))
 
 
@@ -97,5 +97,5 @@ def _behind(ours: Figures, baseline: Figures) -> bool:
 
 
 def _parts(surface: zo.Surface) -> int:
-    """The number of loose parts, those that coincide at their borders taken together."""
+    """The number of loose parts, where parts with coincident borders count as one."""
     return int(surface.components.max()) + 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of a pair of characters: the weights that should arrive, or places on a common body."""
+"""True correspondence of a pair of characters: by the weights that should arrive, or by places on a common body."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Bones:
 
     Attributes:
         names: (b,) the bones of both sides.
-        limb: (b,) the number of each bone's limb.
+        limb: (b,) the index of each bone's limb.
         limb_names: of the limbs.
         side: (b,) 1 on the left, -1 on the right, 0 in the middle.
         source: (n_s, b) weights; rows sum to one.
@@ -75,7 +75,7 @@ def bones_of(source: Character, target: Character, body: Body) -> Bones:
 
 
 def _translate(source: Character, of_source: Limbs, target: Character, of_target: Limbs) -> list[str]:
-    """The limbs of the source's bones, called as the target's skeleton calls that of most bones that they share."""
+    """The limbs of the source's bones, renamed after the target's limb with which they share the most bones."""
     theirs = dict(zip(target.skeleton.names, of_target.limb, strict=True))
     called: dict[str, str] = {}
     for limb in dict.fromkeys(of_source.limb):
@@ -86,6 +86,6 @@ def _translate(source: Character, of_source: Limbs, target: Character, of_target
 
 
 def _column(character: Character, body: Body, bone: str) -> Floats:
-    """(n,) the weights of a bone, which the character may lack."""
+    """(n,) the weights of a bone; zero if the character lacks it."""
     names = character.skeleton.names
     return body.weights[:, names.index(bone)] if bone in names else np.zeros(len(body.vertices), np.float32)
