@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of meshes with known correspondences, organised as the benchmark data's README says."""
+"""Sets of meshes with known correspondences, in the format of the benchmark data's README."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ FEW_PLACES = 200
 
 @dataclass(frozen=True)
 class PairOfMeshes:
-    """Two meshes of a set, or the surfaces of its clouds: the map starts on the target and lands on the source.
+    """Two meshes of a set, or the surfaces of its clouds: target vertices are mapped to the source.
 
     Attributes:
-        target_name: as in `pairs.txt`, where it stands first.
-        source_name: the second of the line.
+        target_name: the first name of a line of `pairs.txt`.
+        source_name: the second one.
         target: the first mesh.
         source: the second mesh.
-        target_vertex: (c,) vertices of the target whose place on the source is known.
-        source_vertex: (c,) that place.
-        mirrored_vertex: (c,) that place with left and right exchanged; None where the set does not have it.
+        target_vertex: (c,) vertices of the target whose true image is known.
+        source_vertex: (c,) their true images on the source.
+        mirrored_vertex: (c,) these images with left and right exchanged; None if the set does not list them.
     """
 
     target_name: str
@@ -97,18 +97,18 @@ class PairOfParts:
 
     @classmethod
     def load(cls, folder: Path, name: str) -> Self:
-        """A pair of a set, by its name."""
+        """Load a pair of a set by its name."""
         source, target = (read_surface(folder / f"{name}_{side}.off") for side in ("source", "target"))
         return cls(name, source, target, _truth(folder / TRUTH)[name])
 
     @property
     def kind(self) -> str:
-        """What is missing."""
+        """The kind of part that is missing."""
         return kind_of_part(self.name)
 
     @cached_property
     def region(self) -> Booleans:
-        """(n_s,) which vertices of the source something on the target corresponds to."""
+        """(n_s,) which source vertices correspond to some part of the target."""
         return region_of(self.truth, self.source)
 
     def errors(self, vertex: Integers, most: int) -> Floats:
@@ -124,7 +124,7 @@ class PairOfParts:
 
 
 def region_of(images: Integers, source: Surface) -> Booleans:
-    """(n_s,) the vertices of the faces that have an image at a corner."""
+    """(n_s,) the vertices of all faces that have an image at a corner."""
     is_image = np.zeros(len(source.vertices), dtype=bool)
     is_image[images[images >= 0]] = True
     region = np.zeros_like(is_image)
@@ -133,17 +133,17 @@ def region_of(images: Integers, source: Surface) -> Booleans:
 
 
 def kind_of_part(name: str) -> str:
-    """What is missing on the shapes of a pair, by its name."""
+    """The kind of part that is missing in a pair, from the pair's name."""
     return next(kind for beginning, kind in PARTS.items() if name.startswith(f"{beginning}_"))
 
 
 def sets_of_parts_in(folder: Path) -> list[Path]:
-    """The sets of pairs with missing pieces in a folder, or the folder itself if it is one."""
+    """The sets of pairs with missing pieces in a folder, or the folder itself if it is such a set."""
     return sorted({path.parent for mark in (TRUTH, f"*/{TRUTH}") for path in folder.glob(mark)})
 
 
 def part_names(folder: Path, most: int | None, kinds: Collection[str] = tuple(PARTS.values())) -> list[str]:
-    """The pairs of a set that are of some kinds, or `most` of them evenly spread over the list."""
+    """The pairs of a set of the given kinds, or `most` of them evenly spread over the list."""
     names = sorted(_truth(folder / TRUTH))
     return evenly([name for name in names if kind_of_part(name) in kinds], most)
 
@@ -171,7 +171,7 @@ def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
 
 
 def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
-    """A pair with its true correspondence."""
+    """Load a pair with its true correspondence."""
     by_template = (folder / TEMPLATE).is_file()
     truth = _truth(folder / (TEMPLATE if by_template else CORRESPONDENCE))
     ending = "ply" if by_template else "off"
@@ -193,14 +193,14 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
 
 
 def load_same_order(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
-    """Two meshes with the same order of vertices, of which some are known places."""
+    """Load two meshes with the same order of vertices, some of which have known images."""
     target, source = (read_surface(folder / f"{name}.off") for name in (target_name, source_name))
     places = np.unique(np.linspace(0, len(target.vertices) - 1, MAX_PLACES).astype(int))
     return PairOfMeshes(target_name, source_name, target, source, places, places, None)
 
 
 def shipped_pairs(folder: Path, method: str) -> list[tuple[str, str]]:
-    """The pairs, target first, of which a set has a map by some method that sends every vertex somewhere."""
+    """The pairs, target first, for which a set has a method's map in which every vertex has an image."""
     path = folder / f"map_{method}.npz"
     if not path.is_file():
         return []
@@ -220,14 +220,14 @@ def _is_complete(maps: Mapping[str, Integers], target: str, source: str) -> bool
 
 
 def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
-    """The shapes of a set whose mirrored places are known, or `most` of them evenly spread over the list."""
+    """The shapes of a set whose mirror images are known, or `most` of them evenly spread over the list."""
     path = folder / CORRESPONDENCE
     truth = _truth(path) if path.is_file() else {}
     return evenly([name.removesuffix(".sym") for name in truth if name.endswith(".sym")], most)
 
 
 def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integers]:
-    """A shape, (c,) vertices of it, and (c,) the vertices on its other side that correspond to them."""
+    """A shape, (c,) some of its vertices, and (c,) their mirror images on its other side."""
     truth = _truth(folder / CORRESPONDENCE)
     return read_surface(folder / f"{name}.off"), truth[name], truth[f"{name}.sym"]
 

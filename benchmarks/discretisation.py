@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The same people meshed in other ways, each way against each: does the map depend on triangles?"""
+"""People meshed in several ways, matched between all of these: does the map depend on the triangulation?"""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     Args:
         data: a set that has a common template, or a folder of sets.
         pairs: number of pairs of each set, evenly spread over its list.
-        figure: an image file to draw the share of places below each error to, a panel for each kind of target.
+        figure: an image file for the share of places below each error, a panel for each kind of target.
     """
     records = []
     for folder in (folder for folder in sets_in(data) if (folder / TEMPLATE).is_file()):
@@ -56,7 +56,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
 
 
 def match(pair: PairOfMeshes) -> tuple[zo.MatchResult, Floats]:
-    """A cold match with nothing given, and (c,) its errors, times 1000, at the known places."""
+    """A cold match without hints, and (c,) its errors, times 1000, at the known places."""
     zo.forget_shapes()
     result = zo.match(pair.source, pair.target)
     return result, pair.errors(result.surface_map.vertex[:, None])[:, 0]

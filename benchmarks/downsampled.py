@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps of large meshes that are refined on small ones, and carried to all vertices.
+"""Maps of large meshes, refined on decimated ones and extended to all vertices.
 
-As in the supplement of Melzi et al. 2019: both meshes are decimated, ZoomOut refines the map on all vertices that are
-left, and the map goes to the full meshes by way of nearest vertices, or of the functional map that it has between the
-full meshes' bases. ZoomOut on as many samples of the full meshes, with one last conversion as in the paper, stands
-beside it, as does the core's, whose last rounds take all vertices.
+As in the supplement of Melzi et al. 2019: both meshes are decimated, ZoomOut refines the map on all remaining
+vertices, and the map is extended to the full meshes by nearest vertices, or by its functional map between the full
+meshes' bases. Compared with ZoomOut on as many samples of the full meshes, with one last conversion as in the paper,
+and with the core's ZoomOut, whose last rounds use all vertices.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ FULL = "ZoomOut on all vertices"
 
 
 def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
-    """Refine one initial map, of two landmarks, in several ways.
+    """Refine one initial map, from two landmarks, in several ways.
 
     `rows`, for each number of vertices or samples, and each method: mean and median over the pairs of the mean error,
-    times 1000, and median seconds, with the eigenbases that the method needs, and decimation. `pairs`: each.
+    times 1000, and median seconds including decimation and eigenbases. `pairs`: each pair.
 
     Args:
         data: the folder of the sets, or that of the meshes.
         pairs: number of pairs, three at most.
-        figure: an image file to draw the mean errors to, by the number of vertices.
+        figure: an image file for the mean errors by the number of vertices.
     """
     folder = data / SET if (data / SET).is_dir() else data
     there = [names for names in PAIRS if all((folder / f"{name}.off").is_file() for name in names)]
@@ -87,12 +87,12 @@ def _of_pair(pair: PairOfMeshes) -> list[Record]:
 
 @dataclass(frozen=True, eq=False)
 class _Decimated:
-    """A surface and a smaller one.
+    """A surface and its decimated version.
 
     Attributes:
-        basis: of the smaller one.
-        merged: (n,) its vertex that each vertex of the large one went into.
-        stands_for: (n',) the vertex of the large one nearest to each of its vertices.
+        basis: of the decimated surface.
+        merged: (n,) the decimated vertex that each original vertex was merged into.
+        stands_for: (n',) the original vertex nearest to each decimated vertex.
     """
 
     basis: zo.SpectralBasis
@@ -101,21 +101,21 @@ class _Decimated:
 
     @classmethod
     def of(cls, surface: zo.Surface, vertices: int) -> _Decimated:
-        """A surface and one of about so many vertices."""
+        """Decimate a surface to about a given number of vertices."""
         points, triangles, merged = decimate(surface.vertices, surface.triangles, vertices)
         stands_for = np.asarray(cKDTree(surface.vertices).query(points)[1])
         return cls(zo.eigenbasis(zo.Surface(points, triangles), K_FINAL), merged, stands_for)
 
 
 def _refine_small(pair: PairOfMeshes, initial: Integers, vertices: int) -> tuple[_Decimated, _Decimated, Integers]:
-    """Both smaller surfaces, and (n'_t,) the smaller source's vertex of each vertex of the smaller target."""
+    """Both decimated surfaces, and (n'_t,) the image of each vertex of the decimated target."""
     source, target = (_Decimated.of(surface, vertices) for surface in (pair.source, pair.target))
     start = source.merged[initial[target.stands_for]]
     return source, target, zo.zoomout(source.basis, target.basis, start, K_FINAL, STEP, None).vertex
 
 
 def _by_nearest(pair: PairOfMeshes, initial: Integers, vertices: int) -> Integers:
-    """(n_t,) every vertex goes where the one that it was merged into goes."""
+    """(n_t,) every vertex takes the image of the vertex that it was merged into."""
     source, target, small = _refine_small(pair, initial, vertices)
     return source.stands_for[small[target.merged]]
 
@@ -123,7 +123,7 @@ def _by_nearest(pair: PairOfMeshes, initial: Integers, vertices: int) -> Integer
 def _by_functional_map(
     pair: PairOfMeshes, source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, vertices: int
 ) -> Integers:
-    """(n_t,) the vertices of the smaller shapes are samples of the large ones, which decide a functional map."""
+    """(n_t,) by the functional map fitted to the decimated vertices as samples of the full meshes."""
     small_source, small_target, small = _refine_small(pair, initial, vertices)
     images = source.eigenvectors[small_source.stands_for[small], :K_FINAL]
     functional_map = SampledBasis.of(target, small_target.stands_for).fit(images, K_FINAL)
@@ -139,7 +139,7 @@ def _in_core(source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Intege
 
 
 def _draw(rows: list[Record], figure: Path) -> None:
-    """The mean error by the number of vertices, and that on all of them as a level line."""
+    """The mean error by the number of vertices, and the error of ZoomOut on all vertices as a level line."""
     lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {}
     for method in (NEAREST, FUNCTIONAL, SAMPLED, CORE):
         lines[method] = VERTICES, [row["mean error"] for row in rows if row["method"] == method]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh with some of its edges flipped: the same vertices, other triangles, and nearly the same surface."""
+"""Flip some edges of a mesh: the same vertices, other triangles, and nearly the same surface."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from zoomout_core.mesh.triangles import area_normals, unique_edges
 
 
 def with_flipped_edges(surface: Surface, share: float, seed: int) -> Surface:
-    """A triangle mesh of which a share of the edges, drawn at random, connects the two vertices opposite to it instead.
+    """Flip a random share of the edges of a triangle mesh, each to the two vertices opposite to it.
 
-    An edge stays that does not lie between two triangles, whose opposite vertices are connected already, or whose flip
+    An edge stays if it is not between two triangles, if its opposite vertices are already connected, or if its flip
     would fold the surface over.
 
     Args:

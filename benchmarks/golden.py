@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hashes of what the library returns, so that a change that may change no map can be checked bit by bit.
+"""Hashes of the library's results, to check bit by bit that a change leaves all maps as they were.
 
-Every case is computed anew, by the plain public functions, at one thread and at several. A file of hashes is of one
+Every case is computed anew, by the public functions, at one thread and at several. A file of hashes is valid for one
 machine and one set of installed packages: numpy and scipy round differently on others.
 """
 
@@ -32,16 +32,16 @@ def run(data: Path, only: Sequence[str], against: Path | None) -> Tables:
 
     Args:
         data: the folder of the sets; cases whose files are missing are skipped.
-        only: how the names of the cases begin; all, when empty.
+        only: prefixes of the names of the cases; all cases if empty.
         against: the JSON of an earlier run.
 
     Returns:
-        `rows`: for each sort of case how many there are, seconds at each number of threads, how many raised, and how
-        many depend on the threads. `skipped`: cases whose files are missing. `differences`: fields that are not what
-        they were. `pairs`: for each case and number of threads the hashes.
+        `rows`: for each sort of case the number of cases, seconds at each number of threads, the number of errors, and
+        the number that depend on the threads. `skipped`: cases whose files are missing. `differences`: fields that have
+        changed. `pairs`: for each case and number of threads the hashes.
 
     Raises:
-        ValueError: no case is called so.
+        ValueError: no case has such a name.
     """
     chosen = [case for case in CASES if not only or case.name.startswith(tuple(only))]
     unknown = [start for start in only if not any(case.name.startswith(start) for case in CASES)]
@@ -67,7 +67,7 @@ def run(data: Path, only: Sequence[str], against: Path | None) -> Tables:
 
 
 def _records(cases: Iterable[Case], data: Path) -> Iterator[Record]:
-    """The hashes of each case at each number of threads, where nothing is known from the case before."""
+    """The hashes of each case at each number of threads, with caches emptied in between."""
     try:
         for case in cases:
             for threads in THREADS:
@@ -89,7 +89,7 @@ def _by_case(records: Iterable[Record]) -> dict[tuple[str, int], Record]:
 
 
 def _differences(record: Record, earlier: dict[tuple[str, int], Record]) -> list[Record]:
-    """The fields that are not what they were, or that only one of the two runs has."""
+    """The fields that have changed, or that only one of the two runs has."""
     about = {CASE: record[CASE], COUNT: record[COUNT]}
     before = earlier.get((record[CASE], record[COUNT]))
     if before is None:
@@ -107,7 +107,7 @@ def _show(value: object) -> str:
 
 
 def _summary(records: Sequence[Record]) -> list[Record]:
-    """A row for each sort of case, and one for all of them."""
+    """A row for each sort of case, and one for all cases."""
     by_case = _by_case(records)
     names = list(dict.fromkeys(record[CASE] for record in records))
     depending = {name for name in names if len({_hashes(by_case[name, count]) for count in THREADS}) > 1}

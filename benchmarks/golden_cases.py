@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The cases of `golden`: pairs and calls of every sort, small, and computed by the plain public functions alone."""
+"""The cases of `golden`: small pairs and calls of every sort, computed by public functions alone."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ USUAL, SMALL, TINY = 2500, 1000, 150
 
 @dataclass(frozen=True)
 class Case:
-    """Something that is computed.
+    """A computation with recorded results.
 
     Attributes:
-        name: begins with its sort, a word.
-        fields: what is recorded, from the folder of the sets; shapes are made anew in it, so that they hold nothing.
+        name: its first word is the sort.
+        fields: computes the recorded results, given the folder of the sets, from new shapes without cached results.
         needs: files in that folder.
     """
 
@@ -133,7 +133,7 @@ def _with_prefix(prefix: str, fields: Fields) -> Fields:
 def creature(
     count: int = USUAL, seed: int = 0, bend: float = 0.0, asymmetry: float = 0.3, without: int | None = None
 ) -> zo.Surface:
-    """A creature whose left limbs are longer, unless told otherwise."""
+    """A creature, by default with longer left limbs."""
     return samples.creature(count, seed, bend, asymmetry, without).surface
 
 
@@ -143,13 +143,13 @@ def true_map(source_seed: int = 0, target_seed: int = 1, count: int = USUAL) -> 
 
 
 def round_shape(radius: Callable[[Floats], Floats], count: int = USUAL, seed: int = 0) -> zo.Surface:
-    """An irregular mesh of the surface that is so far from its centre in a direction."""
+    """An irregular mesh of a star-shaped surface, given its radius in each direction."""
     where = samples.directions(count, seed)
     return zo.Surface(where * radius(where)[:, None], outward_hull(where))
 
 
 def solid(normals: ArrayLike) -> Callable[[Floats], Floats]:
-    """The radius of the solid with faces at unit distance in some directions, and opposite to them."""
+    """The radius of a solid with faces at unit distance in some directions and the opposite ones."""
     towards = unit_vectors(np.asarray(normals, dtype=float))
     return lambda where: 1 / np.abs(where @ towards.T).max(axis=1)
 
@@ -166,18 +166,18 @@ ICOSAHEDRON = solid(
 
 
 def gear(where: Floats) -> Floats:
-    """The radius of a star with five arms, which looks the same from neither side."""
+    """The radius of a star with five arms, which has rotations but no reflections."""
     angle = np.arctan2(where[:, 1], where[:, 0])
     return 1 + (1 - where[:, 2] ** 2) * (0.5 * np.cos(5 * angle) + 0.3 * np.sin(10 * angle)) + 0.3 * where[:, 2]
 
 
 def egg(where: Floats) -> Floats:
-    """The radius of a body without extremities, of three unlike axes."""
+    """The radius of a body without extremities and with three different axes."""
     return np.asarray(1 / np.linalg.norm(where / [1.0, 1.5, 2.1], axis=1) * (1 + 0.1 * where[:, 2]))
 
 
 def torus(columns: int = 48, rows: int = 24) -> zo.Surface:
-    """A ring of quads."""
+    """A torus of quads."""
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
     around, across = 2 * np.pi * i / columns, 2 * np.pi * j / rows
     ring = 2 + np.cos(across) * (1 + 0.2 * np.cos(around))
@@ -186,7 +186,7 @@ def torus(columns: int = 48, rows: int = 24) -> zo.Surface:
 
 
 def keep_faces(surface: zo.Surface, inside: Callable[[Floats], Any]) -> zo.Surface:
-    """The faces of a surface whose corners are all inside."""
+    """The faces of a surface whose corners are all selected."""
     triangles = surface.triangles[np.asarray(inside(surface.vertices))[surface.triangles].all(axis=1)]
     used, compact = np.unique(triangles, return_inverse=True)
     return zo.Surface(surface.vertices[used], compact.reshape(-1, 3))
@@ -201,7 +201,7 @@ def shirt(seed: int, count: int = SMALL) -> zo.Surface:
 
 
 def clothe(seed: int, bend: float) -> zo.Surface:
-    """A creature in a shirt, with eyes and buttons: loose parts."""
+    """A creature with loose parts: a shirt, eyes and buttons."""
     balls = [((-0.3, -0.55, 1.3), 0.12), ((0.3, -0.55, 1.3), 0.12), ((0, -0.85, 0.3), 0.06), ((0, -0.85, -0.1), 0.06)]
     loose = [round_shape(lambda where: np.ones(len(where)), 80, seed + number) for number in range(len(balls))]
     placed = [
@@ -213,7 +213,7 @@ def clothe(seed: int, bend: float) -> zo.Surface:
 
 
 def scale(surface: zo.Surface, factor: float) -> zo.Surface:
-    """A surface in another unit."""
+    """Convert a surface to another unit."""
     return surface.with_vertices(factor * surface.vertices)
 
 
@@ -258,7 +258,7 @@ def _creatures() -> tuple[zo.Surface, zo.Surface]:
 
 
 def _known_places(data: Path, exact: bool) -> Fields:
-    """A match of two people with a few of their known places as landmarks."""
+    """A match of two people with some known places as landmarks."""
     pair = load_pair(data / "faust_r", "tr_reg_003", "tr_reg_008")
     few = np.linspace(0, len(pair.target_vertex) - 1, 7).astype(int)
     given = pair.source_vertex[few], pair.target_vertex[few]
@@ -421,7 +421,7 @@ def _matches() -> Iterator[Case]:
 
 
 def _landmarks_of_arm() -> tuple[Floats, Floats]:
-    """Points on the left arm, on the left leg and on the middle of the creatures of `_arm_and_whole`."""
+    """Landmarks on the left arm, the left leg and the middle of the creatures of `_arm_and_whole`."""
     places = [creature(seed=0, count=USUAL).vertices, _arm_and_whole()[1].vertices]
     wanted = np.array([[3.0, 0.3, 1.0], [1.4, 0, -3.0], [1.0, 0, 0.2], [0.3, -0.7, 0]])
     of_source, of_target = (
@@ -462,7 +462,7 @@ def _symmetries() -> Iterator[Case]:
 
 
 def _collect(count: int = 3, **options: Any) -> Fields:
-    """The maps of so many creatures in several poses."""
+    """The maps of a collection of creatures in several poses."""
     shapes = {
         f"pose{number}": creature(SMALL, number, bend, asymmetry=0.15)
         for number, bend in enumerate((0.0, 0.4, 0.8, 0.2)[:count])
@@ -489,7 +489,7 @@ def _collections() -> Iterator[Case]:
 
 
 def attributes(surface: zo.Surface) -> list[zo.Attribute]:
-    """One of each kind, on each domain that it may be on, by formulas."""
+    """One attribute of each kind on each of its domains, given by formulas."""
     domain, kind = zo.Domain, zo.Kind
     corners = surface.vertices[surface.corner_vertex]
     middles = np.add.reduceat(corners, surface.face_start[:-1]) / np.diff(surface.face_start)[:, None]

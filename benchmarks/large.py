@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Large meshes as they are, without decimation: ZoomOut on all vertices and on samples beside ICP and RHM.
+"""Large meshes without decimation: ZoomOut on all vertices and on samples, compared with ICP and RHM.
 
 As in Melzi et al. 2019 on FARM: functional maps of size 20 from wave kernel signatures and two landmarks, refined to
-size 120. FARM's people are not at hand: these are TOSCA's horses and men in their original meshes, which are nearer
+size 120. FARM's people are not available: these are TOSCA's horses and men in their original meshes, which are closer
 to isometric, so that all errors are lower.
 """
 
@@ -48,14 +48,14 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
     """Refine initial maps of the original meshes of TOSCA.
 
     `rows`, for each number of vertices and each method: mean and median over the pairs of the mean error, times 1000,
-    median seconds without the eigenbases, and what the paper has on other shapes. `ICP` is spectral ICP with 50
-    functions, RHM makes the maps in both directions in its time, and is left out where it takes more than two minutes;
-    `zo.match` starts from the meshes alone, without landmarks and with its own eigenbases. `pairs`: each.
+    median seconds without the eigenbases, and the paper's figures on other shapes. `ICP` is spectral ICP with 50
+    functions; RHM computes the maps in both directions in its time, and is left out if it takes more than two minutes;
+    `zo.match` starts from the meshes alone, without landmarks and with its own eigenbases. `pairs`: each pair.
 
     Args:
         data: the folder of the sets, or that of the meshes.
         pairs: number of pairs, three at most.
-        figure: an image file to draw the errors on the targets to, from white to black.
+        figure: an image file for the errors on the targets, from white to black.
     """
     folder = data / SET if (data / SET).is_dir() else data
     records: list[Record] = []

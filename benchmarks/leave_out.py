@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matches with and without single parts of the method, on the shapes for which each part exists.
+"""Matches with and without single parts of the method, on the shapes that each part is meant for.
 
 `benchmarks.ablation` measures the maps of candidates before the dense refinement; here each match is complete.
 """
@@ -40,14 +40,14 @@ SOURCE_VERTICES, TARGET_VERTICES = 2500, 2000
 
 
 class Case(NamedTuple):
-    """A pair whose map is known.
+    """A pair with a known map.
 
     Attributes:
-        set: that it belongs to.
+        set: name of the pair's set.
         name: of the pair.
-        source: that the map lands on.
-        target: that it starts from.
-        error: mean error of a map, over the square root of the source's area.
+        source: the surface with the images.
+        target: the surface to be mapped.
+        error: computes the mean error of a map, relative to the square root of the source's area.
     """
 
     set: str
@@ -62,8 +62,8 @@ class LeftOut(NamedTuple):
 
     Attributes:
         name: of the part.
-        cases: yields cases from the folder of the sets, at most the given number of each set.
-        replacements: module or class, name of a function in it, and its replacement.
+        cases: yields cases from the folder of the sets, at most a given number of each set.
+        replacements: tuples of a module or class, the name of a function in it, and its replacement.
     """
 
     name: str
@@ -140,17 +140,17 @@ def _rows(records: list[Record]) -> list[Record]:
 
 
 def _turn(surface: zo.Surface, seed: int) -> zo.Surface:
-    """A surface turned at random, so that its position is no evidence."""
+    """Turn a surface at random, so that its position is no evidence."""
     return surface.with_vertices(Rotation.random(random_state=seed).apply(surface.vertices))
 
 
 def _made_twice(of_set: str, name: str, make: Callable[[int, int], zo.Surface]) -> Iterator[Case]:
-    """Two meshes of one shape in the same frame; the target is turned before the match, in two ways.
+    """Two meshes of one shape in the same frame; the target is turned in two ways before the match.
 
     Args:
-        of_set: that the cases belong to.
+        of_set: name of the cases' set.
         name: of the shape.
-        make: the shape with a number of vertices, by a seed.
+        make: builds the shape with a number of vertices, from a seed.
     """
     source, target = make(SOURCE_VERTICES, 0), make(TARGET_VERTICES, 1)
 
@@ -163,7 +163,7 @@ def _made_twice(of_set: str, name: str, make: Callable[[int, int], zo.Surface]) 
 
 
 def _round(data: Path, most: int | None) -> Iterator[Case]:
-    """Solids and things that rotations map onto themselves; only one of these maps counts as right."""
+    """Solids and things with rotational symmetries; only one of these maps counts as right."""
     from benchmarks.generate.things import THINGS, thing  # only where Blender is there to build them
 
     for name, radius in evenly([("cube", made.CUBE), ("icosahedron", made.ICOSAHEDRON), ("gear", made.gear)], most):
@@ -173,7 +173,7 @@ def _round(data: Path, most: int | None) -> Iterator[Case]:
 
 
 def _without_extremities(data: Path, most: int | None) -> Iterator[Case]:
-    """The same shapes, where all rotations count as right, and shapes without extremities."""
+    """The same shapes, with all rotations counted as right, and shapes without extremities."""
     for case in _round(data, most):
         yield case._replace(error=partial(_off_rigid, case))
     for name, radius in evenly([("egg", made.egg), ("box", made.BOX)], most):
@@ -186,14 +186,14 @@ def _without_extremities(data: Path, most: int | None) -> Iterator[Case]:
 
 
 def _off_rigid(case: Case, found: zo.SurfaceMap) -> float:
-    """Mean distance of the images from the target's vertices, after the rigid motion that fits them best."""
+    """Mean distance of the images from the target's vertices, after the best rigid alignment."""
     here, there = case.target.vertices, found.interpolate(case.source.vertices)
     motion = procrustes(here, there, scales=(1, 1))
     return float(np.linalg.norm(motion(here) - there, axis=1).mean() / np.sqrt(case.source.area))
 
 
 def _specimens(folder: Path, source_name: str, target_name: str, there: Floats, here: Floats) -> Case:
-    """Two specimens with landmarks (k, 3) of the source and of the target."""
+    """Two specimens with landmarks (k, 3) on source and target."""
     source, target = (zo.read_surface(folder / f"{name}.ply") for name in (source_name, target_name))
     nearest = cKDTree(target.vertices).query(here)[1]
 
@@ -218,7 +218,7 @@ def _parts_in_other_units(data: Path, most: int | None) -> Iterator[Case]:
 
 
 def _of_many_parts(data: Path, most: int | None) -> Iterator[Case]:
-    """Characters of many parts; the error is the share of vertices on a wrong limb or bone."""
+    """Characters of many parts; the error is the share of vertices mapped to a wrong limb or bone."""
     from benchmarks.characters.cases import Case as CharacterCase  # it starts Blender
     from benchmarks.characters.cases import cases
     from benchmarks.characters.figures import wrong
@@ -239,7 +239,7 @@ def _no_turns(candidates: Any, *_: Any) -> list[Any]:
 
 
 def _rigid(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """In place of `SimilarityField.carry`: one similarity for all."""
+    """A replacement of `SimilarityField.carry`: one similarity for all."""
     fit = procrustes(motion.places, motion.images, motion.basis.areas, motion.handedness)
     return fit(points), normals @ fit.rotation.T, np.full(len(points), float(motion.trust.mean()))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin weights of a posed character with cuts on one side only, mirrored to that side: ours beside what there is."""
+"""Mirror skin weights of a posed character to a side with more edges: ours compared with Blender's methods."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ POSES = 3
 
 
 def weight_rows() -> list[dict[str, Any]]:
-    """A row for each way to mirror weights from the left side to the right one, which has lost them.
+    """A row for each method to mirror weights from the left side to the right one, which has none.
 
-    Error: the part of a vertex's weight that lies in wrong groups, over all vertices of the right side; mean and 95th
-    percentile over all poses, and the share of vertices off by a tenth and more.
+    Error: the part of a vertex's weight in wrong groups, over all vertices of the right side; mean and 95th
+    percentile over all poses, and the share of vertices with an error of a tenth or more.
     """
     from benchmarks.generate.lopsided import lopsided_characters  # only where Blender is there to build them
 
@@ -52,7 +52,7 @@ def weight_rows() -> list[dict[str, Any]]:
 
 
 def ours(surface: zo.Surface, weights: Attribute) -> Attribute:
-    """The left side's weights on both sides, by the surface's own symmetry."""
+    """Mirror the left side's weights by the surface's intrinsic symmetry."""
     return symmetrise(weights, zo.detect_symmetry(surface)[0], "left_to_right")
 
 
@@ -72,7 +72,7 @@ def by_position(surface: zo.Surface, weights: Attribute) -> Attribute:
 
 
 def in_order_of(labels: tuple[str, ...], weights: Attribute) -> csr_array:
-    """The columns of weights in the order of labels; those that are missing are empty."""
+    """The columns of weights in the order of labels; missing ones are zero."""
     column = {name: i for i, name in enumerate(weights.labels)}
     found = [csr_array(weights.values)[:, [column[name]]] if name in column else None for name in labels]
     empty = csr_array((weights.values.shape[0], 1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Things with several symmetries: are all of them found, and before anything else?"""
+"""Things with several symmetries: are all of them found and ranked first?"""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ RIGID = 0.015
 
 
 def object_rows() -> list[dict[str, Any]]:
-    """A row for each thing: the number n of its symmetries, and how many of the first n found are right and distinct.
+    """A row for each thing: its number n of symmetries, and how many of the first n found are right and distinct.
 
-    Also the largest distance of those from a rigid motion, and the mean distance from where they began of vertices
-    that were sent around, both in thousandths of the square root of the area.
+    Also the maximum distance of those from a rigid motion, and the mean distance of vertices from their images after
+    a whole cycle, both in thousandths of the square root of the area.
     """
     rows = []
     for name, surface, count in things():
@@ -48,7 +48,7 @@ def object_rows() -> list[dict[str, Any]]:
 
 
 def rigid_motion(surface: Surface, surface_map: zo.SurfaceMap) -> tuple[Floats, float]:
-    """The orthogonal matrix (3, 3) most like a map of a surface onto itself, and the mean distance at unit area."""
+    """The orthogonal matrix (3, 3) closest to a map of a surface onto itself, and the mean distance at unit area."""
     here = surface.vertices
     there = surface_map.interpolate(here)
     here, there = here - here.mean(axis=0), there - there.mean(axis=0)
@@ -59,7 +59,7 @@ def rigid_motion(surface: Surface, surface_map: zo.SurfaceMap) -> tuple[Floats, 
 
 
 def draw_symmetries(path: Path, surface: Surface, most: int) -> None:
-    """Draw the first symmetries of a surface: as it is coloured, and in the colours that each brings it."""
+    """Draw a coloured surface, and the colours transferred by each of its first symmetries."""
     pictures = [
         Picture(f"{number}. {_name(symmetry)}", surface, surface, symmetry.surface_map)
         for number, symmetry in enumerate(zo.detect_symmetry(surface, most=most), start=1)

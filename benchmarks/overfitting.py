@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The error of a map against the size of the functional map that descriptors were fitted by, and ZoomOut beside it.
+"""The error of a map by the size of the functional map fitted to descriptors, compared with ZoomOut.
 
-As in Melzi et al. 2019: a larger functional map could tell points apart more finely, but descriptors decide its low
-frequencies alone, and what is fitted to them overfits; a small one, refined by ZoomOut, takes in the others.
+As in Melzi et al. 2019: a larger functional map could resolve finer detail, but descriptors determine only its low
+frequencies, and fitting the others overfits; a small map, refined by ZoomOut, gains the high frequencies.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ SETS, MAX_PAIRS = ("faust_r", "tosca_r"), 3
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Fit functional maps of 12 sizes to wave kernel signatures and orientation, and refine that of size 20.
+    """Fit functional maps of 12 sizes to wave kernel signatures and orientation, and refine the one of size 20.
 
     `rows`, for each size: mean and median over the pairs of the mean geodesic error times 1000 of the vertex maps of
-    the fitted functional map, of the one of size 20 that ZoomOut has brought to that size, and of the functional map of
-    the true correspondence, which is as well as a map of that size can do; the share of failed pairs of the first two,
+    the fitted functional map, of the one of size 20 refined by ZoomOut to that size, and of the functional map of
+    the true correspondence, which bounds maps of that size; the share of failed pairs of the first two,
     and the median seconds of the fit. A pair takes 35 s.
 
     Args:
         data: the folder of the sets; nearly isometric ones are used.
         pairs: number of pairs of each set, evenly spread; three at most.
-        figure: an image file to draw mean errors against sizes to.
+        figure: an image file for the mean errors by size.
     """
     records: list[Record] = []
     for folder in sets_in(data):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every table and figure of ZoomOut's paper on one page, with the published figures beside."""
+"""Every table and figure of ZoomOut's paper on one page, next to the published figures."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A table of the page.
+    """A section of the page.
 
     Attributes:
-        name: of its command, and of the files of its figure and its records.
+        name: the name of its command, and of the files of its figure and its records.
         title: its heading.
-        published: what the paper shows.
-        reading: why figures here differ from the published ones, and what a reader should see.
-        run: makes the tables from the folder of the sets, the number of pairs, and the file for the figure, which it
-            may leave unwritten.
+        published: the paper's figures.
+        reading: why figures here differ from the published ones, and what a reader should notice.
+        run: computes the tables from the folder of the sets, the number of pairs, and the file for the figure, which it
+            may not write.
     """
 
     name: str
@@ -167,20 +167,20 @@ SECTIONS = (
 
 
 def run(data: Path, pairs: int | None, page: Path, only: tuple[str, ...] = ()) -> list[str]:
-    """Make the tables one after the other and write the page.
+    """Compute the tables one after the other and write the page.
 
-    Figures and records go to a folder beside the page, with its name without the ending: `NAME.png`, `NAME.json`. A
-    section made earlier, and not asked for now, is taken from its records, which have the tables but not single pairs.
-    A section that fails is named on the page, and the others are made all the same.
+    Figures and records are written to a folder beside the page, named like it without the extension: `NAME.png`,
+    `NAME.json`. An earlier section that is not requested now is taken from its records, which have the tables but not
+    single pairs. A section that fails is named on the page, and the others are computed nevertheless.
 
     Args:
         data: folder of the sets.
-        pairs: number of pairs of each set, evenly spread; each table's own choice when not given.
+        pairs: number of pairs of each set, evenly spread; by default each table's own choice.
         page: the Markdown file to write.
-        only: names of the sections to make; all when empty.
+        only: names of the sections to compute; all if empty.
 
     Returns:
-        What failed, a sentence each.
+        The failures, one sentence each.
 
     Raises:
         ValueError: a name that no section has.
@@ -199,7 +199,7 @@ def run(data: Path, pairs: int | None, page: Path, only: tuple[str, ...] = ()) -
 
 
 def chosen_sections(only: Collection[str]) -> list[Section]:
-    """The sections of these names; all for none.
+    """The sections with these names; all if there are none.
 
     Raises:
         ValueError: a name that no section has.
@@ -216,7 +216,7 @@ def _records_file(folder: Path, section: Section) -> Path:
 
 
 def _make(section: Section, data: Path, pairs: int | None, folder: Path) -> Record:
-    """The tables of a section, what made them, and, where they could not be made, why."""
+    """The tables of a section, how they were computed, and the reason if that failed."""
     begin = perf_counter()
     tables: Tables = {}
     failed = None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZoomOut on parts of shapes, beside methods that were made for parts."""
+"""ZoomOut on parts of shapes, compared with methods for partial matching."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ PUBLISHED_SECONDS = {"PFM": 70.0, "ZoomOut": 6.0}
 
 @dataclass(frozen=True, eq=False)
 class Part(PairOfParts):
-    """A part and a whole in another pose, and what methods share of them."""
+    """A part and a whole in another pose, with the inputs that methods share."""
 
     @cached_property
     def share(self) -> float:
@@ -54,7 +54,7 @@ class Part(PairOfParts):
 
     @cached_property
     def sides(self) -> tuple[Side, Side]:
-        """Source and target, each with its eigenfunctions at unit area."""
+        """Source and target at unit area, each with its eigenfunctions."""
         return Side(self.source, zo.eigenbasis(self.source, K_BASIS)), Side(
             self.target, zo.eigenbasis(self.target, min(K_BASIS, len(self.target.vertices) - 1))
         )
@@ -66,22 +66,22 @@ class Part(PairOfParts):
 
     @cached_property
     def by_pfm(self) -> Partial:
-        """What PFM makes of it."""
+        """The result of PFM."""
         return pfm(*self.sides, *self.descriptors, K)
 
     @cached_property
     def initial(self) -> Integers:
-        """(n_t,) the map that PFM begins with, before it knows of a region."""
+        """(n_t,) PFM's initial map, before it estimates a region."""
         return first_map(*self.sides, *self.descriptors, K)
 
 
 class Method(NamedTuple):
-    """How a part is matched.
+    """A method of partial matching.
 
     Attributes:
-        vertex: of a part, (n_t,) the source vertex of each target vertex; -1 where there is none.
-        needs: what of the part it uses, in the order in which one needs the other.
-        is_slow: whether it is measured on few pairs.
+        vertex: computes (n_t,) the source vertex of each target vertex of a part; -1 for none.
+        needs: the inputs that it uses, each after those that it depends on.
+        is_slow: measured on few pairs only.
     """
 
     vertex: Callable[[Part], Integers]
@@ -90,7 +90,7 @@ class Method(NamedTuple):
 
 
 def _zoomout(part: Part, start: Integers) -> Integers:
-    """ZoomOut at slanted sizes, on all vertices."""
+    """ZoomOut with rectangular (slanted) functional maps, on all vertices."""
     source, target = (side.basis for side in part.sides)
     target = target.at_area(part.share)
     sizes = zo.slanted_sizes(source, target, K_INITIAL, min(K, len(target.eigenvalues)), STEP)
@@ -119,18 +119,18 @@ METHODS: dict[str, Method] = {
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Match the parts of the sets in a folder to their wholes by every method.
+    """Match the parts of the sets in a folder to their wholes with every method.
 
     `rows`, for each kind of part and each method: mean and median over the pairs of the mean geodesic error times 1000,
-    the share of pairs below `LIMIT`, the mean share of the true region that images reach, median seconds with all that
-    the method needs (bases, descriptors, its start), and the published seconds; as slow methods are measured on `FEW`
-    pairs of each kind, the mean of ZoomOut on the same pairs stands beside. A target vertex that a method leaves
-    without an image counts in the curves as far off, and is left out of the mean error.
+    the share of pairs below `LIMIT`, the mean share of the true region that images cover, median seconds including all
+    that the method needs (bases, descriptors, initial map), and the published seconds. Slow methods run on `FEW`
+    pairs of each kind, next to the mean of ZoomOut on the same pairs. A target vertex without an image counts in the
+    curves as an infinite error, and is left out of the mean error.
 
     Args:
         data: the folder of the sets, or a set.
         pairs: number of pairs of each, evenly spread over the list.
-        figure: an image file to draw the share of places below each error to.
+        figure: an image file for the share of places below each error.
 
     Returns:
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
@@ -169,7 +169,7 @@ def _of_pair(part: Part, with_slow: bool) -> list[Record]:
 
 
 def figures(vertex: Integers, part: PairOfParts) -> Record:
-    """What is measured of a vertex map (n_t,)."""
+    """The figures of a vertex map (n_t,)."""
     errors = part.errors(vertex, PLACES)
     known = np.flatnonzero(part.truth >= 0)
     reached = region_of(vertex[known[vertex[known] >= 0]], part.source)

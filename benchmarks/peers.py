@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sampled ZoomOut from 20 to 200 functions with the bases given, beside pyFMaps on the same pair in one run."""
+"""Sampled ZoomOut from 20 to 200 functions with given bases, compared with pyFMaps on the same pair in one run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REPEATS = 3
 
 
 def run(data: Path, pairs: int | None) -> list[dict[str, Any]]:
-    """A row for each pair and system: median seconds of the refinement and the dense map, and the mean error.
+    """A row for each pair and library: median seconds of the refinement and the dense map, and the mean error.
 
     Both get the same bases, the same true map of size 20, and the same farthest-point samples; ours chooses
     them within its time. Errors are Euclidean between vertices, over the square root of the area.

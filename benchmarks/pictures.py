@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact sheets: maps by the colours they carry over, and surfaces with a colour at each vertex, such as errors."""
+"""Contact sheets of maps, shown by transferred colours, and of surfaces with vertex colours, such as errors."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Picture:
 
     Attributes:
         caption: a line above it.
-        source: the surface that the map lands on.
-        target: the surface that it starts from.
+        source: the surface with the images.
+        target: the surface to be mapped.
         surface_map: the map.
     """
 
@@ -42,12 +42,12 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A surface to draw from the front.
+    """A surface to be drawn from the front.
 
     Attributes:
         caption: a line above it.
         surface: the surface.
-        colour: (n, 3) red, green and blue of its vertices, 0 to 1.
+        colour: (n, 3) red, green and blue of its vertices, from 0 to 1.
     """
 
     caption: str
@@ -87,16 +87,16 @@ def draw_views(path: Path, rows: Sequence[Sequence[View]]) -> None:
 
 
 def heat(errors: Floats, most: float) -> Floats:
-    """(n, 3) colours of errors, from white for none through yellow and red to black for `most` and more."""
+    """(n, 3) colours of errors, from white for 0 through yellow and red to black for `most` and more."""
     return np.asarray(colormaps["hot"](1 - np.clip(np.nan_to_num(errors / most, nan=1.0), 0, 1))[:, :3])
 
 
 def spread(values: Floats, places: Integers, surface: Surface) -> Floats:
-    """(n,) for every vertex of a surface the value at the nearest of some vertices.
+    """(n,) the value of each vertex of a surface, taken from the nearest of some vertices.
 
     Args:
-        values: (c,) at those vertices.
-        places: (c,) their numbers.
+        values: (c,) at these vertices.
+        places: (c,) their indices.
         surface: the surface.
     """
     return values[nearest(surface.vertices, surface.vertices[places])]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clouds against meshes, meshes against clouds, and clouds against each other.
+"""Matches of clouds with meshes, meshes with clouds, and clouds with each other.
 
-Clouds are those of a set that has them, and points that are drawn at random from TOSCA's meshes, without normals. As in
-Melzi et al. 2019 a given functional map is refined by ZoomOut and spectral ICP; `zo.match` begins with nothing. Their
-clouds and initial maps are not at hand: here it is wave kernel signatures and two landmarks.
+Clouds come from a set, or are drawn at random from TOSCA's meshes, without normals. As in
+Melzi et al. 2019 a given functional map is refined by ZoomOut and spectral ICP; `zo.match` gets no initial map. Their
+clouds and initial maps are not available: initial maps here come from wave kernel signatures and two landmarks.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ DIRECTIONS = ("cloud to mesh", "mesh to cloud", "cloud to cloud")
 
 
 def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
-    """Refine maps of clouds, and match these.
+    """Refine maps of clouds, and match the same clouds without one.
 
     `rows`, for each set and each method: number of pairs in all directions, mean and median of the mean errors, times
-    1000, median seconds without the eigenbases, and what the paper has. `ICP` is spectral ICP with 50 functions;
-    ZoomOut works on 500 samples; `zo.match` begins with the surfaces through the points.
+    1000, median seconds without the eigenbases, and the paper's figures. `ICP` is spectral ICP with 50 functions;
+    ZoomOut uses 500 samples; the time of `zo.match` includes the surfaces reconstructed from the points.
 
     `match`, for each set and direction (from the target to the source): number of pairs, how many have a mean error
-    below 80 thousandths, the median of the mean errors, how many are announced with 90 % or more, and how many of these
-    are wrong. `pairs`: each.
+    below 80 thousandths, the median of the mean errors, how many have a certainty of 90 % or more, and how many of them
+    are wrong. `pairs`: each pair.
 
     Args:
         data: the folder of the sets.
         pairs: number of pairs of each set, evenly spread over its list.
-        figure: an image file to draw the share of places below each error to.
+        figure: an image file for the share of places below each error.
     """
     records: list[Record] = []
     for folder in sets_in(data):
@@ -108,7 +108,7 @@ def _methods(pair: PairOfMeshes, seed: int) -> dict[str, Integers | Callable[[],
 
 
 def _names(folder: Path, pairs: int | None) -> list[tuple[str, str]]:
-    """The pairs of a set; of one that has clouds those with a cloud."""
+    """The pairs of a set; if it has clouds, only those with a cloud."""
     if not (folder / TEMPLATE).is_file():
         return pair_names(folder, pairs)
     with_cloud = [names for names in pair_names(folder, None) if any(_is_cloud(name) for name in names)]
@@ -120,7 +120,7 @@ def _is_cloud(name: str) -> bool:
 
 
 def _pairs(pair: PairOfMeshes, seed: int, sampled: bool) -> Iterator[tuple[str, PairOfMeshes]]:
-    """A pair by its direction; of two meshes one for each direction, with points drawn from them."""
+    """The pairs made from one pair, by direction; two meshes give one for each direction, with drawn points."""
     if not sampled:
         kinds = ("cloud" if _is_cloud(name) else "mesh" for name in (pair.target_name, pair.source_name))
         yield " to ".join(kinds), pair
@@ -141,7 +141,7 @@ def _pairs(pair: PairOfMeshes, seed: int, sampled: bool) -> Iterator[tuple[str, 
 
 
 def _draw(surface: zo.Surface, random: np.random.Generator) -> Floats:
-    """(POINTS, 3) points of a surface, as likely in any place."""
+    """(POINTS, 3) points drawn uniformly from a surface."""
     area = triangle_areas(surface.vertices, surface.triangles)
     triangle = random.choice(len(area), POINTS, p=area / area.sum())
     barycentric = random.dirichlet((1, 1, 1), POINTS)
@@ -149,7 +149,7 @@ def _draw(surface: zo.Surface, random: np.random.Generator) -> Floats:
 
 
 def _nearest_vertices(surface: zo.Surface, places: Floats) -> Any:
-    """(c,) the vertex of the largest part of a surface that is nearest to each place (c, 3)."""
+    """(c,) the vertex of a surface's largest part nearest to each place (c, 3)."""
     used = np.flatnonzero(surface.components == 0)
     return used[cKDTree(surface.vertices[used]).query(places)[1]]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the time of a match goes, function by function, and what the machine could do at best."""
+"""The time of a match by function, and the speed of the machine to compare it with."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ GEMM, COPIED = 2000, 1 << 26
 
 
 def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
-    """Profile one match of each pair, in a single thread, so that every function is seen.
+    """Profile one match of each pair, in a single thread, so that every function is included.
 
     Args:
         data: the folder of the sets.
         pairs: number of pairs, the smallest first.
 
     Returns:
-        `rows`: for each pair the functions that take the most time by themselves. `machine`: its speed.
+        `rows`: for each pair the functions with the most time of their own. `machine`: its speed.
     """
     rows: list[Record] = []
     for pair in list(sized_pairs(data))[:pairs]:
@@ -63,7 +63,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
 
 
 def _one_after_the_other(works: Sequence[Callable[[], Any]]) -> list[Any]:
-    """In place of threads, which a profile does not look into."""
+    """A serial replacement of threads, which the profiler does not follow."""
     return [work() for work in works]
 
 

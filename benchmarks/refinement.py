@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZoomOut beside the methods that its paper compares it with, all from the same initial maps."""
+"""ZoomOut and the methods that its paper compares it with, all from the same initial maps."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ PUBLISHED_RESAMPLED: dict[str, tuple[float, float | None]] = {
 
 
 class Maps(NamedTuple):
-    """What a method makes of a pair.
+    """The maps that a method computes for a pair.
 
     Attributes:
-        there: (n_t,) source vertex of each target vertex, -1 where there is none.
-        back: (n_s,) target vertex of each source vertex; None where there is no such map.
-        seconds: of the map there, or of both where they are made together; None for maps from a file.
+        there: (n_t,) source vertex of each target vertex, -1 for none.
+        back: (n_s,) target vertex of each source vertex; None if there is no such map.
+        seconds: time of the map there, or of both if they are computed together; None for maps from a file.
     """
 
     there: Integers
@@ -99,11 +99,11 @@ class Maps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """What every method is given.
+    """The input of every method.
 
     Attributes:
-        source: the shape that the map lands on, with K_FINAL eigenfunctions.
-        target: the shape that the map starts from.
+        source: the shape with the images, with K_FINAL eigenfunctions.
+        target: the shape to be mapped.
         initial: (n_t,) source vertex of each target vertex.
         initial_back: (n_s,) target vertex of each source vertex.
     """
@@ -114,20 +114,20 @@ class Start:
     initial_back: Integers
 
     def swap(self) -> Start:
-        """The start of the map in the other direction."""
+        """The input of the map in the other direction."""
         return Start(self.target, self.source, self.initial_back, self.initial)
 
 
 class Setting(NamedTuple):
-    """Pairs, and how their initial maps are made.
+    """Pairs, and the source of their initial maps.
 
     Attributes:
         name: as in the tables.
-        pairs: target and source of each.
-        load: a pair by its names.
-        begin: (n_t,) and (n_s,) its initial maps there and back; None where there is none.
-        folder: of its published maps; None where it has none.
-        published: the paper's mean errors and seconds, where it has the same.
+        pairs: names of target and source.
+        load: loads a pair by its names.
+        begin: computes (n_t,) and (n_s,) the initial maps of a pair there and back; None if there is none.
+        folder: folder of the published maps; None if there are none.
+        published: the paper's mean errors and seconds on the same pairs.
     """
 
     name: str
@@ -139,26 +139,26 @@ class Setting(NamedTuple):
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Refine the initial maps of the sets in a folder by every method.
+    """Refine the initial maps of the sets in a folder with every method.
 
     `rows`, for each set of nearly isometric shapes and each method: mean and median over the pairs of the mean
-    geodesic error times 1000, the share of failed pairs, mean share of the source that the map covers, mean geodesic
-    distance times 1000 between a vertex and where going there and back leads, mean edge distortion
-    (`zoomout_core.evaluation`), median seconds, and what the paper has. All maps are measured vertex to vertex.
-    Seconds are without the bases, which all share, but with all that RHM prepares; PMF, RHM and BCICP make the maps in
+    geodesic error times 1000, the share of failed pairs, mean coverage of the source, mean geodesic
+    distance times 1000 between a vertex and its image under both maps in turn, mean edge distortion
+    (`zoomout_core.evaluation`), median seconds, and the paper's figures. All maps are measured vertex to vertex.
+    Seconds exclude the bases, which all share, but include RHM's preparation; PMF, RHM and BCICP compute the maps in
     both directions in that time; `zo.match` starts from the meshes.
 
     `not isometric`: the same for sets of shapes that are far from isometric, with published maps.
 
-    Initial maps are `map_WKSini_direct.npz` of the set, or, beside a `map_WKSini_symm.npz` alone, made by
-    `from_signatures`. Sets with the latter alone, which are people, are refined once more with an eighth of the edges
-    of both meshes flipped, from two random landmarks (`from_landmarks`); of sets that have one surface as several
-    meshes, meshes of different kinds are refined from SHOT descriptors (`from_shot`), where the paper has learned ones.
+    Initial maps are `map_WKSini_direct.npz` of the set, or, if it has only `map_WKSini_symm.npz`, made by
+    `from_signatures`. Sets of the latter kind, which are people, are refined once more with an eighth of the edges
+    of both meshes flipped, from two random landmarks (`from_landmarks`); in sets with several meshes of one surface,
+    meshes of different kinds are refined from SHOT descriptors (`from_shot`); the paper used learned ones.
 
     Args:
-        data: the folder of the sets; those without any of these are left out.
+        data: the folder of the sets; sets without any of these are left out.
         pairs: number of pairs of each set, evenly spread over its list.
-        figure: an image file to draw the share of places below each error to.
+        figure: an image file for the share of places below each error.
 
     Returns:
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
@@ -180,7 +180,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
 
 
 def _settings(folder: Path) -> Iterator[Setting]:
-    """What a set is refined as."""
+    """The settings in which a set is refined."""
     listed = pair_names(folder, None)
     load = partial(load_pair, folder)
     if (folder / TEMPLATE).is_file():
@@ -197,14 +197,14 @@ def _settings(folder: Path) -> Iterator[Setting]:
 
 
 def _flip(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
-    """A pair with flipped edges; no two shapes have the same."""
+    """Flip edges of a pair, differently on each shape."""
     pair = load_pair(folder, target_name, source_name)
     target, source = (with_flipped_edges(each, FLIPPED, seed) for seed, each in enumerate((pair.target, pair.source)))
     return replace(pair, target=target, source=source)
 
 
 def _published_maps(folder: Path | None, method: str, pair: PairOfMeshes) -> tuple[Integers | None, Integers | None]:
-    """Published maps of a pair there and back, where the set has them."""
+    """Published maps of a pair there and back, if the set has them."""
     path = folder and folder / f"map_{method}.npz"
     if path is None or not path.is_file():
         return None, None
@@ -234,7 +234,7 @@ def _start_from_shot(pair: PairOfMeshes) -> tuple[Integers, Integers]:
 
 
 def _each_way(method: Callable[[Start], Integers]) -> Callable[[Start], Maps]:
-    """A method that makes one map at a time, run in both directions."""
+    """Run a method that computes one map at a time in both directions."""
 
     def maps(start: Start) -> Maps:
         begin = perf_counter()
@@ -246,7 +246,7 @@ def _each_way(method: Callable[[Start], Integers]) -> Callable[[Start], Maps]:
 
 
 def _together(method: Callable[[Start], tuple[Integers, Integers]]) -> Callable[[Start], Maps]:
-    """A method that makes the maps in both directions together."""
+    """Run a method that computes the maps in both directions together."""
 
     def maps(start: Start) -> Maps:
         begin = perf_counter()
@@ -286,12 +286,12 @@ def _sampled_zoomout(start: Start) -> Integers:
 
 
 def _core_zoomout(start: Start) -> Integers:
-    """On samples, with the core's last rounds on all vertices."""
+    """ZoomOut on samples, with the core's last rounds on all vertices."""
     return zo.zoomout(start.source.basis, start.target.basis, start.initial, K_FINAL, STEP, SAMPLES).vertex
 
 
 def _match(start: Start) -> Maps:
-    """What is reached without the start; the match back finds the shapes analysed."""
+    """Match without the initial map; the match back uses the shapes' cached analysis."""
     zo.forget_shapes()
     source, target = start.source.surface, start.target.surface
     begin = perf_counter()
@@ -334,7 +334,7 @@ def _of_pair(setting: Setting, pair: PairOfMeshes) -> list[Record]:
 
 
 def _figures(pair: PairOfMeshes, found: list[Maps]) -> list[Record]:
-    """What is measured of the maps of a pair; what needs an image of every vertex is left out where one has none."""
+    """The figures of a pair's maps; those that need an image of every vertex are left out if one has none."""
     errors = pair.errors(np.column_stack([maps.there for maps in found])).T
     cycles = {
         number: maps.back[maps.there]
@@ -359,10 +359,10 @@ def _figures(pair: PairOfMeshes, found: list[Maps]) -> list[Record]:
 
 
 def _bijectivity(cycles: Integers, target: Surface) -> Floats:
-    """(m,) mean geodesic distance, times 1000, of up to 1000 target vertices from where m maps there and back lead.
+    """(m,) mean geodesic distance, times 1000, of up to 1000 target vertices from their images under m maps both ways.
 
     Args:
-        cycles: (n_t, m) the target vertex that each one comes back to.
+        cycles: (n_t, m) the image of each target vertex under a map there and the map back.
         target: the shape.
     """
     every = np.arange(len(cycles))
@@ -399,6 +399,6 @@ def _rows(setting: Setting, records: list[Record]) -> list[Record]:
 
 
 def _over(statistic: Callable[[list[float]], Any], records: list[Record], column: str) -> float | None:
-    """A statistic of a column over the records that have it."""
+    """A statistic of a column, over the records that have it."""
     values = [record[column] for record in records if record.get(column) is not None]
     return float(statistic(values)) if values else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the cost of a match grows: with the vertices, the eigenfunctions and the samples."""
+"""Growth of the cost of a match with the vertices, the eigenfunctions and the samples."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ LARGE = 50_000
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> dict[str, list[Record]]:
-    """Time everything at several sizes, and fit cost = constant * size ** exponent.
+    """Time each stage at several sizes, and fit cost = constant * size ** exponent.
 
     Args:
         data: the folder of the sets.
         pairs: number of sizes of the meshes, the smallest first.
-        figure: an image file to draw the growth with the vertices to, on logarithmic axes.
+        figure: an image file for the growth with the vertices, on logarithmic axes.
 
     Returns:
-        `rows`: for each quantity and what it is timed over the exponent, of all sizes and of the large ones alone.
-        `points`: what they are fitted to.
+        `rows`: for each quantity and variable the exponent, fitted to all sizes and to the large ones alone.
+        `points`: the measurements.
     """
     meshes = [*_sizes(data)][:pairs]
     if not meshes:

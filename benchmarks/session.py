@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A whole session, press by press: from a fresh scene to a target that the source's animation poses.
+"""A whole session, press by press: from a new scene to a target that follows the source's animation.
 
-Each way is driven by the operators that its buttons and menus call, with what these find selected. A press is a click,
-a key (with those held beside it), or a drag.
+Each workflow calls the operators of its buttons and menus, with the selection that they need. A press is a click,
+a key (with its modifiers), or a drag.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Row = dict[str, Any]
 
 
 class Scene(NamedTuple):
-    """A rigged and animated character, and a scan of it in a pose, beside it and without any data."""
+    """A rigged and animated character, and beside it a scan of it in a pose, without any data."""
 
     source: Object
     rig: Object
@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
 
 class Press(NamedTuple):
-    """What is pressed, and what Blender does then, if it takes time or changes anything."""
+    """A press, and the operator that it calls, if that takes time or changes anything."""
 
     what: str
     effect: Callable[[], Any] | None = None
@@ -60,12 +60,12 @@ def bind(scene: Scene) -> list[Press]:
 
 
 def parent(scene: Scene) -> list[Press]:
-    """Without it: weights are transferred, and the target is parented by hand."""
+    """Without *Bind to Rig*: weights are transferred, and the target is parented by hand."""
     return [*_begin(scene), Press("Match and Transfer", bpy.ops.zoomout.transfer), *_parent(scene)]
 
 
 def parent_in_its_shape(scene: Scene) -> list[Press]:
-    """Without it, in the source's shape: what of the target's own build and detail it lacks is lost."""
+    """Without *Bind to Rig*, in the source's shape: the target's own proportions and detail are lost."""
     settings = bpy.context.scene.zoomout
     return [
         *_begin(scene),
@@ -86,11 +86,11 @@ WAYS: dict[str, Callable[[Scene], list[Press]]] = {
 
 
 def run() -> dict[str, list[Row]]:
-    """Go through the session in each way.
+    """Go through the session in each workflow.
 
     Returns:
-        `rows`: for each way presses, seconds of work, and how far the target is from the source's own surface while
-        the animation runs, in percent of its height; `presses`: each of them.
+        `rows`: for each workflow presses, seconds of work, and the distance of target and source surface while
+        the animation runs, in percent of its height; `presses`: each press.
     """
     rows: list[Row] = []
     presses: list[Row] = []
@@ -110,7 +110,7 @@ def run() -> dict[str, list[Row]]:
 
 
 def make_scene() -> Scene:
-    """A file in which nothing is selected."""
+    """Build a file in which nothing is selected."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     source, rig = build_character(CELL)
     set_pose(rig)
@@ -144,7 +144,7 @@ def distances(scene: Scene) -> Floats:
 
 
 def _press(presses: list[Press], way: str) -> list[Row]:
-    """Press after press, with the seconds of each."""
+    """Execute the presses, and time each of them."""
     rows = []
     for what, effect in presses:
         begin = perf_counter()
@@ -164,7 +164,7 @@ def _begin(scene: Scene) -> list[Press]:
 
 
 def _parent(scene: Scene) -> list[Press]:
-    """By hand, as Blender's own guide has it."""
+    """Parent by hand, as Blender's manual describes it."""
     return [
         Press("Click on the target", lambda: select_only(scene.target)),
         Press("Alt G, to where the rig is", bpy.ops.object.location_clear),

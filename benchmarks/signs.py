@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Symmetries from the signs of the first four eigenfunctions, ranked by how the maps commute with the Laplacian.
+"""Symmetries from the signs of the first four eigenfunctions, ranked by commutativity with the Laplacian.
 
-As in Melzi et al. 2019, section 5.3: every diagonal map of signs is refined to size 100. They show a vase, whose three
-symmetries come first. The constant function, whose sign is known, does not count among the four: of the vase here, no
-other before the fourth one differs between its front and its back.
+As in Melzi et al. 2019, section 5.3: every diagonal map of signs is refined to size 100. They show a vase whose three
+symmetries rank first. The constant function, whose sign is known, does not count among the four: on the vase here, no
+eigenfunction before the fourth differs between front and back.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class Ranked:
     """A refined map of a shape onto itself.
 
     Attributes:
-        signs: of the first eigenfunctions, such as `+--`; the constant one's is left out.
+        signs: signs of the first eigenfunctions, such as `+--`, without the constant one's.
         functional_map: (k, k).
         vertex: (n,) image of each vertex.
         energies: commutativity and orthonormality, of all functions and of the first 20.
-        seconds: that ZoomOut took.
+        seconds: time of ZoomOut.
     """
 
     signs: str
@@ -61,20 +61,20 @@ class Ranked:
 
 
 def run(data: Path, shapes: int | None, figure: Path | None) -> Tables:
-    """Refine all signs on a vase, where Blender is there as a module to build it, and on the shapes of `self_symmetry`.
+    """Refine all signs on a vase, if Blender's module is installed to build it, and on the shapes of `self_symmetry`.
 
     `rows`, for each shape and the first five maps that are neither the identity nor a repetition, the best
     commutativity first: commutativity and orthonormality error of the functional map of size 100 and of its first 20
-    functions; by how much distances along the surface differ from those between images, and how far in the mean a
-    vertex is from where going there twice leads (both times 1000, at unit area, and zero for a reflection or a half
-    turn); how far the map is from a rigid motion, likewise, from which a symmetry may be far if the pose has bent it;
-    seconds without the basis. `pairs`: the same of all 15 choices, with what they repeat. All six shapes take
-    about a minute of the processor's time, on 500 samples.
+    functions; the mean change of geodesic distances, and the mean distance of a
+    vertex from its image under the map applied twice (both times 1000, at unit area, zero for a reflection or a half
+    turn); the distance of the map from a rigid motion, likewise, which is large for symmetries of bent poses;
+    seconds without the basis. `pairs`: the same for all 15 choices, with the map that each repeats. All six shapes take
+    about a minute of processor time, on 500 samples.
 
     Args:
         data: the folder of the sets.
-        shapes: how many shapes, the vase first; all when not given.
-        figure: an image file to draw the shapes to, each with the colours that its maps carry over.
+        shapes: number of shapes, the vase first; all by default.
+        figure: an image file for the shapes, with the colours transferred by each map.
     """
     rows: list[Record] = []
     pictures: list[list[View]] = []
@@ -95,7 +95,7 @@ def run(data: Path, shapes: int | None, figure: Path | None) -> Tables:
 
 
 def distinct_rows(rows: list[Record]) -> list[Record]:
-    """The first distinct maps of each shape, in their order."""
+    """The first distinct maps of each shape, in the same order."""
     distinct = [row for row in rows if row["rank"]]
     return [row for name in dict.fromkeys(r["shape"] for r in rows) for row in _of(name, distinct)[:SHOWN]]
 
@@ -123,7 +123,7 @@ def ranked_signs(surface: Surface) -> tuple[Surface, list[Ranked]]:
 
 
 def rows_of(body: Surface, ranked: list[Ranked]) -> list[Record]:
-    """A row for each map of a surface onto itself, in their order."""
+    """A row for each map of a surface onto itself, in the same order."""
     every = np.arange(len(body.vertices))
     distinct: list[Integers] = []
     rows: list[Record] = []
@@ -147,7 +147,7 @@ def rows_of(body: Surface, ranked: list[Ranked]) -> list[Record]:
 
 
 def _apart(first: Integers, second: Integers, body: Surface) -> float:
-    """Mean distance between the images of two maps, in space, over the root of the area."""
+    """Mean Euclidean distance between the images under two maps, relative to the square root of the area."""
     return float(np.linalg.norm(body.vertices[first] - body.vertices[second], axis=1).mean() / np.sqrt(body.area))
 
 

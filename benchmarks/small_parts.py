@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hands, feet, heads and tails, cut off one body, matched with another whole one in the same unit."""
+"""Hands, feet, heads and tails, cut off a body and matched to another whole body in the same unit."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Limb(NamedTuple):
     """A part of the bodies of a class.
 
     Attributes:
-        folder: the set.
-        body: how the names of the shapes of the class begin.
+        folder: name of the set.
+        body: prefix of the names of the class's shapes.
         name: of the limb.
-        tip: its number among the corresponding places.
-        other_tip: that on the other side, if it has one.
-        radius: geodesic distance from the tip at which it is cut off, over the root of the body's area.
+        tip: index of its tip among the corresponding places.
+        other_tip: index of the tip on the other side, if there is one.
+        radius: geodesic distance of the cut from the tip, relative to the square root of the body's area.
     """
 
     folder: str
@@ -73,7 +73,7 @@ def run(data: Path, pairs: int | None) -> Tables:
     """Match each limb of a shape with other shapes of its class.
 
     `rows`, for each limb: the share of pairs below `LIMIT`, the mean and the median over the pairs of the mean geodesic
-    error times 1000, how many were put on the other side, how many were announced at 90 % and how many of these are
+    error times 1000, how many are mapped to the other side, how many have a certainty of 90 % and how many of these are
     right, and median seconds.
 
     Args:
@@ -92,7 +92,7 @@ def run(data: Path, pairs: int | None) -> Tables:
 
 
 def cut_limb(surface: Surface, tip: int, radius: float) -> tuple[Surface, Integers]:
-    """What of a surface is within a geodesic distance of a vertex, and (n,) which of its vertices these are."""
+    """The part of a surface within a geodesic distance of a vertex, and (n,) which vertices belong to it."""
     near = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=[tip])[0] < radius
     inside = surface.triangles[near[surface.triangles].all(axis=1)]
     left, kept = Surface(surface.vertices, inside), np.unique(inside)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long a match takes, from a few thousand vertices to a million, beside pyFMaps on the same pairs in one run."""
+"""Time of a match, from a few thousand vertices to a million, compared with pyFMaps on the same pairs in one run."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ NOISE = 0.05
 
 @dataclass(frozen=True)
 class SizedPair:
-    """Two meshes with places that correspond.
+    """Two meshes with corresponding places.
 
     Attributes:
         name: of the pair.
-        target: the map starts from it.
-        source: and lands on it.
+        target: the surface to be mapped.
+        source: the surface with the images.
         target_vertex: (c,) vertices of the target.
-        source_vertex: (c,) where they belong on the source.
+        source_vertex: (c,) their true images on the source.
     """
 
     name: str
@@ -54,22 +54,22 @@ class SizedPair:
     source_vertex: Integers
 
     def error(self, vertex: Integers) -> float:
-        """Mean distance in space of a vertex map (n_t,) from the truth, over the root of the area, times 1000."""
+        """Mean Euclidean error of a vertex map (n_t,), relative to the square root of the area, times 1000."""
         off = self.source.vertices[vertex[self.target_vertex]] - self.source.vertices[self.source_vertex]
         return float(1000 * np.linalg.norm(off, axis=1).mean() / np.sqrt(self.source.area))
 
 
 def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
-    """Make the tables.
+    """Compute the tables.
 
-    `rows`, for each pair and system: median seconds of a match of two meshes that were never seen, and of another
-    match with the same source; the longest time between two reports of progress; the most memory that the process
-    has taken so far; the mean error. The peer is given the true map of size 20, ours nothing.
+    `rows`, for each pair and library: median seconds of a match of two new meshes, and of another
+    match with the same source; the longest time between two progress reports; the peak memory of the process
+    so far; the mean error. The peer gets the true map of size 20, ours no hints.
 
-    `stages`: where the seconds of the first go.
+    `stages`: seconds of each stage of the first match.
 
     Args:
-        data: the folder of the sets; those that are missing are left out.
+        data: the folder of the sets; missing sets are left out.
         pairs: number of pairs, the smallest first.
     """
     rows: list[Record] = []
@@ -87,7 +87,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
 
 
 def sized_pairs(data: Path) -> Iterator[SizedPair]:
-    """Pairs of meshes from a few thousand vertices to a million, the smallest first."""
+    """Pairs of meshes from a few thousand to a million vertices, the smallest first."""
     if (data / "tosca_r").is_dir():
         pair = load_pair(data / "tosca_r", "horse0", "horse6")
         yield SizedPair("horse0 horse6, remeshed", pair.target, pair.source, pair.target_vertex, pair.source_vertex)
@@ -102,7 +102,7 @@ def sized_pairs(data: Path) -> Iterator[SizedPair]:
 
 
 def subdivide_triangles(surface: Surface, levels: int, seed: int) -> Surface:
-    """A surface with each triangle cut into four, a number of times, with noise."""
+    """Subdivide each triangle into four, several times, and add noise."""
     vertices, triangles = surface.vertices, surface.triangles
     for _ in range(levels):
         vertices, triangles = subdivide(vertices, triangles)
@@ -113,12 +113,12 @@ def subdivide_triangles(surface: Surface, levels: int, seed: int) -> Surface:
 
 @dataclass(frozen=True)
 class TimedMatch:
-    """A match, and how long it took.
+    """A match and its times.
 
     Attributes:
-        seconds: in all.
+        seconds: total time.
         stages: seconds of each stage.
-        longest_wait: the longest time between two reports of progress.
+        longest_wait: the longest time between two progress reports.
         result: of the match.
     """
 
@@ -129,7 +129,7 @@ class TimedMatch:
 
 
 def time_match(source: Surface, target: Surface, warm: bool = False, detail: str = "balanced") -> TimedMatch:
-    """Match two meshes as they come from a file, with a preset; the source was seen before if `warm`."""
+    """Match two meshes as loaded from a file, with a preset; if `warm`, the source has been matched before."""
     options: dict[str, Any] = DETAIL[detail]
     zo.forget_shapes()
     source, target = (Surface(surface.vertices, surface.triangles) for surface in (source, target))
@@ -162,7 +162,7 @@ def _ours(pair: SizedPair, detail: str) -> tuple[Record, dict[str, float]]:
 
 
 def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
-    """Its own eigenbases and samples; the start is the truth."""
+    """Run pyFMaps with its own eigenbases and samples, from the true map."""
     stages: dict[str, float] = {}
 
     def time_stage(stage: str, work: Callable[[], Any]) -> Any:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Initial maps that methods of refinement are given, made of descriptors and landmarks."""
+"""Initial maps for refinement methods, from descriptors and landmarks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENERGIES = 100
 
 
 def from_signatures(source: Surface, target: Surface) -> Integers:
-    """(n_t,) the paper's first initial map: from wave kernel signatures, keeping the orientation."""
+    """(n_t,) the paper's first initial map: from wave kernel signatures, preserving orientation."""
     bases = [zo.eigenbasis(surface, K_SIGNATURES) for surface in (source, target)]
     signatures = [zo.wave_kernel_signature(basis) for basis in bases]
     of_source, of_target = (
@@ -38,13 +38,13 @@ def from_signatures(source: Surface, target: Surface) -> Integers:
 def from_landmarks(
     source: zo.SpectralBasis, target: zo.SpectralBasis, on_source: ArrayLike, on_target: ArrayLike
 ) -> Integers:
-    """(n_t,) the map of wave kernel signatures and of wave kernels from landmarks.
+    """(n_t,) the map from wave kernel signatures and wave kernels at landmarks.
 
     Args:
-        source: K_SIGNATURES eigenfunctions of the shape that the map lands on.
-        target: of the one that it starts from.
-        on_source: (l,) vertices of the former,
-        on_target: (l,) and those of the latter at the same places.
+        source: K_SIGNATURES eigenfunctions of the shape with the images.
+        target: those of the shape to be mapped.
+        on_source: (l,) source vertices.
+        on_target: (l,) target vertices at the same places.
     """
     of_source, of_target = (
         np.hstack([zo.wave_kernel_signature(basis, ENERGIES), zo.wave_kernel_map(basis, landmarks, ENERGIES)])
@@ -54,15 +54,15 @@ def from_landmarks(
 
 
 def landmarks_of(pair: PairOfMeshes, seed: int = 0) -> tuple[Integers, Integers]:
-    """(2,) known places of a pair, drawn at random: vertices of the source, and of the target."""
+    """(2,) source and (2,) target vertices at random known places of a pair."""
     drawn = np.random.default_rng(seed).choice(len(pair.target_vertex), LANDMARKS, replace=False)
     return pair.source_vertex[drawn], pair.target_vertex[drawn]
 
 
 def from_shot(source: Surface, target: Surface) -> Integers:
-    """(n_t,) the map of SHOT descriptors in balls of a tenth and of a fifth of the root of the area.
+    """(n_t,) the map from SHOT descriptors with radii of a tenth and a fifth of the square root of the area.
 
-    Of their 704 components the principal ones are taken, of both shapes together.
+    Their 704 components are reduced to the principal ones of both shapes together.
     """
     basis_source, basis_target = zo.eigenbasis(source, K_SIGNATURES), zo.eigenbasis(target, K_SIGNATURES)
     described = [np.hstack([zo.shot(each, radius) for radius in (0.1, 0.2)]) for each in (source, target)]

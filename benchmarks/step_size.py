@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much the functional map may grow in a step of ZoomOut, beside spectral ICP at its final size.
+"""The effect of ZoomOut's step size, compared with spectral ICP at the final size.
 
-As in Melzi et al. 2019: horses in poses, from a map of size 10 to one of size 310. They found steps of 1 to 10 as good
-as each other. They iterate on all vertices; here it is 1500 farthest samples of each shape, with all vertices in the
+As in Melzi et al. 2019: posed horses, from a map of size 10 to one of size 310. They found steps of 1 to 10 equally
+good. They iterate on all vertices; here on 1500 farthest samples of each shape, with all vertices in the
 last conversion, which takes a tenth of the time. ICP iterates on all vertices.
 """
 
@@ -37,12 +37,12 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
     """Refine the shipped initial maps of pairs of horses.
 
     `rows`: for each step, and spectral ICP, the mean error over the pairs, times 1000, and the median seconds, without
-    eigenbases and samples. `pairs`: each pair's.
+    eigenbases and samples. `pairs`: each pair.
 
     Args:
         data: the folder of the sets.
         pairs: number of pairs, four at most.
-        figure: an image file to draw error and seconds to, by step.
+        figure: an image file for error and seconds by step.
     """
     records: list[Record] = []
     for folder in sets_in(data):
@@ -86,7 +86,7 @@ def _row(records: list[Record], method: str) -> Record:
 
 
 def _draw(rows: list[Record], figure: Path) -> None:
-    """Error and seconds by step, and the errors of the start and of ICP as level lines."""
+    """Error and seconds by step, and the errors of the initial map and of ICP as level lines."""
     by_step = {row["step"]: row for row in rows}
     lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {
         f"ZoomOut, {name}": (STEPS, [by_step[str(step)][column] for step in STEPS])

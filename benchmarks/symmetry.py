@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How often a shape's own symmetry is found, how exactly, and by which criterion; published figures beside it."""
+"""Success and error of symmetry detection, and its criteria, next to published figures."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ K_FINAL, SAMPLES = 120, 1000
 def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) -> Tables:
     """All tables.
 
-    `rows`: for each set of which the mirrored places are known, the share of shapes whose first symmetry has a mean
+    `rows`: for each set with known mirror images, the share of shapes whose first symmetry has a mean
     error below 60, mean and median error over the shapes, median seconds for the analysis of the shape (eigenbasis
-    and distances) and for all that follows, and the processor's seconds for the latter. Images count as their nearest
-    vertex. Beside it what the true map comes to when it is read off its own functional map, and by how much distances
-    between places differ from those between their images (median over the shapes): a symmetry preserves them, and where
-    the truth does so less than what is measured by it, it says no more of how exact that is.
+    and distances) and for the rest, and the processor seconds of the latter. Images are rounded to their nearest
+    vertex. For comparison, the error of the true map converted from its own functional map, and the change of distances
+    between places under each map (median over the shapes): a symmetry preserves distances, and if
+    the truth preserves them less than a map does, it is too inexact to measure that map.
 
-    `refined`: see `benchmarks.symmetry_refinement`. Published figures are of other meshes of the same people.
+    `refined`: see `benchmarks.symmetry_refinement`. Published figures are for other meshes of the same people.
 
-    `criteria`: for each set the share of shapes on which a criterion alone, of the candidates that reverse the
-    orientation, puts first one that is right; `any` says where one is right at all.
+    `criteria`: for each set the share of shapes on which a criterion alone ranks a right map first among the
+    candidates that reverse the orientation; `any` is the share with a right candidate.
 
-    `objects`: how many symmetries things have, how many of the first found are among them, by the best rigid motion.
+    `objects`: the number of symmetries of things, and how many of the first ones found are right, by rigid alignment.
 
     `weights`: see `benchmarks.mirroring`.
 
@@ -60,8 +60,8 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     Args:
         data: the folder of the sets.
         shapes: number of shapes of each set, evenly spread over its list.
-        with_things: make the last three tables, for which Blender has to be there as a module.
-        figure: where to draw the vase's symmetries.
+        with_things: compute the last three tables, which need Blender's module.
+        figure: an image file for the vase's symmetries.
     """
     records: list[Record] = []
     criteria: list[Record] = []
@@ -98,7 +98,7 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
 
 
 def _prepare(surface: Surface) -> tuple[ShapeAnalysis, float]:
-    """The shape as `detect_symmetry` would prepare it; it will find it prepared."""
+    """Prepare the shape like `detect_symmetry`, which then uses the cached results."""
     zo.forget_shapes()
     start = perf_counter()
     with one_blas_thread:
@@ -122,7 +122,7 @@ def _detect(surface: Surface, vertex: Integers, mirrored: Integers) -> tuple[Rec
 
 
 def _figures(image: Integers, surface: Surface, vertex: Integers, mirrored: Integers) -> Record:
-    """Of a map onto itself: the mean error, and how far it is from an isometry."""
+    """The mean error of a map of a shape onto itself, and its distance from an isometry."""
     error = _error(image, surface, vertex, mirrored)
     return {"error": error, "distortion": _distortion(image[vertex], vertex, surface)}
 
@@ -133,13 +133,13 @@ def _distortion(image: Integers, vertex: Integers, surface: Surface) -> float:
 
 
 def _error(image: Integers, surface: Surface, vertex: Integers, mirrored: Integers) -> float:
-    """Mean geodesic error, times 1000, where there is one: not of images on loose parts."""
+    """Mean geodesic error, times 1000, without images on loose parts."""
     errors = zo.geodesic_error(image, surface, vertex, mirrored, MAX_PLACES)
     return float(1000 * errors[np.isfinite(errors)].mean())
 
 
 def _through_basis(surface: Surface, vertex: Integers, mirrored: Integers) -> Integers:
-    """(n,) the true symmetry, taken from where it is known to the vertices near, and read off its functional map."""
+    """(n,) the true symmetry, extended from its known places to nearby vertices and converted by its functional map."""
     basis = zo.eigenbasis(surface, K_FINAL)
     known = cKDTree(surface.vertices[vertex]).query(surface.vertices)[1]
     functional_map = functional_map_of(mirrored[known], basis, basis, K_FINAL, K_FINAL)
@@ -147,7 +147,7 @@ def _through_basis(surface: Surface, vertex: Integers, mirrored: Integers) -> In
 
 
 def _by_criterion(surface: Surface, shape: ShapeAnalysis, vertex: Integers, mirrored: Integers) -> Record:
-    """Whether each criterion alone finds a right one among the candidates that reverse the orientation."""
+    """Whether each criterion alone selects a right map among the candidates that reverse the orientation."""
     with one_blas_thread:
         pair = Pair(surface, surface, shape, shape, K_FINAL, 5)
         candidates = [entry for entry in find_candidates(shape) if entry.reverses_orientation]
@@ -159,7 +159,7 @@ def _by_criterion(surface: Surface, shape: ShapeAnalysis, vertex: Integers, mirr
 
 
 def _criteria(candidate: Candidate, shape: ShapeAnalysis) -> dict[str, float]:
-    """What is least for the best candidate, by each criterion."""
+    """The value that each criterion minimises."""
     turned = {name: -candidate.scores[name] for name in ("curvature", "handedness", "fine handedness")}
     kept = {name: candidate.scores[name] for name in ("distance", "place", "facing", "total")}
     return energies(candidate.functional_map, shape.basis.eigenvalues) | kept | turned
@@ -193,7 +193,7 @@ def _median(records: list[Record], column: str) -> float | None:
 
 
 def _shares(criteria: list[Record]) -> list[Record]:
-    """Per cent of the shapes of each set on which each criterion is right, a row for each criterion."""
+    """Percentage of each set's shapes on which a criterion is right, a row for each criterion."""
     names = [name for name in criteria[0] if name not in ("set", "shape")]
     sets = list(dict.fromkeys(record["set"] for record in criteria))
     return [

@@ -40,7 +40,7 @@ PUBLISHED: dict[str, tuple[float, float, float]] = {
 
 
 def records_of(data: Path, shapes: int | None) -> list[Record]:
-    """A record for each method and shape of the people's sets: mean error times 1000, and seconds without the basis.
+    """A record for each method and shape of the sets of people: mean error times 1000, and seconds without the basis.
 
     Args:
         data: the folder of the sets.
@@ -60,7 +60,7 @@ def records_of(data: Path, shapes: int | None) -> list[Record]:
 
 
 def rows_of(records: list[Record]) -> list[Record]:
-    """For each method of the paper its figures, and the mean, median and seconds (median) of ours."""
+    """For each of the paper's methods its figures, and our mean and median error and median seconds."""
     rows = []
     for method, (faust, scape, seconds) in PUBLISHED.items():
         ours = [record for record in records if record["method"] == method]
@@ -81,7 +81,7 @@ def rows_of(records: list[Record]) -> list[Record]:
 
 
 def reversing(surface: Surface, basis: zo.SpectralBasis) -> Floats:
-    """(10, 10) the functional map of a surface onto itself that signatures fit and that reverses the orientation."""
+    """(10, 10) the functional map of a surface onto itself fitted to signatures, with reversed orientation."""
     signatures = zo.wave_kernel_signature(basis)
     operators = zo.orientation_operators(surface, basis, signatures, INITIAL)
     return zo.fit_functional_map(
@@ -96,7 +96,7 @@ def reversing(surface: Surface, basis: zo.SpectralBasis) -> Floats:
 
 
 def _refine(surface: Surface) -> dict[str, tuple[Integers, float]]:
-    """Of each method the image (n,) of each vertex, and the seconds that it took."""
+    """The image (n,) of each vertex and the seconds, by method."""
     basis = zo.eigenbasis(surface, K_SIGNATURES)
     begin = perf_counter()
     start = reversing(surface, basis)

@@ -15,12 +15,12 @@ NOT_SHOWN = "pairs"
 
 
 def as_text(rows: list[Record]) -> str:
-    """Records under a line of column names; columns that are empty throughout are left out."""
+    """Records under a line of column names; empty columns are left out."""
     return _table(rows, "plain")
 
 
 def as_markdown(rows: list[Record]) -> str:
-    """The same as a table of Markdown."""
+    """The same as a Markdown table."""
     return _table(rows, "github")
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each tuned number is worth: the maps with half of it, and with twice as much.
+"""The effect of each tuned number: maps with half and with twice its value.
 
-A number that changes nothing on all sets can go, and what depends on it.
+A number without any effect on all sets can be removed, with all that depends on it.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ DIFFERENT, MIN_DIFFERENCE = 0.05, 0.01
 
 
 def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for each number and value: on how many pairs errors fall and rise, and their mean, before and after.
+    """A row for each number and value: on how many pairs errors fall and rise, and their mean before and after.
 
-    The error of a pair of meshes is the mean geodesic one over 100 thousandths, at most 3; that of characters the part
-    of the target that lands on another limb, or the mean error over 10 centimetres.
+    The error of a pair of meshes is the mean geodesic error over 100 thousandths, at most 3; of characters the part
+    of the target that is mapped to another limb, or the mean error over 10 centimetres.
 
     Args:
-        data: the folder of the sets, with characters among them or not.
+        data: the folder of the sets, with or without characters.
         pairs: number of pairs of each set and kind, evenly spread.
-        names: parts of the names of the stages, such as `components.shells`; of all stages if there is none.
+        names: parts of the names of the stages, such as `components.shells`; all stages if empty.
 
     Raises:
         ValueError: no stage has such a name.
@@ -68,7 +68,7 @@ def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, A
 
 
 def _errors(measures: Sequence[Callable[[], float]], setting: AbstractContextManager[None]) -> Any:
-    """(p,) the error of each pair, with nothing left in memory of other settings."""
+    """(p,) the error of each pair, with caches of other settings emptied."""
     with setting:
         found = []
         for measure in measures:
@@ -78,7 +78,7 @@ def _errors(measures: Sequence[Callable[[], float]], setting: AbstractContextMan
 
 
 def _trials(stage: Tuning) -> Iterator[tuple[str, Any]]:
-    """The numbers of a stage, each with the values that are tried."""
+    """The numbers of a stage, each with its values to try."""
     for each in fields(stage):  # type: ignore[arg-type]
         value, valid = getattr(stage, each.name), each.metadata["valid"]
         for factor in FACTORS:
@@ -88,7 +88,7 @@ def _trials(stage: Tuning) -> Iterator[tuple[str, Any]]:
 
 
 def _scale(value: Any, factor: float, low: float, high: float) -> Any:
-    """A number, or those of nested tuples, times a factor; whole ones stay whole, and all stay in their range."""
+    """Scale a number, or those in nested tuples; integers stay integers, and all stay in their range."""
     if isinstance(value, tuple):
         scaled = [_scale(each, factor, low, high) for each in value]
         return type(value)(*scaled) if hasattr(value, "_fields") else tuple(scaled)

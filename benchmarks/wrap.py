@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The source's shape on the target's topology: how near, how even, how much folded, beside closest points."""
+"""Wrap the target's topology to the source's shape: distance, distortion and folds, compared with closest points."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ Pair: TypeAlias = tuple[str, str, Surface, Surface]
 
 
 def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
-    """Match pairs and wrap the target of each onto its source.
+    """Match pairs, and wrap each target to its source.
 
-    `rows`: for each set and method means over its pairs, of what the methods of `METHODS` make of the same map.
+    `rows`: for each set and each of `METHODS`, which all get the same map, means over the pairs.
 
     Args:
-        data: a folder with the sets `faust_r`, `smal_r` and `characters`, or some of these.
-        pairs: of each set; 4, 3 and 3 when not given.
-        pictures: a folder for a picture of each pair.
+        data: a folder with some or all of the sets `faust_r`, `smal_r` and `characters`.
+        pairs: number of pairs of each set; by default 4, 3 and 3.
+        pictures: for a picture of each pair.
     """
     records: list[Record] = []
     for kind, name, source, target in tqdm(list(pairs_in(data, pairs)), leave=False):
@@ -81,7 +81,7 @@ def _load(kind: str, folder: Path, names: list[tuple[str, str]]) -> Iterator[Pai
 
 
 def closest_to_conformed(match: MatchResult, source: Surface, target: Surface) -> Floats:
-    """What *Shape as Key* gives, shrinkwrapped."""
+    """Closest points of the source to the result of *Shape as Key*."""
     search = SurfaceSearch(source.vertices, source.triangles)
     return _on(source, *search.closest(zo.conform(match, source, target)))
 
@@ -99,12 +99,12 @@ METHODS: dict[str, Callable[[MatchResult, Surface, Surface], Floats]] = {
 
 
 def figures(found: Floats, source: Surface, target: Surface, has_partner: Booleans) -> Record:
-    """What is measured of positions (n_t, 3) of the target's vertices, at those that have a partner.
+    """The figures of positions (n_t, 3) of the target's vertices, at those with a partner.
 
     `on source`: percentage of vertices within 0.3 % of the source's height. `angle`: mean change of the angles of
-    faces, in degrees. `against`: faces on the source that face against it. `folds`: edges at which faces turn back.
-    `crossing`: faces that cross others, over those of the target. `edges`: standard deviation of the logarithm of how
-    much edges have grown.
+    faces, in degrees. `against`: faces on the source with opposite normals. `folds`: edges at which faces fold over.
+    `crossing`: faces that cross others, beyond those of the target. `edges`: standard deviation of the logarithm of
+    the ratio of edge lengths.
     """
     search = SurfaceSearch(source.vertices, source.triangles)
     distance = np.linalg.norm(_on(source, *search.closest(found)) - found, axis=1)
@@ -125,7 +125,7 @@ def figures(found: Floats, source: Surface, target: Surface, has_partner: Boolea
 
 
 def facing_against(found: Floats, source: Surface, target: Surface) -> Booleans:
-    """(m,) triangles of the target that lie on the source and face against its normals."""
+    """(m,) triangles of the target that are on the source and have opposite normals."""
     corners = _outward(target)
     middles = found[corners].mean(axis=1)
     triangle, weights = SurfaceSearch(source.vertices, source.triangles).closest(middles)
@@ -147,7 +147,7 @@ def crossing(points: Floats, target: Surface) -> int:
 
 
 def _folds(points: Floats, target: Surface) -> Booleans:
-    """(e,) edges between two triangles, of which one turns back over the other."""
+    """(e,) edges between two triangles, one of which folds over the other."""
     corners = target.working.oriented_triangles
     normals = triangle_normals(points[_first_vertices(target)], corners)
     _, edge_of = unique_edges(corners)
@@ -166,7 +166,7 @@ def _first_vertices(target: Surface) -> np.ndarray:
 
 
 def _outward(target: Surface) -> np.ndarray:
-    """(m, 3) the target's triangles, wound so that they face outwards."""
+    """(m, 3) the target's triangles with outward orientation."""
     corners, working = target.triangles.copy(), target.working
     inward = working.triangle_of[working.flipped]
     corners[inward] = corners[inward][:, ::-1]

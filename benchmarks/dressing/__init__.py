@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How exactly outfits arrive on other bodies, how much of them is in the skin, and what becomes of their form."""
+"""Outfits moved to other bodies: their error, intersections with the skin, and distortion."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ COLOURS = ((0.12, 0.25, 0.6), (0.6, 0.08, 0.08), (0.85, 0.8, 0.65), (0.1, 0.1, 0
 
 
 def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
-    """Match bodies, and carry what the one wears onto the other.
+    """Match bodies, and dress one in the clothes of the other.
 
-    `rows`: for each kind, way and what is worn means over its cases, each of which is a mean over these things: clothes
-    and hair, and apart from them eyes and teeth, which lie within the head.
+    `rows`: for each kind, method and class of worn objects the means over its cases, each of them a mean over the
+    objects: clothes and hair, and separately eyes and teeth, which are inside the head.
 
     Args:
         data: a folder with the set `characters`, and `faust_r` and `shrec19_r` or not.
         pairs: largest number of each kind; all when not given.
-        pictures: a folder for a picture of each case.
+        pictures: for a picture of each case.
     """
     records: list[Record] = []
     for case in tqdm(list(cases(data, pairs)), leave=False):
@@ -68,7 +68,7 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
 
 
 def _of_case(about: Record, case: Case, found: list[Floats]) -> Iterator[Record]:
-    """Means over what is worn, of which eyes and teeth are apart; `folds` are summed."""
+    """Means over the worn objects, eyes and teeth separately; `folds` are summed."""
     skins, named = (_Skin(case.source), _Skin(case.target)), dict(zip(case.things, found, strict=True))
     for worn in WORN:
         names = [name for name in named if (name in WITHIN) == (worn == EYES)]
@@ -81,13 +81,13 @@ def _of_case(about: Record, case: Case, found: list[Floats]) -> Iterator[Record]
 
 
 def _mean(numbers: list[float]) -> float:
-    """The mean of those numbers that are known."""
+    """The mean of the known numbers."""
     known = [number for number in numbers if not np.isnan(number)]
     return float(np.mean(known)) if known else np.nan
 
 
 class _Skin:
-    """A body, and on which side of it points are."""
+    """A body, with a test of whether points are inside."""
 
     def __init__(self, body: Surface) -> None:
         self.size = float(np.sqrt(body.area))
@@ -107,13 +107,13 @@ class _Skin:
 def figures(
     thing: Surface, found: Floats, skins: tuple[_Skin, _Skin], centimetre: float, truth: Floats | None
 ) -> dict[str, float]:
-    """What is measured of something that is worn.
+    """The figures of one worn object.
 
-    `error`: mean distance from the truth, in centimetres. `in skin`: percentage of places (vertices and middles of
-    triangles near the skin) that are in the target's skin, and were outside of the source's; `was in`: that were in
-    the source's. `thickness`: median change of the distance from the skin, in centimetres, for one size of the body.
-    `stretch`: standard deviation of the logarithm of how much edges have grown. `folds`: edges at which faces turn
-    back.
+    `error`: mean distance from the truth, in centimetres. `in skin`: percentage of places (vertices and centroids of
+    triangles near the skin) that are inside the target's skin and were outside the source's; `was in`: that were inside
+    the source's. `thickness`: median change of the distance from the skin, in centimetres, at equal body size.
+    `stretch`: standard deviation of the logarithm of the ratio of edge lengths. `folds`: edges at which faces fold
+    over.
     """
     growth = skins[1].size / skins[0].size
     before, after = (
@@ -135,7 +135,7 @@ def figures(
 
 
 def _folds(thing: Surface, points: Floats) -> Booleans:
-    """(e,) edges between two triangles, of which one turns back over the other."""
+    """(e,) edges between two triangles, one of which folds over the other."""
     working = thing.working
     used = np.flatnonzero(working.vertex_of >= 0)
     first = np.empty(len(working.vertices), dtype=np.int64)
@@ -150,7 +150,7 @@ def _folds(thing: Surface, points: Floats) -> Booleans:
 
 
 def _rows(records: list[Record]) -> list[Record]:
-    """Means over the cases of each kind, where they are known."""
+    """Means over the cases of each kind, of known values only."""
     rows, of = [], ("kind", "worn", "way")
     for group in dict.fromkeys(tuple(record[name] for name in of) for record in records):
         chosen = [record for record in records if tuple(record[name] for name in of) == group]
@@ -161,7 +161,7 @@ def _rows(records: list[Record]) -> list[Record]:
 
 
 def _picture(path: Path, case: Case, shape: Floats, found: dict[str, list[Floats]]) -> None:
-    """The source as it is dressed, and the target, turned like it, as each way dresses it."""
+    """The dressed source, and the target, turned like it, dressed by each method."""
     motion = procrustes(shape, case.source.vertices)
     things = list(case.things.values())
     shown = [_join_dressed(case.source.vertices, case.source, [thing.vertices for thing in things], things)]
@@ -175,7 +175,7 @@ def _picture(path: Path, case: Case, shape: Floats, found: dict[str, list[Floats
 
 
 def _join_dressed(points: Floats, body: Surface, worn: list[Floats], things: list[Surface]) -> Object:
-    """A body and what it wears as one object, each in a colour of its own."""
+    """A body and its clothes as one object, each in its own colour."""
     parts = [body.with_vertices(points), *(thing.with_vertices(each) for thing, each in zip(things, worn, strict=True))]
     whole = Surface.joined(parts)
     mesh = bpy.data.meshes.new("Dressed")

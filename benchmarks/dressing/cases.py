@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies, what they wear, and other bodies that are to wear it: the same outfit is known there, or it is not."""
+"""Dressed bodies, and other bodies to be dressed, with or without a true outfit to compare with."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ SAME, OTHER = "same outfit", "other body"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A body that is to be dressed.
+    """A body to be dressed.
 
     Attributes:
-        kind: "same outfit", if it is known how it looks there, or "other body".
-        name: of the outfit and the body.
-        source: the body that wears it.
-        target: the other one.
-        things: what is worn, by name.
-        truth: (n, 3) positions on the target of things of which they are known.
-        centimetre: in units of the source.
+        kind: "same outfit" if the true outfit is known, or "other body".
+        name: that of the outfit and the body.
+        source: the dressed body.
+        target: the body to be dressed.
+        things: the worn objects, by name.
+        truth: (n, 3) the known positions of worn objects on the target.
+        centimetre: its length in units of the source.
     """
 
     kind: str
@@ -49,11 +49,11 @@ class Case:
 
 
 def cases(data: Path, most: int | None) -> Iterator[Case]:
-    """The cases of a folder of sets, or the first of each kind.
+    """The cases of a folder of sets, or the first ones of each kind.
 
     Args:
-        data: with `characters/outfits`, and `faust_r` and `shrec19_r` or not.
-        most: largest number of a kind; None for all.
+        data: with `characters/outfits`, optionally `faust_r` and `shrec19_r`.
+        most: maximum number of each kind; None for all.
     """
     folder = data / "characters" / "outfits"
     ways = [(name, turned) for name in KNOWN for turned in ((False, True) if name in BOTH_WAYS else (False,))]
@@ -77,7 +77,7 @@ def _alike(one: Surface, other: Surface) -> bool:
 
 
 def _sides(path: Path) -> tuple[list[tuple[Surface, dict[str, Surface]]], float]:
-    """Of source and target of a file the body and the other parts, and a centimetre."""
+    """The body and the other parts of both source and target of a file, and the length of a centimetre."""
     with np.load(path) as file:
         arrays = dict(file)
     found = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ways to carry what a body wears onto another one: ours, and what artists have once the body has the other's shape."""
+"""Methods to dress another body: ours, and those of Blender for a body that has been wrapped to the other's shape."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def stiff(case: Case, shape: Floats) -> list[Floats]:
 
 
 def displace_nearest(case: Case, shape: Floats) -> list[Floats]:
-    """Aligned with the body as a whole, and each vertex displaced as the skin nearest to it is."""
+    """Align rigidly with the body, then displace each vertex like the nearest point of the skin."""
     motion, found = procrustes(case.source.vertices, shape), []
     for thing in case.things.values():
         triangle, weights = closest_points(thing.vertices, case.source.vertices, case.source.triangles)
@@ -42,9 +42,9 @@ def displace_nearest(case: Case, shape: Floats) -> list[Floats]:
 
 
 def surface_deform(case: Case, shape: Floats) -> list[Floats]:
-    """Blender's Surface Deform, bound to the source, which then takes the target's shape, in its own size and place.
+    """Blender's Surface Deform, bound to the source, which is then deformed to the target's shape at its own size.
 
-    Bound to triangles: it refuses concave polygons. Distances to the skin do not grow with it.
+    It is bound to triangles because it refuses concave polygons. Distances to the skin are not scaled.
     """
     motion = procrustes(case.source.vertices, shape)
     body = _object("Body", Surface(case.source.vertices, case.source.triangles))

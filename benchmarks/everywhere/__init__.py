@@ -23,16 +23,16 @@ BASELINE = "DT "
 
 
 def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
-    """Match each case with nothing given, and look at the worst places of the map.
+    """Match each case without hints, and measure the worst places of the map.
 
     `rows`, for each case: the figures of `measure`, those of Blender's Data Transfer (DT), certainty, verdict, whether
-    the map is wrong, and seconds of a cold match. `summary`: the worst of each kind, and how often the verdict was
-    green though the map was wrong, or red though it was right.
+    the map is wrong, and seconds of a cold match. `summary`: the worst of each kind, and the number of verdicts
+    that are green on a wrong map, or red on a right one.
 
     Args:
-        data: the folder of the sets, with characters and clothes among them.
+        data: the folder of the sets, including characters and clothes.
         pairs: approximate number of cases of each kind, evenly spread.
-        picture_folder: where to draw the worst cases of each kind.
+        picture_folder: for pictures of the worst cases of each kind.
     """
     rows: list[Row] = []
     worst: dict[str, list[tuple[float, Row, Case, zo.SurfaceMap]]] = {}
@@ -64,7 +64,7 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
 
 
 def _nearest(case: Case) -> zo.SurfaceMap:
-    """The map by which Data Transfer goes, both objects as they are."""
+    """Data Transfer's map to the nearest points, without alignment."""
     source = case.source
     return zo.SurfaceMap(*closest_points(case.target.vertices, source.vertices, source.triangles), source.triangles)
 

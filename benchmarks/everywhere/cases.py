@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs on which maps are right in the large and may be wrong in the small, with the truth at each vertex.
+"""Pairs whose maps are right globally but may be wrong locally, with the truth at each vertex.
 
-`skin`: a character of many parts, and one skin around it in a pose; the truth is the part that the outside shows.
-`legs`: a body whose legs touch, and a body of another build; the truth is the side.
-`other`: a character of a game as one skin, and a body of MakeHuman; the truth is the side, and nothing may tear.
+`skin`: a character of many parts, and one skin around it in a pose; the truth is the part visible from outside.
+`legs`: a body whose legs touch, and a body of other proportions; the truth is the side.
+`other`: a game character as one skin, and a MakeHuman body; the truth is the side, and no edge may tear.
 """
 
 from __future__ import annotations
@@ -56,17 +56,17 @@ Bodies: TypeAlias = Any  # the class of `clothes.py`, which comes with the data
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A pair to be matched.
+    """A pair of shapes with true parts and sides.
 
     Attributes:
         kind: "skin", "legs" or "other".
-        name: of both sides.
-        source: the surface that the map lands on.
-        target: the surface that it starts from.
+        name: names both shapes.
+        source: the surface with the images.
+        target: the surface to be mapped.
         source_part: (n_s,) the number of each source vertex's loose part.
-        target_part: (n_t,) the part that each target vertex should receive from; -1 near a border, or if not known.
-        source_side: (n_s,) 1 on the left, -1 on the right, 0 in the middle or if not known.
-        target_side: (n_t,) the same of the target.
+        target_part: (n_t,) the part that each target vertex should receive from; -1 near a border or if unknown.
+        source_side: (n_s,) 1 on the left, -1 on the right, 0 in the middle or if unknown.
+        target_side: (n_t,) the same for the target.
     """
 
     kind: str
@@ -128,7 +128,7 @@ def _skin(path: Path, posed: bool) -> Case | None:
 
 
 def _whole_skin(body: Body) -> tuple[Body, float] | None:
-    """One skin around a character that is made of the finest voxels that join all of it, and their width, if any do."""
+    """One skin around a character, of the finest voxels that join all parts, and the voxels' width; None if none do."""
     for voxel in VOXELS:
         skin = one_skin(body, voxel)
         if (np.ptp(skin.vertices, axis=0) > WHOLE * np.ptp(body.vertices, axis=0)).all():
@@ -137,7 +137,7 @@ def _whole_skin(body: Body) -> tuple[Body, float] | None:
 
 
 def _outer_part(skin: Body, body: Body, part: Integers, voxel: float) -> Integers:
-    """(n,) the part of a body that each vertex of a skin around it shows; -1 within a voxel of a border of parts."""
+    """(n,) the part of a body outermost at each vertex of a skin; -1 within a voxel of a border between parts."""
     triangle, _ = closest_points(skin.vertices, body.vertices, body.triangles)
     shown = part[body.triangles[triangle, 0]]
     edges, _ = unique_edges(skin.triangles)
@@ -183,7 +183,7 @@ def _feet_together(bodies: Bodies, build: str) -> Floats:
 
 
 def _below(bodies: Bodies, bone: str) -> Integers:
-    """The numbers of a bone and of all that hang from it."""
+    """The indices of a bone and of all its descendants."""
     parent = dict(zip(bodies.bone_names, bodies.bone_parents, strict=True))
 
     def hangs(name: str) -> bool:
@@ -205,7 +205,7 @@ def _other(clothes: ModuleType, path: Path, build: str) -> Case | None:
 
 
 def _of_bodies(kind: str, name: str, source: zo.Surface, bodies: Bodies, build: str, source_side: Integers) -> Case:
-    """A case whose target is a body of MakeHuman."""
+    """A case whose target is a MakeHuman body."""
     target = zo.Surface(bodies.vertices(build), bodies.polygons)
     return Case(
         kind,
@@ -236,7 +236,7 @@ def _side(weights: Floats, side: Integers) -> Integers:
 
 
 def _module(path: Path) -> ModuleType:
-    """The reader that comes with a set."""
+    """Import the reader that is shipped with a set."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a map gets wrong in the small: parts, sides and torn edges."""
+"""Local errors of a map: parts, sides and torn edges."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ VISIBLE, LOST = 0.001, 0.5
 
 
 def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
-    """The figures of a map; None for what the truth of the case does not include.
+    """The figures of a map; None if the truth of the case does not include them.
 
     `part`: share of the target's area that receives from the right part; `lost`: how many of `visible` parts are;
-    `side`: share of limb vertices that land on the other side; `torn`: share of edges.
+    `side`: share of limb vertices that are mapped to the other side; `torn`: share of edges.
     """
     arrived = case.source_part[surface_map.vertex]
     known = case.target_part >= 0
@@ -43,14 +43,14 @@ def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
 
 
 def is_wrong(figures: Row) -> bool:
-    """Whether an artist would reject a map by its figures: a visible part is lost, or a limb, or it is torn."""
+    """Whether a map is unusable by its figures: a visible part is lost, sides are exchanged, or edges are torn."""
     part, side = figures["part"], figures["side"]
     lost = part is not None and (part < RIGHT_PART or figures["lost"] > 0)
     return lost or (side is not None and side > WRONG_SIDE) or figures["torn"] > TORN
 
 
 def wrong_side(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
-    """(n_t,) which target vertices on a limb land on a limb of the other side."""
+    """(n_t,) which target vertices on a limb are mapped to a limb of the other side."""
     return (case.target_side != 0) & (case.source_side[surface_map.vertex] == -case.target_side)
 
 

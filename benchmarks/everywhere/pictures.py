@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sheets of the worst cases: where images lie, which part they come from, and what is wrong."""
+"""Contact sheets of the worst cases: the map, the parts that data come from, and the errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PANELS = "source by place", "target by its images' places", "wrong part, side or
 
 
 def draw(path: Path, entries: Sequence[tuple[Row, Case, zo.SurfaceMap]]) -> None:
-    """Write cases to one PNG file, a row each, from the front and from the side."""
+    """Write cases to one PNG file, one row each, from the front and from the side."""
     figure = Figure(figsize=(CELL[0], len(entries) * CELL[1]), layout="constrained")
     for number, (row, case, surface_map) in enumerate(entries, start=1):
         axes = figure.add_subplot(len(entries), 1, number)
@@ -68,7 +68,7 @@ def _wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
 
 
 def _upward(case: Case, is_source: bool) -> int:
-    """The axis that points up: bodies of MakeHuman stand along y, characters of games along z."""
+    """The up axis: y for MakeHuman bodies, z for game characters."""
     return {SKIN: 2, LEGS: 1, OTHER: 2 if is_source else 1}[case.kind]
 
 

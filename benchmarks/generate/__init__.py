@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of meshes with known correspondences, made rather than collected: `python -m benchmarks.generate NAME`."""
+"""Generate sets of meshes with known correspondences: `python -m benchmarks.generate NAME`."""

@@ -28,9 +28,9 @@ FROM_SETS = {"partial": write_partial, "remeshed": write_remeshed}
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of everything that is drawn.")
 @click.option("--count", default=16, show_default=True, type=click.IntRange(min=1), help="Pairs for each class.")
 def main(name: str, output: Path, data: tuple[Path, ...], seed: int, count: int) -> None:
-    """Make the set NAME of meshes with known correspondences, organised like the benchmark data.
+    """Generate the set NAME of meshes with known correspondences, organised like the benchmark data.
 
-    `characters` and `characters_nonisometric` are built from nothing; `remeshed` takes folders of OFF files, and
+    `characters` and `characters_nonisometric` need no input; `remeshed` takes folders of OFF files, and
     `partial` sets with `pairs.txt`.
     """
     if name in FROM_NOTHING:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Characters in Blender: a kind's template, individuals of it, and their meshes in poses.
 
-All individuals of a kind are one template, thickened and lengthened bone by bone, dented a little, and bent by its
-armature; so a vertex of the template is the same place on all of them.
+All individuals of a kind are one template, thickened and lengthened bone by bone, slightly dented, and posed by its
+armature; so a vertex of the template corresponds to the same place on all of them.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ CARRIERS = 100
 
 
 class GenerationError(RuntimeError):
-    """No mesh came out as it should; the message says what to do."""
+    """No valid mesh was generated; the message says what to do."""
 
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """The common shape of a kind, in the scene.
+    """The common shape of a kind, in Blender's scene.
 
     Attributes:
-        kind: what it is the shape of.
+        kind: the kind of character.
         body: the mesh object.
-        armature: what bends it.
+        armature: deforms the body.
         surface: its surface at rest.
         mirror: for each vertex the triangle and the barycentric coordinates of its mirror image.
         garments: for each garment the triangles that it covers.
@@ -70,12 +70,12 @@ class Template:
 
 @dataclass(frozen=True, eq=False)
 class Individual:
-    """How one character differs from its template.
+    """The differences of one character from its template.
 
     Attributes:
-        traits: (t,) logarithms of the factors of all builds.
-        scale: for each bone the factors across and along it.
-        rest: (n, 3) the template's vertices with dents, before they are scaled and posed.
+        traits: (t,) logarithms of the factors of all traits.
+        scale: the factors across and along each bone.
+        rest: (n, 3) the template's vertices with dents, before scaling and posing.
         dressed: whether it wears clothes.
     """
 
@@ -87,13 +87,13 @@ class Individual:
 
 @dataclass(frozen=True, eq=False)
 class PosedMesh:
-    """A character as it is written.
+    """A character to be written.
 
     Attributes:
         surface: its body, remeshed, and its loose parts.
-        places: (n,) for each vertex of the template the vertex of the surface that stands for it, -1 for none.
-        mirrored: (n,) the same for its mirror image.
-        refused: poses that were drawn before this one and came out as no closed body: limbs touched.
+        places: (n,) the surface vertex at each vertex of the template, -1 for none.
+        mirrored: (n,) the surface vertex at the mirror image of each vertex of the template.
+        refused: number of poses drawn before this one in which limbs touched, so that the body was not closed.
     """
 
     surface: Surface
@@ -124,7 +124,7 @@ def build_template(kind: Kind, cell: float = CELL) -> Template:
 
 
 def draw_individual(template: Template, random: np.random.Generator, exaggeration: float, dressed: bool) -> Individual:
-    """An individual of random build: all factors raised to the power of the exaggeration."""
+    """An individual with random proportions: all factors are raised to the power of the exaggeration."""
     traits, scale = [], {}
     for build in template.kind.builds:
         thickness, length = _drawn(build, random) * exaggeration
@@ -139,10 +139,10 @@ def draw_individual(template: Template, random: np.random.Generator, exaggeratio
 
 
 def posed_mesh(template: Template, individual: Individual, random: np.random.Generator) -> PosedMesh:
-    """An individual in a random pose, as a mesh of its own with 4,000 to 8,000 vertices and perhaps loose parts.
+    """An individual in a random pose, meshed anew with 4,000 to 8,000 vertices, possibly with loose parts.
 
     Raises:
-        GenerationError: no pose that was tried came out as one closed body.
+        GenerationError: none of the poses tried gave one closed body.
     """
     kind, triangles = template.kind, template.surface.triangles
     remeshing = REMESHINGS[str(random.choice(sorted(REMESHINGS)))]
@@ -168,7 +168,7 @@ def posed_mesh(template: Template, individual: Individual, random: np.random.Gen
 
 
 def draw_pose(kind: Kind, random: np.random.Generator) -> dict[str, tuple[float, float, float]]:
-    """Degrees for each bone within its reach; left and right turn independently."""
+    """Angles in degrees for each bone, within its reach; left and right are drawn independently."""
     pose = {}
     for row in kind.bones:
         reach = kind.reach.get(row.name.replace(".R", ".L"))
@@ -193,14 +193,14 @@ def _mirrored(template: Template, values: Floats) -> Floats:
 
 
 def _drawn(build: Build, random: np.random.Generator) -> Floats:
-    """Logarithms of the factors across and along the bones."""
+    """Draw logarithms of the factors across and along the bones."""
     low, high = np.log([build.thickness, build.length or build.thickness]).T
     share = random.uniform(size=2) if build.length else random.uniform()
     return low + share * (high - low)
 
 
 def _dents(points: Floats, random: np.random.Generator) -> Floats:
-    """(n,) smooth random heights, about as large as DENT says."""
+    """(n,) smooth random heights, of about DENT."""
     waves = random.normal(size=(3, WAVES)) / DENT_WIDTH
     phases = random.uniform(0, 2 * np.pi, WAVES)
     return DENT * np.sqrt(2 / WAVES) * np.cos(2 * np.pi * points @ waves / np.sqrt(3) + phases).sum(axis=1)
@@ -209,7 +209,7 @@ def _dents(points: Floats, random: np.random.Generator) -> Floats:
 def _struck(
     template: Template, individual: Individual, pose: Mapping[str, tuple[float, float, float]]
 ) -> tuple[Floats, Surface]:
-    """The template's vertices (n, 3) in a pose, and the surface that they span, rebuilt."""
+    """The template's vertices (n, 3) in a pose, and the surface that they span, remeshed."""
     mesh = template.body.data
     mesh.vertices.foreach_set("co", individual.rest.ravel().astype(np.float32))
     mesh.update()
@@ -227,7 +227,7 @@ def _struck(
 
 
 def _eyes(template: Template, posed: Floats) -> list[Surface]:
-    """Eyeballs that follow the flesh around them."""
+    """Eyeballs that move with the flesh around them."""
     left = template.kind.eye
     if left is None:
         return []
@@ -243,6 +243,6 @@ def _eyes(template: Template, posed: Floats) -> list[Surface]:
 
 
 def _sheet(points: Floats, triangles: Integers) -> Surface:
-    """The surface of some triangles, without the other points."""
+    """The surface of some triangles, without unused vertices."""
     used, faces = np.unique(triangles, return_inverse=True)
     return Surface(points[used], faces.reshape(triangles.shape))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of characters of several kinds, in different builds, poses and meshes."""
+"""Sets of characters of several kinds, with different proportions, poses and meshes."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ STYLISED = 2.0
 
 
 def write_characters(output: Path, seed: int, count: int, kinds: Sequence[str] = tuple(KINDS)) -> int:
-    """Write a set whose individuals are isometric up to modest proportions.
+    """Write a set of nearly isometric individuals, with modest differences in proportions.
 
     Args:
         output: folder of the set.
-        seed: of everything that is drawn.
-        count: of pairs for each kind, of different individuals.
+        seed: for all random choices.
+        count: number of pairs of different individuals for each kind.
         kinds: names of the kinds.
 
     Returns:
-        The number of poses that were refused because they did not come out as one closed body.
+        The number of poses that were rejected because they did not give one closed body.
 
     Raises:
-        GenerationError: limbs of a kind touch whatever the pose.
+        GenerationError: limbs of a kind touch in all poses tried.
     """
     return _write(output, seed, count, kinds, 1.0, spread)
 
 
 def write_stylised_characters(output: Path, seed: int, count: int, kinds: Sequence[str] = tuple(KINDS)) -> int:
-    """The same with exaggerated builds, and pairs of those individuals that differ most."""
+    """Write a set with exaggerated proportions, and pairs of those individuals that differ most."""
     return _write(output, seed, count, kinds, STYLISED, lambda pairs, most: pairs[:most])
 
 
@@ -88,7 +88,7 @@ def _individuals_for(pairs: int) -> int:
 
 
 def all_pairs(individuals: dict[str, Individual]) -> list[Pair]:
-    """All pairs of meshes of different individuals, those of the most different builds first."""
+    """All pairs of meshes of different individuals, sorted by decreasing difference in proportions."""
 
     def difference(pair: Pair) -> float:
         return float(np.linalg.norm(individuals[pair[0]].traits - individuals[pair[1]].traits))

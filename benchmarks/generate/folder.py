@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing a set as the benchmark data's README says, and which vertices stand for places that are known."""
+"""Write a set in the format of the benchmark data's README, and find the vertices at known places."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ def write_set(
 
 
 def standing_for(places: Floats, normals: Floats, mesh: Surface) -> Integers:
-    """For each place the nearest vertex on a mesh's largest part that faces as the surface does there.
+    """For each place the nearest vertex of a mesh's largest part whose normal agrees.
 
     Args:
         places: (c, 3) points near the mesh.
-        normals: (c, 3) which way the surface faces there.
+        normals: (c, 3) of the surface there.
         mesh: the mesh.
 
     Returns:
-        (c,) vertices; -1 where the mesh has no such vertex nearby.
+        (c,) vertices; -1 if the mesh has no such vertex nearby.
     """
     body = np.flatnonzero(mesh.components == 0)
     distance, near = cKDTree(mesh.vertices[body]).query(places, ASKED)
@@ -62,19 +62,19 @@ def standing_for(places: Floats, normals: Floats, mesh: Surface) -> Integers:
 
 
 def known_on_all(places: Mapping[str, Integers], random: np.random.Generator) -> dict[str, Integers]:
-    """The places of a class that no mesh lacks (none is -1), at random at most a given number."""
+    """The places of a class that every mesh has (none is -1), at most a given number, drawn at random."""
     known = np.flatnonzero(np.min(list(places.values()), axis=0) >= 0)
     kept = np.sort(random.permutation(known)[:PLACES])
     return {name: vertices[kept] for name, vertices in places.items()}
 
 
 def by_class(names: Iterable[str]) -> list[list[str]]:
-    """Names in groups that agree up to the first digit."""
+    """Group names that agree up to the first digit."""
     return [list(group) for _, group in groupby(sorted(names), key=class_of)]
 
 
 def class_of(name: str) -> str:
-    """A name up to its first digit."""
+    """The part of a name before its first digit."""
     return re.split(r"\d", name, maxsplit=1)[0]
 
 

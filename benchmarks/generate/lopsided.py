@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Posed characters whose right side has more vertices than the left, and no weights any more."""
+"""Posed characters whose right side has more vertices than the left, and no weights."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Lopsided:
 
     Attributes:
         surface: in its pose.
-        truth: the weights that it should have: at rest those of the right side mirror the left one's.
+        truth: the true weights: at rest the right side's mirror the left side's.
         broken: the same without any on the right side.
-        by_topology: what Blender's own mirror makes of these, by the mesh's topology.
+        by_topology: the weights after Blender's own mirroring by topology.
         by_position: the same by positions.
         right: (n,) which vertices belong to the right side.
     """
@@ -75,7 +75,7 @@ def lopsided_characters(count: int, seed: int, kind: str = "biped") -> Iterator[
 
 
 def _true_weights(template: Template) -> Attribute:
-    """The template's automatic weights, the right side's replaced by the left side's mirrored ones."""
+    """The template's automatic weights, with the left side's mirrored to the right."""
     weights = mesh_data.read_weights(template.body, template.body.data)
     triangle, barycentric = template.mirror
     n = len(template.surface.vertices)
@@ -88,7 +88,7 @@ def _true_weights(template: Template) -> Attribute:
 
 
 def _cut_right_side(body: bpy.types.Object) -> None:
-    """Divide the edges in bands of the right side; weights are interpolated."""
+    """Subdivide the edges in bands of the right side; weights are interpolated."""
     import bmesh  # there is none before `bpy` is imported
 
     mesh = bmesh.new()
@@ -106,7 +106,7 @@ def _cut_right_side(body: bpy.types.Object) -> None:
 
 
 def _mirrored_by_blender(body: bpy.types.Object, weights: Attribute, right: Booleans, topology: bool) -> Attribute:
-    """What `Mirror Vertex Group` makes of weights when the right side is selected."""
+    """The weights after Blender's `Mirror Vertex Group` with the right side selected."""
     mesh_data.write_weights(body, weights)
     mesh = body.data
     select_only(body)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets whose targets lack something that the source has, or have something that it lacks.
+"""Sets whose targets lack a part of the source, or have a part that the source lacks.
 
-Extremities are found by farthest point sampling along the surface (Eldar et al. 1997); how thick a limb is, the areas
-of slices between two distances from its extremity tell.
+Extremities are found by geodesic farthest point sampling (Eldar et al. 1997); a limb's thickness is estimated from
+the areas of slices between two distances from its extremity.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ BEND, TIP = 0.3, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """A mesh of a set, and what is known about it.
+    """A mesh of a set with its known places.
 
     Attributes:
         surface: the mesh.
-        places: (c,) vertices that are the same places on every mesh of the class.
+        places: (c,) vertices that correspond on all meshes of the class.
         mirrored: (c,) the places' mirror images, if the set has them.
     """
 
@@ -62,12 +62,12 @@ class Whole:
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """A mesh that has lost or gained something.
+    """A mesh that has lost or gained a part.
 
     Attributes:
         surface: the mesh.
-        vertex_of: (n,) its vertex for each one of the whole mesh; -1 for those that are lost.
-        gained: (n',) which of its vertices are new.
+        vertex_of: (n,) its vertex for each vertex of the whole mesh; -1 for removed ones.
+        gained: (n',) which of its vertices were added.
     """
 
     surface: Surface
@@ -78,13 +78,13 @@ class Changed:
 def write_partial(output: Path, data: Iterable[Path], seed: int, count: int) -> None:
     """Write pairs of a changed mesh and a whole one of another pose, and `partial.npz`.
 
-    The latter holds for each mesh which of its vertices (n,) have no counterpart on the other one of its pair.
+    The latter lists for each mesh which of its vertices (n,) have no counterpart on the other mesh of the pair.
 
     Args:
         output: folder of the set.
-        data: folders of sets with `pairs.txt` and `correspondence.npz`; their pairs are changed.
-        seed: of everything that is drawn.
-        count: of pairs for each class, evenly spread over the set's list.
+        data: folders of sets with `pairs.txt` and `correspondence.npz`, whose pairs are modified.
+        seed: for all random choices.
+        count: number of pairs for each class, evenly spread over the set's list.
     """
     meshes: dict[str, Surface] = {}
     correspondence: dict[str, Integers] = {}
@@ -127,24 +127,24 @@ def _whole(folder: Path, name: str) -> Whole:
 
 
 def without_limb(whole: Whole, random: np.random.Generator) -> Changed:
-    """One limb, or the head with the neck, is missing: all until it widens into the trunk."""
+    """Remove one limb, or head and neck, up to where it widens into the trunk."""
     return _severed(whole, LIMB, lambda area: int(np.argmax(np.diff(area))), random)
 
 
 def without_end(whole: Whole, random: np.random.Generator) -> Changed:
-    """The end of a limb is missing, such as a hand: all until the limb is thinnest."""
+    """Remove the end of a limb, such as a hand, up to where the limb is thinnest."""
     return _severed(whole, END, lambda area: int(np.argmin(area)), random)
 
 
 def with_holes(whole: Whole, random: np.random.Generator) -> Changed:
-    """The surface has round holes."""
+    """Cut round holes into the surface."""
     centres = random.choice(whole.places, HOLES, replace=False)
     near = _distances(whole.surface, centres).min(axis=0) < HOLE_RADIUS * whole.unit
     return _without(_unchanged(whole.surface), near)
 
 
 def with_tail(whole: Whole, random: np.random.Generator) -> Changed:
-    """A limb that the source lacks has grown out of the trunk, from the middle if there is one."""
+    """Add a limb to the trunk that the source lacks, in the middle if the shape has one."""
     places = whole.places if whole.mirrored is None else whole.places[_in_middle(whole)]
     remoteness = _remoteness(whole, random)[places]
     centre = int(random.choice(places[remoteness <= np.quantile(remoteness, 0.1)]))
@@ -153,7 +153,7 @@ def with_tail(whole: Whole, random: np.random.Generator) -> Changed:
 
 
 def with_horns(whole: Whole, random: np.random.Generator) -> Changed:
-    """Two horns have grown out of the head, or out of anywhere on what has no left and right."""
+    """Add two horns to the head, or anywhere on shapes without left and right."""
     if whole.mirrored is None:
         first = int(random.choice(whole.places))
         amiss = np.abs(_distances(whole.surface, [first])[0] - APART * whole.unit)
@@ -185,7 +185,7 @@ def _severed(
     choose: Callable[[Floats], int],
     random: np.random.Generator,
 ) -> Changed:
-    """What is left beyond one slice around an extremity, which is chosen by the areas of all slices."""
+    """The surface beyond one slice around an extremity, which is chosen by the areas of all slices."""
     surface = whole.surface
     tips = _tips(whole, random)
     distance = _distances(surface, tips[:1])[0]
@@ -222,12 +222,12 @@ def _distances(surface: Surface, vertices: Integers | list[int]) -> Floats:
 
 
 def _remoteness(whole: Whole, random: np.random.Generator) -> Floats:
-    """(n,) average distance to places: least on the trunk, most at the ends of limbs."""
+    """(n,) average distance to places: smallest on the trunk, largest at the ends of limbs."""
     return _distances(whole.surface, random.choice(whole.places, 50)).mean(axis=0)
 
 
 def _ends_in_middle(whole: Whole, random: np.random.Generator) -> Integers:
-    """Where head and tail end, or the head alone."""
+    """The ends of head and tail, or of the head alone."""
     middle = whole.places[_in_middle(whole)]
     remoteness = _remoteness(whole, random)[middle]
     first = np.argmax(remoteness)
@@ -236,7 +236,7 @@ def _ends_in_middle(whole: Whole, random: np.random.Generator) -> Integers:
 
 
 def _apart(whole: Whole) -> Floats:
-    """(c,) how far places are from their mirror images, straight through space."""
+    """(c,) Euclidean distances of places from their mirror images."""
     points = whole.surface.vertices
     return np.linalg.norm(points[whole.places] - points[whole.mirrored], axis=1)
 
@@ -259,7 +259,7 @@ def _without(changed: Changed, lost: Booleans) -> Changed:
 
 
 def _with_faces(changed: Changed, triangles: Integers, new: Floats) -> Changed:
-    """Other triangles on the vertices and on new ones (m, 3), numbered after the old; unused vertices go."""
+    """Replace triangles, using old vertices and new ones (m, 3) numbered after them; unused vertices are removed."""
     vertices = np.concatenate([changed.surface.vertices, new])
     gained = np.concatenate([changed.gained, np.ones(len(new), dtype=bool)])
     used, compact = np.unique(triangles, return_inverse=True)
@@ -270,7 +270,7 @@ def _with_faces(changed: Changed, triangles: Integers, new: Floats) -> Changed:
 
 
 def _grown(changed: Changed, centre: int, radius: float, length: float, random: np.random.Generator) -> Changed:
-    """A limb in place of a disc around a vertex: rings that taper along a bent axis, and a tip."""
+    """Replace a disc around a vertex by a limb: rings that taper along a bent axis, and a tip."""
     surface = changed.surface
     triangles = surface.triangles
     in_disc, loop = _disc(surface, centre, radius)
@@ -303,7 +303,7 @@ def _grown(changed: Changed, centre: int, radius: float, length: float, random: 
 
 
 def _disc(surface: Surface, centre: int, radius: float) -> tuple[Booleans, Integers]:
-    """Triangles around a vertex that form a disc, of the radius or less, and the vertices of its border in order."""
+    """Triangles around a vertex that form a disc of at most the radius, and the vertices of its border in order."""
     triangles = surface.triangles
     distance = _distances(surface, [centre])[0]
     while True:

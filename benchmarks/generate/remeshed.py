@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets of meshes that share their vertex order, against their own and each other's remeshed selves."""
+"""Sets of meshes with the same vertex order, paired with remeshed versions of themselves and of each other."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ THINNED = 0.3
 
 
 def write_remeshed(output: Path, data: Iterable[Path], seed: int, count: int) -> None:
-    """Write a set of originals and of what remeshing makes of them.
+    """Write a set of original and remeshed meshes.
 
     Args:
         output: folder of the set.
-        data: folders of OFF files; those whose names agree up to the first digit have the same vertices.
-        seed: of the noise and of the places.
-        count: of pairs for each class, drawn from all.
+        data: folders of OFF files; files whose names agree up to the first digit have corresponding vertices.
+        seed: for the noise and the places.
+        count: number of pairs for each class, drawn at random.
     """
     originals = {path.stem: read_surface(path) for folder in data for path in sorted(folder.glob("*.off"))}
     meshes: dict[str, Surface] = dict(originals)

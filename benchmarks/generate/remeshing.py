@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The same surface as another mesh, in several ways that MeshLab has."""
+"""Remesh a surface with several of MeshLab's filters."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ THINGS: dict[str, tuple[list[Solid], int]] = {
 
 
 def thing(name: str, vertices: int = 4000, seed: int = 0) -> Surface:
-    """A thing whose mesh knows nothing of its symmetries: it is turned at random, and remeshed."""
+    """A thing, turned at random and remeshed, so that its mesh does not have its symmetries."""
     solids, _ = THINGS[name]
     random = np.random.default_rng(seed)
     points, faces = surface_net(CELL, solids, bounds(solids, 5 * CELL))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What tools do with malformed files and hard meshes: each case in a child process, with limits of time and memory."""
+"""Behaviour of tools on malformed files and hard meshes, each in a child process with limits of time and memory."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ VERDICTS = RIGHT_ONE, SENTENCE, DOUBTED, TRACEBACK, CRASH, HANG, SILENT, NO_READ
 
 
 def run(pairs: int | None) -> Tables:
-    """Two tables: the files, and the meshes; a row for each with the verdict of each tool; and the sums of both."""
+    """Two tables, of files and of meshes, with a row of the tools' verdicts for each case; and the sums of both."""
     files = dict(list(malformed_files().items())[:pairs])
     hard = dict(list(hard_meshes().items())[:pairs])
     with TemporaryDirectory() as folder, ThreadPoolExecutor(AT_ONCE) as pool:
@@ -65,7 +65,7 @@ def _sums(tool: str, rows: list[Record]) -> Record:
 
 
 def _read(name: str, content: bytes, folder: Path, tool: str) -> str:
-    """What a tool does with a malformed file: to refuse it is right, and so is to find nothing in it."""
+    """Have a tool read a malformed file: refusing it is right, and so is finding nothing in it."""
     if Path(name).suffix not in READS[tool]:
         return NO_READER
     path = folder / tool / name
@@ -78,7 +78,7 @@ def _read(name: str, content: bytes, folder: Path, tool: str) -> str:
 
 
 def _use(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -> str:
-    """What a tool does with a mesh that was made hard to use."""
+    """Have a tool use a hard mesh."""
     source, target = clean()
     place = folder / f"{number} {tool}"
     place.mkdir()
@@ -90,13 +90,13 @@ def _use(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -
 
 
 def _write(path: Path, mesh: Mesh) -> None:
-    """As OBJ, in full precision, whatever the mesh is."""
+    """Write a mesh as OBJ in full precision, without any checks."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh[0]]
     path.write_text("\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh[1]), ""]))
 
 
 def _verdict(answer: Record | str, mesh: Mesh, source: Mesh) -> str:
-    """Whether what was carried onto the vertices that faces use is right, or the tool said that it may not be."""
+    """Whether the data transferred to vertices of faces is right, or the tool reported that it may not be."""
     if isinstance(answer, str):
         return answer
     if "said" in answer:
@@ -115,7 +115,7 @@ def _verdict(answer: Record | str, mesh: Mesh, source: Mesh) -> str:
 
 
 def _answer(tool: str, *paths: Path) -> Record | str:
-    """What a tool says of a case, or how its process ended."""
+    """A tool's answer to a case, or the way its process ended."""
     command = [sys.executable, "-m", "benchmarks.robustness.worker", tool, *map(str, paths)]
     try:
         ran = subprocess.run(command, capture_output=True, timeout=SECONDS, preexec_fn=_limit, check=False)
@@ -136,7 +136,7 @@ def _limit() -> None:
 
 
 def write_page(tables: Tables, path: Path) -> None:
-    """Write the tables into a page, between what is said of them there; a new one where there is none."""
+    """Write the tables into a page, between its paragraphs on them; create the page if it is missing."""
     text = path.read_text(encoding="utf-8") if path.exists() else "".join(_place(name) for name in tables)
     for name, rows in tables.items():
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that are malformed, and meshes that are hard to use: those of the tests, and meshes beside a clean one."""
+"""Malformed files and hard meshes: those of the tests, and modified copies of a clean mesh."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def malformed_files() -> dict[str, bytes]:
 
 
 def clean() -> tuple[Mesh, Mesh]:
-    """The source, and the target that is made hard to use: closest points are right, but for half an edge."""
+    """The source, and the target to be modified: closest points are right to half an edge."""
     source, target = (creature(count, seed=seed).surface for seed, count in enumerate(VERTICES))
     return (source.vertices, source.triangles), (target.vertices, target.triangles)
 
 
 def landmarks() -> Integers:
-    """(8, 2) vertices of the source, far from each other, and those of the target at the same places."""
+    """(8, 2) distant vertices of the source, and the target's vertices at the same places."""
     (source, _), (target, _) = clean()
     chosen = farthest_points(source, LANDMARKS)
     return np.stack([chosen, cKDTree(target).query(source[chosen])[1]], axis=1)
 
 
 def hard_meshes() -> dict[str, Callable[[Mesh], Mesh]]:
-    """What is done to the target, by a name; the first vertices stay those of the target, in their order."""
+    """Modified targets by name; their first vertices are the target's, in the same order."""
     return {
         "clean": lambda mesh: mesh,
         "half of the faces turned over": _turn_half,

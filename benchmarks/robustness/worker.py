@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One tool on one case, in a process of its own: `python -m benchmarks.robustness.worker TOOL TARGET [SOURCE]`.
+"""Run one tool on one case in its own process: `python -m benchmarks.robustness.worker TOOL TARGET [SOURCE]`.
 
-It prints what came of it as JSON. A tool reads a file, or carries the source's positions onto the target, which lies
-over it, so that what it has carried says how far it is off.
+It prints the result as JSON. A tool reads a file, or transfers the source's positions to the target, which coincides
+with it, so that the transferred positions give the error.
 """
 
 from __future__ import annotations

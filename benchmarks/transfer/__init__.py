@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How exactly data arrives, by our way and by those that artists have, where the truth is known at every corner."""
+"""Accuracy of transferred data, by our method and those that artists have, with the truth known at every corner."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from benchmarks.transfer.methods import WAYS
 
 
 def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
-    """Transfer from every source to itself, remeshed, in its own and in another pose.
+    """Transfer from every source to remeshed versions of itself, in its own and in another pose.
 
     Args:
         data: folder of the sets.
-        most: largest number of shapes; None for all.
+        most: maximum number of shapes; None for all.
 
     Returns:
-        `rows`: medians of the figures for each pose and way; `pairs`: those of each shape.
+        `rows`: medians of the figures for each pose and method; `pairs`: the figures of each shape.
     """
     pairs = [row for case in tqdm(make_cases(data, most), desc="targets") for row in _rows(case)]
     pairs.sort(key=lambda row: (row["pose"], list(WAYS).index(row["way"])))

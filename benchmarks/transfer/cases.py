@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sources that carry all kinds of data, and targets of which it is known what should arrive."""
+"""Sources with all kinds of data, and targets with known true data."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ class Case:
     """A source and a target.
 
     Attributes:
-        name: of the shape.
-        pose: whether the target stands in the "same" pose or in an "other" one.
-        source: the object that has the data.
-        target: a bare one, which is copied for each way of transfer.
-        truth: UVs, weights and colours that should arrive.
-        material: (f,) the slot that each face of the target should have.
-        keys: (n_t, keys, 3) the offsets that should arrive.
-        seam: the length of the source's seams, measured on its surface in the target's pose.
+        name: name of the shape.
+        pose: the target's pose, "same" or "other".
+        source: the object with the data.
+        target: an object without data, which is copied for each method.
+        truth: the target's true UVs, weights and colours.
+        material: (f,) the true material slot of each face of the target.
+        keys: (n_t, keys, 3) the target's true offsets.
+        seam: the length of the source's seams, measured in the target's pose.
         aligned: (4, 4) the rigid motion that best aligns the target with the source.
     """
 
@@ -67,7 +67,7 @@ class Case:
 
 
 def make_cases(data: Path, most: int | None, seed: int = 0) -> Iterator[Case]:
-    """The demo's character and the shapes of a folder, each against itself remeshed in its own and another pose."""
+    """The demo's character and the shapes of a folder, each with remeshed versions in its own and another pose."""
     shapes: list[tuple[Path | None, Path | None]] = [(None, None), *_same_vertices(data / "tosca_full")]
     for folder in ("faust_r", "tosca_r"):
         shapes += [(path, None) for path in sorted((data / folder).glob("*.off"))[::EVERY]]
@@ -94,7 +94,7 @@ def _same_vertices(folder: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _demo_character() -> tuple[bpy.types.Object, Floats]:
-    """The demo's character at rest, and its vertices in the demo's pose."""
+    """Build the demo's character at rest, and its vertices in the demo's pose."""
     character, armature = build_character(CELL)
     set_pose(armature)
     positions = _posed_positions(character)
@@ -104,12 +104,12 @@ def _demo_character() -> tuple[bpy.types.Object, Floats]:
 
 
 def _shape(path: Path, other: Path | None, seed: int) -> tuple[bpy.types.Object, Floats]:
-    """A shape of unit area with UVs, weights and the rest, and its vertices in another pose.
+    """Load a shape of unit area, with UVs, weights and the other data, and its vertices in another pose.
 
     Args:
-        path: of the shape.
-        other: the same mesh in another pose; if there is none, the bones are turned.
-        seed: of the turns.
+        path: file of the shape.
+        other: file of the same mesh in another pose; without one, the bones are turned.
+        seed: for the turns.
     """
     surface = zo.read_surface(path)
     scale = 1 / np.sqrt(surface.area)
@@ -156,14 +156,14 @@ def _unwrap(obj: bpy.types.Object, vertices: Floats, triangles: Integers) -> Non
 
 
 def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
-    """Soft stripes in all three directions, eight over the shape's longest side."""
+    """Paint smooth stripes in all three directions, eight over the shape's longest side."""
     wave = 2 * np.pi * 8 * vertices / np.ptp(vertices, axis=0).max()
     layer = mesh.color_attributes.new(PAINT, "FLOAT_COLOR", "POINT")
     layer.data.foreach_set("color", np.column_stack([0.5 + 0.5 * np.sin(wave), np.ones(len(wave))]).ravel())
 
 
 def _dress(obj: bpy.types.Object) -> None:
-    """Add materials in patches, and shape keys that swell a place each."""
+    """Add materials in patches, and shape keys that each inflate one place."""
     vertices, triangles = _triangulate(obj)
     region = regions(vertices, triangles, MATERIALS)
     for i in range(MATERIALS):
@@ -192,7 +192,7 @@ def _triangulate(obj: bpy.types.Object) -> tuple[Floats, Integers]:
 
 
 def _strengths(vertices: Floats, triangles: Integers) -> Floats:
-    """(n, keys) how strongly each key swells each vertex: 1 in the middle of a region, 0 from its border on."""
+    """(n, keys) strength of each key at each vertex: 1 in the middle of a region, 0 at its border and outside."""
     region = regions(vertices, triangles, 2 * KEYS)
     graph = edge_graph(vertices, triangles)
     strength = np.zeros((len(vertices), KEYS))
@@ -207,7 +207,7 @@ def _strengths(vertices: Floats, triangles: Integers) -> Floats:
 
 
 def _case(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Case:
-    """The target for a source, whose vertices stand at `posed` (n_s, 3) in the target's pose."""
+    """The case of a source whose vertices are at `posed` (n_s, 3) in the target's pose."""
     rest, triangles = _triangulate(source)
     count = round(THINNED * len(posed))
     remeshed = isotropic(zo.Surface(posed, triangles), count, np.random.default_rng(0))
@@ -240,13 +240,13 @@ def _case(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Case
 
 
 def seams(obj: bpy.types.Object, surface: zo.Surface) -> Integers:
-    """(s, 2) the vertices at the ends of the edges that the object's atlas is cut open at."""
+    """(s, 2) vertices of the edges that are seams of the object's UV map."""
     uv = mesh_data.read_layer(obj.data, UV_MAP).attribute.values.astype(float)
     return surface.edges[uv_seams(surface, uv)]
 
 
 def rigid_motion(points: Floats, onto: Floats) -> Floats:
-    """(4, 4) the motion that takes points (n, 3) as near to others as it can (Kabsch 1976)."""
+    """(4, 4) the least-squares rigid motion of points (n, 3) onto others (Kabsch 1976)."""
     centre, other = points.mean(axis=0), onto.mean(axis=0)
     u, _, v = np.linalg.svd((points - centre).T @ (onto - other))
     turn = (u * [1, 1, np.linalg.det(u @ v)]) @ v

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What arrived, against what should have."""
+"""Errors of transferred data."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ SUM_TOLERANCE = 1e-4
 
 
 def figures(case: Case, target: bpy.types.Object) -> dict[str, float | None]:
-    """The figures of one transfer; None for what the way does not transfer.
+    """The figures of one transfer; None for data that the method does not transfer.
 
-    UVs in widths of the atlas; weights as the sum of absolute differences at a vertex; colours as distances in
-    linear RGB; keys as the offsets' error over their size; seams as their length over that of the source's.
+    UVs in widths of the UV square; weights as the sum of absolute differences at a vertex; colours as distances in
+    linear RGB; keys as the relative error of offsets; seams as the ratio of their length to the source's.
     """
     mesh, truth = target.data, case.truth
     surface = mesh_data.read_target_surface(target, bpy.context.evaluated_depsgraph_get())

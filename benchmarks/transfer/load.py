@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long a transfer takes once the map is known, by kind of data: all that a character of a film carries."""
+"""Time of a transfer along a known map, by kind of data, for the data of a film character."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ REACH, SWELLING = 0.12, 0.015
 
 
 class Cost(NamedTuple):
-    """Seconds by the clock, and of the processor."""
+    """Wall-clock and processor seconds."""
 
     clock: float
     processor: float
 
 
 def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, list[Record]]:
-    """Transfer everything along the true map from the demo's character to itself, posed and remeshed.
+    """Transfer everything along the true map from the demo's character to a posed and remeshed copy.
 
     Args:
-        size: of the character and of the target.
-        groups: vertex groups that the source has, those of its bones among them.
-        keys: shape keys that it has, every other one of which moves all of it.
+        size: number of vertices of the character and of the target.
+        groups: number of the source's vertex groups, including those of its bones.
+        keys: number of its shape keys, every other one of which moves all vertices.
 
     Returns:
-        `rows`: for each kind of data the seconds in which it is read, transferred and written, and the processor
-        time of all that. What kinds share is on the account of the first that needs it. Last, how long an artist waits
-        for all of it along a stored match, reading and writing and checks included.
+        `rows`: for each kind of data the seconds of reading, transferring and writing, and the processor
+        time of all three. Shared work counts for the first kind that needs it. The last row is an artist's waiting time
+        for everything along a stored match, including reading, writing and checks.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     demo = make_demo_objects(size)
@@ -105,7 +105,7 @@ def _row(kind: str, count: int, costs: dict[str, Cost]) -> Record:
 
 
 def burden(source: bpy.types.Object, groups: int, keys: int) -> None:
-    """Give the source more vertex groups, UV maps and shape keys than the demo's character has."""
+    """Add vertex groups, UV maps and shape keys to the source."""
     vertices = mesh_data.read_positions(source.data).astype(float)
     triangles = mesh_data.read_surface_at_rest(source).triangles
     scale = float(np.sqrt(triangle_areas(vertices, triangles).sum()))
@@ -127,7 +127,7 @@ def burden(source: bpy.types.Object, groups: int, keys: int) -> None:
 
 
 def _around(vertices: Floats, triangles: Integers, count: int) -> Floats:
-    """(n, count) strengths around `count` evenly spread places of a surface of unit area: 1 there, 0 out of reach."""
+    """(n, count) strengths around `count` evenly spread places at unit area: 1 there, 0 beyond a radius."""
     places = farthest_points(vertices, count)
     distance = dijkstra(edge_graph(vertices, triangles), indices=places, limit=REACH)
     part = np.clip(1 - distance.T / REACH, 0, 1)
@@ -135,7 +135,7 @@ def _around(vertices: Floats, triangles: Integers, count: int) -> Floats:
 
 
 def _unwrap(source: bpy.types.Object) -> None:
-    """Add two atlases to the one of the demo, of hundreds of islands."""
+    """Add two UV maps with hundreds of islands."""
     select_only(source)
     for name, unwrap in (("Smart", bpy.ops.uv.smart_project), ("Cube", bpy.ops.uv.cube_project)):
         source.data.uv_layers.active = source.data.uv_layers.new(name=name)

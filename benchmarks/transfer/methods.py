@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ways to transfer everything from a source to a target: ours, and those that artists have."""
+"""Methods to transfer everything from a source to a target: ours, and those that artists have."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials", "shape_keys
 
 
 def by_match(case: Case, target: bpy.types.Object) -> float:
-    """Ours, with nothing given."""
+    """Ours, without hints."""
     zo.forget_shapes()
     start = perf_counter()
     match_objects(bpy.context, case.source, target)
@@ -38,7 +38,7 @@ def by_match(case: Case, target: bpy.types.Object) -> float:
 
 
 def by_truth(case: Case, target: bpy.types.Object) -> float:
-    """Ours along the true map: what is left is the error of the transfer alone."""
+    """Ours along the true map: its error is that of the transfer alone."""
     start = perf_counter()
     pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     trust = case.truth.known.astype(float)
@@ -48,9 +48,9 @@ def by_truth(case: Case, target: bpy.types.Object) -> float:
 
 
 def by_proximity(case: Case, target: bpy.types.Object) -> float:
-    """Ours by the nearest points, where these are near and face the same way, and filled in elsewhere.
+    """Ours by nearest points if these are near and face the same way, filled in elsewhere.
 
-    Of weights it is the robust transfer by inpainting of Abdrashitov et al. (2023).
+    For weights, this is robust transfer by inpainting (Abdrashitov et al. 2023).
     """
     start = perf_counter()
     match_objects(bpy.context, case.source, target, initial="nearest")
@@ -59,7 +59,7 @@ def by_proximity(case: Case, target: bpy.types.Object) -> float:
 
 
 def by_data_transfer(case: Case, target: bpy.types.Object) -> float:
-    """Blender's Data Transfer, each kind of data with the mapping that errs least."""
+    """Blender's Data Transfer, with the best mapping for each kind of data."""
     start = perf_counter()
     transfer_best(case.source, target, case.truth)
     trials = sum(len(kind.mappings) + 1 for kind in KINDS.values())
@@ -97,7 +97,7 @@ def by_meshlab(case: Case, target: bpy.types.Object) -> float:
 
 
 def align(way: Way) -> Way:
-    """A way that is given the best rigid alignment first."""
+    """A method preceded by the best rigid alignment."""
 
     def after_alignment(case: Case, target: bpy.types.Object) -> float:
         target.matrix_world = Matrix(case.aligned) @ target.matrix_world

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of the checker on a limb that a seam runs along: the source's, ours on the target, and Data Transfer's."""
+"""A picture of a checker texture on a limb with a seam: the source, our result, and Data Transfer's."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def draw(path: Path, size: Size = SIZE, width: int = WIDTH) -> None:
 
 
 def _cut_along_seams(character: bpy.types.Object, target: bpy.types.Object) -> zo.SurfaceMap:
-    """Cut the target along the seams of the character that it is matched with, and the map that it has then."""
+    """Cut the target along the seams of the matched character, and return the map of the cut target."""
     cut_seams(bpy.context, character, target)
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, character.name, target.name)))
     assert kept is not None, "a mesh that was cut keeps its match"
@@ -88,7 +88,7 @@ def _cut_along_seams(character: bpy.types.Object, target: bpy.types.Object) -> z
 def _show(
     figure: bpy.types.Object, points: Floats, chosen: Booleans, material: bpy.types.Material, place: Vector
 ) -> None:
-    """Add the chosen vertices of a figure, at other points, and its seams among them as lines."""
+    """Add the selected part of a figure at new positions, with its seams as lines."""
     surface = mesh_data.read_surface_at_rest(figure)
     mesh = figure.data.copy()
     mesh.vertices.foreach_set("co", points.astype(np.float32).ravel())
@@ -111,7 +111,7 @@ def _show(
 
 
 def _aim_camera(rows: int) -> None:
-    """A camera that looks straight at the rows, without perspective."""
+    """Add an orthographic camera in front of the rows."""
     scene = bpy.context.scene
     height = rows * DOWN
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, round(WIDTH * height / ACROSS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions of a surface: what islands, bones and patches of materials are made from."""
+"""Regions of a surface, used for UV islands, bones and patches of materials."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEEP = 0.7
 
 
 def regions(vertices: Floats, triangles: Integers, count: int) -> Integers:
-    """(n,) the one of `count` evenly spread places that each vertex is nearest to, along the surface."""
+    """(n,) for each vertex the geodesically nearest of `count` evenly spread places."""
     places = farthest_points(vertices, count)
     _, _, nearest = dijkstra(edge_graph(vertices, triangles), indices=places, min_only=True, return_predecessors=True)
     number = np.zeros(len(vertices), dtype=np.int64)
@@ -28,7 +28,7 @@ def regions(vertices: Floats, triangles: Integers, count: int) -> Integers:
 
 
 def faces_of(region: Integers, triangles: Integers) -> Integers:
-    """(m,) the region of each triangle: that of two of its corners, or the least."""
+    """(m,) the region of each triangle: that of two of its corners, or the smallest index."""
     a, b, c = region[triangles].T
     return np.where((a == b) | (a == c), a, np.where(b == c, b, np.minimum(np.minimum(a, b), c)))
 
@@ -36,7 +36,7 @@ def faces_of(region: Integers, triangles: Integers) -> Integers:
 def islands(vertices: Floats, triangles: Integers, region: Integers) -> Booleans:
     """(e,) which of `unique_edges` are seams, so that every region of triangles (m,) can be unwrapped.
 
-    Between regions run seams; a region with several borders, such as a sleeve, is cut from one to the next, and
+    Seams separate regions; a region with several borders, such as a sleeve, is cut from one to the next, and
     a deep one, such as a mitten, to its tip.
     """
     edges, edge_of = unique_edges(triangles)
@@ -53,13 +53,13 @@ def islands(vertices: Floats, triangles: Integers, region: Integers) -> Booleans
 
 
 def _cut_to_flatten(edges: Integers, length: Floats, seam: Booleans, depth: float) -> Booleans:
-    """(k,) the seams of a region, with cuts added that join all its borders, and reach what lies deep inside.
+    """(k,) the seams of a region, with added cuts that join all its borders and reach deep into its interior.
 
     Args:
-        edges: (k, 2) of the region, those of its border among them.
-        length: (k,) of these.
-        seam: (k,) which of them are its border.
-        depth: how far from a seam a vertex may be.
+        edges: (k, 2) the region's edges, including its border.
+        length: (k,) their lengths.
+        seam: (k,) which of them are on its border.
+        depth: maximum distance of a vertex from a seam.
     """
     vertex, local = np.unique(edges, return_inverse=True)
     ends, size = local.reshape(-1, 2), len(vertex)
@@ -83,7 +83,7 @@ def _cut_to_flatten(edges: Integers, length: Floats, seam: Booleans, depth: floa
 
 
 def bones(vertices: Floats, triangles: Integers, region: Integers) -> list[BoneRow]:
-    """A skeleton with a bone inside each region (n,) of vertices, joined where the regions meet."""
+    """A skeleton with a bone inside each region (n,) of vertices, joined at the borders of regions."""
     count = int(region.max()) + 1
     edges, _ = unique_edges(triangles)
     crossing = edges[region[edges[:, 0]] != region[edges[:, 1]]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long Blender's window stands still while operators work, how soon ESC ends them, and what undoing costs."""
+"""Responsiveness of Blender's window while operators run, latency of ESC, and the cost of undo."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ TABLES = ("rows", "escape", "undo")
 
 
 def run(data: Path, tables: tuple[str, ...] = TABLES) -> dict[str, list[Record]]:
-    """Work with each operator as in a window, but for what Blender draws between the ticks of its timer.
+    """Run each operator as in a window, except for Blender's drawing between ticks of the timer.
 
     Args:
         data: the folder of the sets.
-        tables: which to make.
+        tables: the tables to compute.
 
     Returns:
-        `rows`: for each operator the seconds from the click to the end, by the clock and of the processor, the longest
-        step before it writes and how much of that is work of the window's own thread, how long it writes with what it
-        does last before, the longest tick of the timer, and how many ticks are noticed; matching several times,
+        `rows`: for each operator the wall-clock and processor seconds from the click to the end, the longest
+        step before it writes and the processor time of the window's thread in it, the seconds of the last step, which
+        writes, the longest tick of the timer, and the number of noticeable ticks; of several matches the
         medians.
-        `stages`: where the time of matching goes, cold and warm.
-        `escape`: for evenly spread moments at which ESC ends a match, the longest time until the window is free, of
-        which closing what is under way is a part, and until the last thread has ended.
+        `stages`: the time of each stage of matching, cold and warm.
+        `escape`: for ESC at evenly spread moments of a match, the longest time until the window is free, the part of it
+        that closes the job, and the longest time until the last thread has ended.
         `undo`: see `undo.rows`.
     """
     if not scene.is_there(data):
@@ -81,7 +81,7 @@ def _cold() -> Watch:
 
 
 def _on_target(data: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """What is done with a match, one after the other."""
+    """The operators that use a match, in order."""
     do = bpy.ops.zoomout
     yield "preview, places", partial(do.preview, kind="PLACES")
     yield "preview, checker", partial(do.preview, kind="CHECKER")
@@ -98,7 +98,7 @@ def _on_target(data: Path) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def _on_source(source: Object) -> Iterator[tuple[str, Callable[[], object]]]:
-    """What is done along a symmetry, one after the other."""
+    """The operators that use a symmetry, in order."""
     do = bpy.ops.zoomout
     select_only(source)
     source.vertex_groups.active_index, source.active_shape_key_index = 0, 1
@@ -132,7 +132,7 @@ def _row(operator: str, runs: list[Watch]) -> Record:
 
 
 def _escapes(data: Path) -> list[Record]:
-    """ESC at evenly spread moments of a match, with all to be worked out, and with both shapes known."""
+    """ESC at evenly spread moments of a match, cold and with both shapes cached."""
     _, target = scene.make_pair(data)
     select_only(target)
     rows = []

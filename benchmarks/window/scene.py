@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two characters of 52 thousand vertices in Blender, of which one carries all that operators look at."""
+"""Two characters of 52,000 vertices in Blender, one of which has all data that operators use."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SCULPT = 0.01
 
 
 def is_there(data: Path) -> bool:
-    """Whether a folder of sets has what the scene is made of."""
+    """Whether a folder of sets has the files of the scene."""
     return all(_path(data, name).is_file() for name in CHARACTERS + COMPANIONS)
 
 
 def make_pair(data: Path) -> tuple[Object, Object]:
-    """An empty file but for a source and a target beside it, where the add-on is registered."""
+    """Build a file with a source and a target beside it, and register the add-on."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     source, target = (_object(name, data, name) for name in CHARACTERS)
     target.location.x = APART * max(source.dimensions)
@@ -41,13 +41,13 @@ def make_pair(data: Path) -> tuple[Object, Object]:
 
 
 def put_together() -> None:
-    """Put the target where the source is."""
+    """Move the target to the source."""
     bpy.context.active_object.location.x = 0
     bpy.context.view_layer.update()
 
 
 def make_collections(data: Path) -> None:
-    """Put more of both, each with a companion, into collections, and choose these."""
+    """Put copies of both, each with a companion, into collections, and choose these."""
     settings = bpy.context.scene.zoomout
     for names, role in zip(zip(CHARACTERS, COMPANIONS, strict=True), ("source", "target"), strict=True):
         collection = bpy.data.collections.new(role)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What it costs to take back the transfer of everything onto a hundred thousand vertices, in one step of undo."""
+"""The cost of undoing the transfer of everything to 100,000 vertices in one step."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ Record = dict[str, Any]
 
 @blender_addon.registered()
 def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Record]:
-    """Transfer everything along the true map, undo it and redo it, as by the keyboard.
+    """Transfer everything along the true map, then undo and redo it, as from the keyboard.
 
     Args:
-        size: of the character and of the target.
-        groups: vertex groups that the source has, and
-        keys: shape keys.
+        size: number of vertices of the character and of the target.
+        groups: number of the source's vertex groups.
+        keys: number of its shape keys.
 
     Returns:
-        For the transfer itself, the undo step stored for it, undo, and redo the seconds by the clock and of
-        the processor, how much memory it takes for good, and whether the target is what it is to be.
+        For the transfer, the stored undo step, undo, and redo: the wall-clock and
+        processor seconds, the memory that stays allocated, and whether the target is right.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     demo = make_demo_objects(size)
@@ -72,14 +72,14 @@ def _measure(step: str, work: Callable[[], object]) -> Record:
 
 
 def _resident() -> int:
-    """Bytes of memory that the process takes now, without what was freed."""
+    """Resident memory of the process in bytes, after freed memory has been returned."""
     gc.collect()
     CDLL("libc.so.6").malloc_trim(0)
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def _content(obj: Object) -> str:
-    """A hash of all that a transfer writes to an object."""
+    """A hash of all data that a transfer writes to an object."""
     mesh = obj.data
     words = [str(sorted(items)) for items in (mesh.items(), obj.items())]
     words += [str(names.keys()) for names in (obj.vertex_groups, mesh.materials)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators at work as they are in a window, timed: steps, ticks of the timer, and what it takes to end them early."""
+"""Times of operators that run as in a window: steps, ticks of the timer, and cancelling."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ LOOK = 0.002
 
 @dataclass(frozen=True)
 class Step:
-    """What the window's thread did in one go: a piece of work up to the next `await`, or a wait for a computation.
+    """A step of the window's thread: work up to the next `await`, or a wait for a computation.
 
     Attributes:
-        stage: as the status bar says meanwhile.
-        clock: seconds.
-        thread: seconds of the processor that the thread took which the window needs.
-        processor: those of all threads.
+        stage: the text in the status bar meanwhile.
+        clock: wall-clock seconds.
+        thread: processor seconds of the window's thread.
+        processor: processor seconds of all threads.
     """
 
     stage: str
@@ -38,13 +38,13 @@ class Step:
 
 @dataclass
 class Watch:
-    """What an operator at work was seen to do.
+    """The measurements of one operator.
 
     Attributes:
-        steps: all of them; what comes after the last `await`, the writing above all, is the last one.
-        ticks: seconds that each call of the timer took, which the window is not given back for.
-        closing: seconds that it took to cancel the job, where that was done.
-        trailing: seconds from then on until the last thread had ended.
+        steps: all steps; the last one, after the last `await`, mainly writes.
+        ticks: seconds of each call of the timer, during which the window is blocked.
+        closing: seconds of cancelling the job, if it was cancelled.
+        trailing: seconds from then until the last thread ended.
     """
 
     steps: list[Step] = field(default_factory=list)
@@ -54,21 +54,21 @@ class Watch:
 
     @property
     def seconds(self) -> float:
-        """From the click to the end, but for what is done between ticks."""
+        """Seconds from the click to the end, without those between ticks."""
         return sum(self.ticks)
 
     @property
     def longest(self) -> Step:
-        """The longest step but the last one."""
+        """The longest step except the last one."""
         return max(self.steps[:-1], key=lambda step: step.clock, default=self.steps[-1])
 
     @property
     def processor(self) -> float:
-        """Seconds of the processor that all threads took."""
+        """Processor seconds of all threads."""
         return sum(step.processor for step in self.steps)
 
     def of_stages(self) -> dict[str, tuple[float, float]]:
-        """Seconds, and seconds of the processor, by stage."""
+        """Wall-clock and processor seconds by stage."""
         stages: dict[str, tuple[float, float]] = {}
         for step in self.steps:
             clock, processor = stages.get(step.stage, (0.0, 0.0))
@@ -77,11 +77,11 @@ class Watch:
 
 
 def watch(operate: Callable[[], object], escape_after: float = float("inf")) -> Watch:
-    """Call one modal operator, have it work as in a window, and watch it.
+    """Call one modal operator, run it as in a window, and measure it.
 
     Args:
-        operate: the call.
-        escape_after: seconds of work after which ESC ends it.
+        operate: calls the operator.
+        escape_after: seconds of work after which ESC is pressed.
     """
     seen = Watch()
 
@@ -109,7 +109,7 @@ def watch(operate: Callable[[], object], escape_after: float = float("inf")) -> 
 
 
 class _TimedJob(Job[str]):
-    """A job each of whose steps is noted."""
+    """A job that records its steps."""
 
     def __init__(self, coroutine: Work[str], seen: Watch) -> None:
         super().__init__(coroutine)
@@ -133,5 +133,5 @@ class _TimedJob(Job[str]):
 
 
 def _clocks() -> tuple[float, float, float]:
-    """Seconds of the clock, of the processor in this thread, and in all threads."""
+    """Wall-clock seconds, and processor seconds of this thread and of all threads."""
     return perf_counter(), thread_time(), process_time()

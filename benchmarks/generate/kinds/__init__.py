@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kinds of characters that sets are made of, one module each."""
+"""The kinds of characters in generated sets, one module each."""
 
 from .biped import BIPED
 from .bird import BIRD

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a kind of character is: its flesh, its bones, how far they bend, and how individuals differ.
+"""The definition of a kind of character: solids, bones, ranges of joints, and differences between individuals.
 
-Lengths are metres, angles degrees. A character at rest faces -y and stands on z = 0, and its left is +x.
+Lengths are in metres, angles in degrees. A character at rest faces -y and stands on z = 0; its left is +x.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Reach = tuple[Range, Range, Range]
 
 @dataclass(frozen=True)
 class Build:
-    """A trait in which individuals differ: how much thicker and how much longer than usual some bones are.
+    """A trait in which individuals differ: relative thickness and length of some bones.
 
     Attributes:
-        bones: beginnings of the names of the bones that share the trait.
-        thickness: least and largest factor across the bones.
-        length: the same along the bones; None where they always grow alike in all directions.
+        bones: prefixes of the names of the bones that share the trait.
+        thickness: minimum and maximum factor across the bones.
+        length: the same along the bones; None if they are scaled uniformly.
     """
 
     bones: tuple[str, ...]
@@ -35,17 +35,17 @@ class Build:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of character; what lies on the left is mirrored.
+    """A kind of character; everything on the left is mirrored to the right.
 
     Attributes:
-        middle: solids on no side.
+        middle: solids on neither side.
         left: solids of the left side.
-        middle_bones: bones on no side, parents first.
+        middle_bones: bones on neither side, parents first.
         left_bones: bones of the left side.
-        reach: how far bones turn; those of the right side as the left ones do.
+        reach: ranges of rotation of the bones; the right side's equal the left side's.
         builds: traits in which individuals differ.
         eye: the left eyeball, a loose part, if there is one.
-        dress: beginnings of the names of the bones that clothes cover, for each garment.
+        dress: prefixes of the names of the bones that each garment covers.
     """
 
     middle: list[Solid]
@@ -69,5 +69,5 @@ class Kind:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the kind has a left and a right side."""
+        """Whether the kind has left and right sides."""
         return bool(self.left)
