@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filters for pymeshlab, between layers in different poses, or of different triangles.
+"""Filters for pymeshlab that transfer data between layers with different poses and topologies.
 
     import pymeshlab
     import meshlab_filter
@@ -10,8 +10,8 @@
     meshlab_filter.transfer_attributes_by_zoomout(ms, sourcemesh=0, targetmesh=1)
     ms.save_current_mesh("result.obj")
 
-`print_filter_list()` says what the filters do, `search(words)` looks among these and MeshLab's own,
-`print_filter_parameter_list(name)` says what one takes, and `apply_filter(ms, name)` applies it.
+`print_filter_list()` describes the filters, `search(words)` searches these and MeshLab's own,
+`print_filter_parameter_list(name)` lists the parameters of one, and `apply_filter(ms, name)` applies it.
 `python -m meshlab_filter` does the same for files and `.mlx` scripts.
 """
 
@@ -53,13 +53,13 @@ __all__ = [
     "transfer_texture_by_zoomout",
 ]
 
-if not TYPE_CHECKING:  # so that checkers know a wrong name
+if not TYPE_CHECKING:  # type checkers report wrong names
 
     def __getattr__(name: str) -> object:
-        """A public name, when it is asked for: a command line that is interrupted before has nothing to say of that."""
+        """Import a public name on first use, so that an early interrupt of the command line shows no traceback."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        filters = import_module(f"{__name__}.filters")  # which the catalogue has from then on
+        filters = import_module(f"{__name__}.filters")  # the import adds the filters to the catalogue
         home = filters if hasattr(filters, name) else import_module(f"{__name__}.catalogue")
         value = globals()[name] = getattr(home, name)
         return value

@@ -14,21 +14,21 @@ from zoomout_core.batch import Job, Outcome, check_verdict, run_jobs
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# A vertex of less confidence than this is counted as one to look at.
+# Vertices below this confidence are reported as doubtful.
 LOW = 0.5
 
 
 def transfer_files(
     source: str, jobs: Sequence[Job], in_place: bool = False, force: bool = False, **parameters: Any
 ) -> list[Outcome]:
-    """Transfer from a mesh file to each target, one after the other; one that fails leaves the others alone.
+    """Transfer from a mesh file to each target in turn; one that fails does not stop the others.
 
     Args:
         source: a mesh file.
-        jobs: as of `planned`.
-        in_place: whether textures may take the place of those that are read.
-        force: whether to write a target whose match is probably wrong.
-        parameters: of the filter `transfer_attributes_by_zoomout`.
+        jobs: the result of `planned`.
+        in_place: whether textures may replace input files.
+        force: write targets even if the match is probably wrong.
+        parameters: parameters of the filter `transfer_attributes_by_zoomout`.
 
     Raises:
         MeshError: the source cannot be read.
@@ -64,7 +64,7 @@ def _keep_only(ms: MeshSet, mesh_id: int) -> None:
 
 
 def _figures(report: dict[str, Any]) -> dict[str, Any]:
-    """What of a transfer a program may want to sort by."""
+    """The figures of a transfer that a program may sort by."""
     return {
         "verdict": report["verdict"],
         "certainty": float(report["certainty"]),
@@ -79,7 +79,7 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lines(report: dict[str, Any], ending: str) -> list[str]:
-    """What a user should know about a transfer to a file of some ending, a sentence a line."""
+    """Sentences for the user about a transfer to a file with some extension, one on each line."""
     confidence = report["confidence"]
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The catalogue of filters: one row each, and what can be done by a filter's name.
+"""The catalogue of filters, with one row each, and functions that take a filter's name.
 
-A filter is a function that takes a MeshSet and keyword parameters, and returns a dictionary; `mesh_filter` enters it
-into the catalogue. Values are checked, and defaults filled in, before it begins. It computes first and changes the
+A filter is a function that takes a MeshSet and keyword parameters, and returns a dictionary; `mesh_filter` adds it
+to the catalogue. Values are checked and defaults filled in before it is called. It computes first and changes the
 MeshSet last.
 """
 
@@ -24,7 +24,7 @@ from zoomout_core.runtime.progress import advance, listening, stage
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# Takes the fraction done, in [0, 1], and what is being done, in words.
+# Called with the fraction done, in [0, 1], and the name of the stage.
 Callback: TypeAlias = Callable[[float, str], object]
 
 
@@ -33,10 +33,10 @@ class Filter:
     """A row of the catalogue.
 
     Attributes:
-        name: as in Python and in scripts.
-        function: does the work.
-        parameters: in the order in which they are listed.
-        meaning: what it does, a sentence.
+        name: its name in Python and in scripts.
+        function: its implementation.
+        parameters: its parameters, in the order in which they are listed.
+        meaning: its description, one sentence.
     """
 
     name: str
@@ -45,10 +45,10 @@ class Filter:
     meaning: str
 
     def run(self, ms: MeshSet, **given: Any) -> dict[str, Any]:
-        """Apply it with these parameters, and the defaults of the others.
+        """Apply the filter with the given parameters and the defaults of all others.
 
         Raises:
-            ValueError: there is no such parameter, or a value is not of its type; nothing has been computed.
+            ValueError: a parameter does not exist, or a value has the wrong type; nothing has been computed.
         """
         return self.function(ms, **self._complete(given))
 
@@ -79,10 +79,10 @@ class MeshFilter(Protocol):
 
 
 def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any]]], MeshFilter]:
-    """A decorator that enters a function into the catalogue, under its name.
+    """A decorator that adds a function to the catalogue under its own name.
 
-    The function takes all of the parameters by keyword; the first line of its docstring says what it does. What the
-    decorator returns takes any of them, and a callback for progress.
+    The function takes all parameters by keyword; the first line of its docstring is its description. The decorated
+    function takes any of them, and a callback for progress.
     """
 
     def register(function: Callable[..., dict[str, Any]]) -> MeshFilter:
@@ -113,41 +113,41 @@ def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any
 
 
 def filter_list() -> list[str]:
-    """The names of all filters that `apply_filter` takes: this project's, then MeshLab's."""
+    """The names of all filters that `apply_filter` accepts: this project's, then MeshLab's."""
     import pymeshlab
 
     return [*CATALOGUE, *pymeshlab.filter_list()]
 
 
 def search(words: str) -> list[str]:
-    """The names of the filters in which all of some words occur; of this project's also in what is said of them.
+    """The names of the filters that contain all given words; this project's descriptions are searched as well.
 
     Args:
-        words: with spaces between; a part of a word will do, and capitals do not matter.
+        words: words or parts of words, separated by spaces; case is ignored.
     """
     wanted = re.split(r"[\s_]+", words.strip().lower())
     return [name for name in filter_list() if all(word in _help_text(name).lower() for word in wanted)]
 
 
 def meaning(name: str) -> str:
-    """What a filter of this project does, a sentence; nothing of MeshLab's, which pymeshlab does not describe."""
+    """A sentence that describes a filter of this project; empty for MeshLab's, which pymeshlab does not describe."""
     return CATALOGUE[name].meaning if name in CATALOGUE else ""
 
 
 def _help_text(name: str) -> str:
-    """All that is known of a filter."""
+    """The searchable text of a filter."""
     parameters = CATALOGUE[name].parameters if name in CATALOGUE else ()
     return " ".join([name, meaning(name), *(f"{parameter.name} {parameter.meaning}" for parameter in parameters)])
 
 
 def print_filter_list(words: str = "") -> None:
-    """Print the filters in which some words occur, a line each; without words this project's, and what they do."""
+    """Print the filters that contain all given words, one on each line; without words, this project's filters."""
     for name in search(words) if words else CATALOGUE:
         print(f"{name}: {meaning(name)}" if meaning(name) else name)
 
 
 def print_filter_parameter_list(name: str) -> None:
-    """Print a filter's parameters, a line each, as `pymeshlab.print_filter_parameter_list` does; with their meaning.
+    """Print a filter's parameters with descriptions, one on each line, like `pymeshlab.print_filter_parameter_list`.
 
     Raises:
         MeshError: there is no such filter.
@@ -166,21 +166,21 @@ def print_filter_parameter_list(name: str) -> None:
 
 
 def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None, **parameters: Any) -> dict[str, Any]:
-    """Apply a filter by its name, one of this project's or of MeshLab's.
+    """Apply a filter of this project or of MeshLab by its name.
 
     Args:
         ms: a `pymeshlab.MeshSet`.
         name: one of `filter_list()`.
-        callback: called with the fraction done, in [0, 1], and what is being done, in words; what it raises ends the
-            work. MeshLab's own filters call it at the begin and at the end.
-        parameters: as `print_filter_parameter_list` says.
+        callback: called with the fraction done, in [0, 1], and the name of the stage; an exception that it raises ends
+            the work. MeshLab's own filters call it at the beginning and at the end.
+        parameters: the filter's parameters, which `print_filter_parameter_list` lists.
 
     Returns:
-        What the filter gives, by name.
+        The filter's results, by name.
 
     Raises:
-        MeshError: there is no such filter, it cannot be applied to the mesh, or there is no such mesh.
-        ValueError: there is no such parameter, or its value is not of its type.
+        MeshError: the filter or the mesh does not exist, or the filter cannot be applied to the mesh.
+        ValueError: a parameter does not exist, or its value has the wrong type.
     """
     _check_name(name)
     with _listening(callback):
@@ -193,7 +193,7 @@ def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None,
 
 
 def check_mesh(ms: MeshSet, mesh_id: int) -> None:
-    """Whether there is a mesh of that id; MeshLab's own filters end the process where there is none.
+    """Check that a mesh id exists; MeshLab's own filters would end the process otherwise.
 
     Raises:
         MeshError: there is none.
@@ -221,7 +221,7 @@ def _check_name(name: str) -> None:
 
 
 def _listening(callback: Callback | None) -> AbstractContextManager[None]:
-    """A block whose progress goes to a callback, if there is one."""
+    """A context manager that reports progress to a callback, if there is one."""
     return listening(None if callback is None else lambda progress: callback(progress.fraction, progress.stage))
 
 

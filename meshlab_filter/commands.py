@@ -45,21 +45,21 @@ from zoomout_core.runtime.outputs import check_output
 @click.version_option(package_name="zoomout-core")
 @threads_option
 def main() -> None:
-    """Filters for mesh files, in every format that MeshLab reads."""
+    """Filters for mesh files in every format that MeshLab reads."""
 
 
 @main.command("list")
 def list_command() -> None:
-    """List this project's filters, and what they do."""
+    """List this project's filters with their descriptions."""
     print_filter_list()
 
 
 @main.command("search")
 @click.argument("words", nargs=-1, required=True)
 def search_command(words: tuple[str, ...]) -> None:
-    """List the filters in which WORDS occur, this project's and MeshLab's.
+    """List the filters of this project and of MeshLab that contain WORDS.
 
-    The exit code is 1 if there is none.
+    The exit code is 1 if no filter does.
     """
     try:
         if not search(" ".join(words)):
@@ -72,7 +72,7 @@ def search_command(words: tuple[str, ...]) -> None:
 @main.command()
 @click.argument("name", metavar="FILTER")
 def describe(name: str) -> None:
-    """Say what FILTER does, and the parameters that it takes."""
+    """Describe FILTER and its parameters."""
     try:
         if meaning(name):
             click.echo(meaning(name))
@@ -84,7 +84,7 @@ def describe(name: str) -> None:
 @main.command()
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 def samples(folder: Path) -> None:
-    """Write sample meshes into FOLDER, a new one: those that the recipes of the guide are about."""
+    """Write the sample meshes of the guide's recipes into the new folder FOLDER."""
     try:
         paths = write_samples(folder)
     except (ValueError, OSError, ImportError) as error:
@@ -107,9 +107,9 @@ def transfer(
 ) -> None:
     """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the meshes TARGETS.
 
-    They may differ in pose, in triangles and in placement. A folder among TARGETS stands for the meshes in it.
-    Textures are written beside the output. In an output folder each file is named after its target, and report.json
-    says how each went; a target that fails leaves the others alone.
+    Meshes may differ in pose, topology and position. A folder among TARGETS stands for all meshes in it.
+    Textures are written next to the output. In an output folder each file is named after its target, and report.json
+    describes all results; a target that fails does not stop the others.
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
@@ -131,10 +131,10 @@ def transfer(
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The mesh file to write.")
 @in_place_option
 def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> None:
-    """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current in the end.
+    """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current at the end.
 
-    The script may mix the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
-    current. A project of MeshLab's among them, a .mlp file, stands for its meshes, placed as they are there.
+    The script may use the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
+    current. A MeshLab project (.mlp) among them stands for its meshes with their transforms.
     """
     try:
         check_output(output, [script, *(file for path in inputs for file in files_of(path))], in_place)
@@ -180,12 +180,12 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
 def watch_command(
     folder: Path, source: Path | None, script: Path | None, detail: str, interval: float, once: bool
 ) -> None:
-    """Work on what is saved in FOLDER, by MeshLab or any other program, and write the results beside it.
+    """Process each file that MeshLab or another program saves in FOLDER, and write the results next to it.
 
-    Of a project, a .mlp file, the first mesh is the source of the others: what they receive is written to
-    NAME_zoomout.ply, and PROJECT_zoomout.mlp opens them all. Other meshes want --source or --script. Ctrl-C ends it.
+    The first mesh of a project (.mlp) is the source of the others: their results are written to
+    NAME_zoomout.ply, and PROJECT_zoomout.mlp opens them all. Other meshes need --source or --script. Stop with Ctrl-C.
 
-    With --once the exit code is 0 if all went well, 1 if nothing did, and 3 if something did.
+    With --once the exit code is 0 if all succeeded, 1 if all failed, and 3 otherwise.
     """
     work = Watch(folder, source, script, detail)
     outcomes: list[bool] = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes and their textures from files and to files, in the formats that MeshLab knows."""
+"""Read and write meshes and their textures in MeshLab's formats."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from zoomout_core.runtime.outputs import atomic_write_together, is_same_file
 if TYPE_CHECKING:
     from pymeshlab import Image, Mesh, MeshSet
 
-# Images of textures by the files that they were read from.
+# Images of textures by their files.
 TextureFiles: TypeAlias = "dict[Path, Image]"
-# What of the results of a transfer the formats can hold.
+# The results of a transfer that each format can store.
 FORMATS = {
     ".ply": {"texcoord", "vertex_color", "face_color", "vertex_scalar", "face_scalar"},
     ".obj": {"texcoord", "vertex_color", "face_color"},
 }
-# The endings of files that hold surfaces; what else lies in a folder is passed over.
+# Extensions of mesh files; other files in a folder are skipped.
 SURFACES = {".3ds", ".ctm", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".wrl", ".x3d", ".x3dv"}
 
 
@@ -45,13 +45,13 @@ def new_mesh_set() -> MeshSet:
 
 
 def load_mesh(ms: MeshSet, path: str | Path) -> int:
-    """Add the mesh of a file to a MeshSet, as its current one.
+    """Load the mesh of a file into a MeshSet, as its current mesh.
 
     Returns:
         Its id.
 
     Raises:
-        MeshError: the file cannot be read, or holds several meshes.
+        MeshError: the file cannot be read, or contains several meshes.
     """
     from pymeshlab import PyMeshLabException
 
@@ -59,7 +59,7 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
     gltf = Path(path).suffix.lower() in (".gltf", ".glb")
     if not Path(path).is_file():
         raise MeshError(f"There is no file {path}: check the path.")
-    if Path(path).suffix.lower() == ".off":  # of a line too short, MeshLab reads beyond it: what then happens varies
+    if Path(path).suffix.lower() == ".off":  # MeshLab reads beyond the end of short lines, with undefined results
         read_polygons(path)
     fault = fault_of_file(path, gltf)
     if fault:
@@ -75,7 +75,7 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
 
 
 def save_mesh(ms: MeshSet, output: str | Path) -> None:
-    """Write the current mesh; to PLY with its custom attributes, which other programs can read, not MeshLab.
+    """Write the current mesh; PLY files include custom attributes, which other programs read but MeshLab does not.
 
     Raises:
         MeshError: it cannot be written.
@@ -95,7 +95,7 @@ def save_mesh(ms: MeshSet, output: str | Path) -> None:
 
 @contextmanager
 def _staying() -> Iterator[None]:
-    """The process stays in its folder; where pymeshlab fails, it leaves it in the file's."""
+    """A context manager that restores the working directory, which pymeshlab changes when it fails."""
     before = Path.cwd()
     try:
         yield
@@ -111,22 +111,22 @@ def texture_files(mesh: Mesh, path: str | Path) -> TextureFiles:
 def save_beside(
     ms: MeshSet, output: Path, inputs: TextureFiles, brought: dict[str, bytes], in_place: bool = False
 ) -> None:
-    """Write the current mesh into a folder that it shares with others, whole or not at all.
+    """Write the current mesh and its textures into a shared folder, completely or not at all.
 
     Args:
         ms: a `pymeshlab.MeshSet`.
-        output: the file to write; its textures come to lie beside it.
-        inputs: textures that were read; where one would be written again to its own place, it stays as it is.
-        brought: digests of the textures that others have written there, by name; those of this mesh are added.
-        in_place: whether other pictures may take the place of those that were read.
+        output: the file to write; its textures are written next to it.
+        inputs: textures that were read; one that would be rewritten unchanged to its own path is left alone.
+        brought: digests of the textures already written to the folder, by name; this mesh's are added.
+        in_place: whether textures may replace input files.
 
     Raises:
-        MeshError: another texture has a name that it needs.
+        MeshError: one of its textures has the name of another one.
         OutputError: it cannot be written.
     """
     with atomic_write_together(output) as whole:
         save_mesh(ms, whole)
-        # An OBJ file's materials are in a file whose name begins with its own; all else are textures.
+        # An OBJ file's materials are in a file whose name begins with its own; all others are textures.
         images = [file for file in sorted(whole.parent.iterdir()) if not file.name.startswith(whole.name)]
         digests = {file.name: sha256(file.read_bytes()).digest() for file in images}
         for name, digest in digests.items():
@@ -148,7 +148,7 @@ def save_beside(
 
 
 def _encode(image: Image, ending: str) -> bytes:
-    """An image as pymeshlab writes it to a file of an ending."""
+    """Encode an image as pymeshlab writes it to a file with some extension."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"image{ending}"
         image.save(str(path))
@@ -156,7 +156,7 @@ def _encode(image: Image, ending: str) -> bytes:
 
 
 def check_format(output: Path) -> None:
-    """Check that a file's format can hold what is transferred; before the work begins, not after.
+    """Check before the work that a file's format can store the transferred data.
 
     Raises:
         MeshError: it cannot.

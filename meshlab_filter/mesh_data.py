@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""pymeshlab layers to and from the core's surfaces and attributes: the only place where the two meet.
+"""Conversion between pymeshlab layers and the core's surfaces and attributes; no other module knows both.
 
-A layer without faces is taken for points of a surface, which is reconstructed from them: the points are its vertices.
+A layer without faces is treated as points of a surface, which is reconstructed from them, with the points as vertices.
 MeshLab stores triangles (polygons are triangles with "faux" edges between them) and texture coordinates at
-their corners, the wedges. Nothing can be set on an existing mesh but custom attributes, and what the
-constructor takes leaves out textures, selections and faux edges; so a new layer goes in by way of a PLY file in
-a temporary folder. pymeshlab itself is imported when a mesh is read: loaded before bpy it would prevent bpy from
+their corners (wedges). On an existing mesh only custom attributes can be set, and the
+constructor does not take textures, selections and faux edges; so a new layer is loaded from a PLY file in
+a temporary folder. pymeshlab is imported when a mesh is read: loaded before bpy it would prevent bpy from
 loading.
 """
 
@@ -31,7 +31,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 if TYPE_CHECKING:
     from pymeshlab import Mesh, MeshSet
 
-# Bits of a vertex's or face's flags in MeshLab's PLY files.
+# Bits of the flags of vertices and faces in MeshLab's PLY files.
 SELECTED = 0x20
 FAUX = np.array([0x40000, 0x80000, 0x100000])
 
@@ -40,14 +40,14 @@ TEXCOORD = "texcoord"
 
 @dataclass(frozen=True)
 class Component:
-    """What a mesh has for every vertex or face, or lacks.
+    """A standard attribute that a mesh may have on its vertices or faces.
 
     Attributes:
-        name: as in pymeshlab.
+        name: its name in pymeshlab.
         domain: vertices or faces.
-        kind: what the values mean.
-        getter: the method of a mesh that returns the values.
-        blanks: the values that MeshLab gives where nothing is known.
+        kind: the kind of values.
+        getter: name of the mesh's method that returns the values.
+        blanks: MeshLab's default values.
     """
 
     name: str
@@ -57,11 +57,11 @@ class Component:
     blanks: tuple[float | tuple[float, ...], ...]
 
     def is_in(self, mesh: Mesh) -> bool:
-        """Whether a mesh has it; selections are in every mesh."""
+        """Whether a mesh has the component; every mesh has selections."""
         return self.kind is Kind.BOOLEAN or getattr(mesh, f"has_{self.name}")()
 
     def is_blank(self, values: Floats | Booleans) -> bool:
-        """Whether MeshLab may have filled in the values by itself: they all are the same blank."""
+        """Whether the values may be MeshLab's defaults: all are the same blank."""
         return any(bool((values == np.asarray(blank)).all()) for blank in self.blanks)
 
 
@@ -77,14 +77,14 @@ COMPONENTS = (
     Component("face_selection", Domain.FACE, Kind.BOOLEAN, "face_selection_array", (0,)),
 )
 
-# The methods that read and that add custom attributes.
+# Methods that read and add custom attributes.
 CUSTOM = {
     (Domain.POINT, Kind.SCALAR): ("vertex_custom_scalar_attribute_array", "add_vertex_custom_scalar_attribute"),
     (Domain.POINT, Kind.VECTOR): ("vertex_custom_point_attribute_matrix", "add_vertex_custom_point_attribute"),
     (Domain.FACE, Kind.SCALAR): ("face_custom_scalar_attribute_array", "add_face_custom_scalar_attribute"),
     (Domain.FACE, Kind.VECTOR): ("face_custom_point_attribute_matrix", "add_face_custom_point_attribute"),
 }
-# How the parameters are called by which pymeshlab writes a custom attribute to a PLY file, `__ca_vs__NAME` and others.
+# Prefixes of the parameters with which pymeshlab writes custom attributes to a PLY file, such as `__ca_vs__NAME`.
 IN_PLY = "__ca_"
 
 
@@ -94,16 +94,16 @@ class Layer:
 
     Attributes:
         label: its name.
-        shape: the triangles, or the points, in the frame of all layers.
+        shape: the triangles, or the points, in the global frame.
         vertices: (n, 3) positions, in the layer's own frame.
-        normals: (n, 3) of the vertices.
-        edges: (e, 2) vertex numbers of polylines.
-        faux: (m, 3) whether an edge, from each corner to the next, lies inside a polygon.
-        transform: (4, 4) from the layer's frame to that of all layers.
-        components: by name what the layer has of `COMPONENTS`, colours scene-linear; and as `TEXCOORD` its
+        normals: (n, 3) vertex normals.
+        edges: (e, 2) vertex indices of polylines.
+        faux: (m, 3) whether the edge from each corner to the next is inside a polygon.
+        transform: (4, 4) from the layer's frame to the global one.
+        components: by name those of `COMPONENTS` that the layer has, with scene-linear colours; as `TEXCOORD` its
             texture coordinates (3 m, 2) at the corners of the triangles.
         custom: custom attributes.
-        textures: what the texture coordinates refer to.
+        textures: the textures that the texture coordinates refer to.
     """
 
     label: str
@@ -119,24 +119,24 @@ class Layer:
 
     @property
     def surface(self) -> Surface:
-        """Its triangles, or those that are reconstructed from its points."""
+        """The layer's triangles, or those reconstructed from its points."""
         return as_surface(self.shape)
 
     @property
     def faces(self) -> Integers:
-        """(m, 3) vertex numbers of its own triangles; points have none."""
+        """(m, 3) vertex indices of the layer's own triangles; points have none."""
         return self.shape.triangles if isinstance(self.shape, Surface) else np.empty((0, 3), dtype=np.int64)
 
     def can_hold(self, attribute: Attribute) -> bool:
-        """Whether there is something in the layer for an attribute: points have no faces and no corners of these."""
+        """Whether the layer has the elements of an attribute's domain: points have no faces or corners."""
         return attribute.domain is Domain.POINT or len(self.faces) > 0
 
 
 def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
-    """A layer of a MeshSet, with its custom attributes of some names.
+    """Read a layer of a MeshSet with the custom attributes of the given names.
 
     Raises:
-        MeshError: there is no such layer, it can be neither a surface nor points of one, or it has no such attribute.
+        MeshError: the layer or an attribute does not exist, or the layer is neither a surface nor points of one.
     """
     shape = read_shape(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
@@ -162,10 +162,10 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
 
 
 def read_shape(ms: MeshSet, mesh_id: int) -> Surface | PointCloud:
-    """The surface of a layer of a MeshSet; its points, where it has no faces.
+    """Read the surface of a layer of a MeshSet, or its points if it has no faces.
 
     Raises:
-        MeshError: there is no such layer, or it can be neither.
+        MeshError: the layer does not exist, or it is neither.
     """
     check_mesh(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
@@ -177,19 +177,19 @@ def read_shape(ms: MeshSet, mesh_id: int) -> Surface | PointCloud:
             return Surface(places, mesh.face_matrix())
         normals = turn_normals(mesh.vertex_normal_matrix(), mesh.transform_matrix())
         cloud = PointCloud(places, normals if normals.any(axis=1).all() else None)
-        as_surface(cloud)  # it is kept, and what is wrong with the points is known
+        as_surface(cloud)  # the surface is cached, and the points have been checked
         return cloud
 
 
 def turn_normals(normals: Floats, transform: Floats) -> Floats:
-    """(n, 3) normals of a layer in the frame of all layers, of length one; zero where there is none."""
-    # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
+    """(n, 3) unit normals of a layer in the global frame; zero for none."""
+    # Normals transform by the inverse transpose; for row vectors, that is the inverse.
     return unit_vectors(normals @ np.linalg.inv(transform[:3, :3]))
 
 
 @contextmanager
 def _naming(mesh: Mesh) -> Iterator[None]:
-    """What is wrong with a layer is said with its name."""
+    """A context manager that adds the layer's name to error messages."""
     try:
         yield
     except MeshError as error:
@@ -210,7 +210,7 @@ def _components(mesh: Mesh) -> dict[str, Attribute]:
 
 
 def custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
-    """Those of a name; there may be one of each type.
+    """The custom attributes of a name; there may be one of each type.
 
     Raises:
         MeshError: there is none.
@@ -222,7 +222,7 @@ def custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
 
 
 def custom_names(ms: MeshSet, mesh_id: int) -> list[str]:
-    """The names of a mesh's custom attributes, as far as they are of letters, digits and underscores.
+    """The names of a mesh's custom attributes that consist of letters, digits and underscores.
 
     pymeshlab has no list of them, but can write them to PLY files, and lists what it can write.
     """
@@ -265,12 +265,12 @@ def _those_of(mesh: Mesh, name: str) -> list[Attribute]:
         try:
             found.append(Attribute(name, domain, kind, getattr(mesh, getter)(name)))
         except pymeshlab.PyMeshLabException:
-            continue  # of this type there is none of that name
+            continue  # no attribute of this type has that name
     return found
 
 
 def _faux_edges(mesh: Mesh) -> Booleans:
-    """(m, 3) the edges of triangles that no polygon has."""
+    """(m, 3) which edges of triangles are not edges of a polygon."""
     if mesh.face_number() == 0:
         return np.zeros((0, 3), dtype=bool)
     polygons, triangles = mesh.polygonal_face_list(), mesh.face_matrix()
@@ -290,7 +290,7 @@ def _faux_edges(mesh: Mesh) -> Booleans:
 
 
 def check_target(layer: Layer) -> None:
-    """Whether `add_layer` can make a layer with these vertices and triangles.
+    """Check that `add_layer` can make a layer with these vertices and triangles.
 
     Raises:
         MeshError: MeshLab would drop some of them on reading.
@@ -310,7 +310,7 @@ def check_target(layer: Layer) -> None:
 
 
 def apply_native(ms: MeshSet, mesh_id: int, name: str, /, **parameters: Any) -> None:
-    """Apply one of MeshLab's filters to a mesh, and leave the current one current."""
+    """Apply one of MeshLab's filters to a mesh without changing the current mesh."""
     current = ms.current_mesh_id()
     ms.set_current_mesh(mesh_id)
     try:
@@ -320,7 +320,7 @@ def apply_native(ms: MeshSet, mesh_id: int, name: str, /, **parameters: Any) -> 
 
 
 def add_layer(ms: MeshSet, layer: Layer) -> int:
-    """Add a layer to a MeshSet, as its current mesh; polygons are preserved unless there are texture coordinates.
+    """Add a layer to a MeshSet as its current mesh; polygons are preserved unless there are texture coordinates.
 
     Returns:
         The id of the new mesh.
@@ -347,7 +347,7 @@ def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
         vertex_flags |= SELECTED * there["vertex_selection"].values.astype(np.int64)
     if "face_selection" in there:
         face_flags |= SELECTED * there["face_selection"].values.astype(np.int64)
-    if layer.textures is None:  # with texture coordinates, MeshLab spoils those of polygons in OBJ files
+    if layer.textures is None:  # MeshLab corrupts texture coordinates of polygons in OBJ files
         face_flags |= (layer.faux * FAUX).sum(axis=1)
 
     vertex: list[Column] = [(axis, "double", layer.vertices[:, i]) for i, axis in enumerate("xyz")]
@@ -410,14 +410,14 @@ def _ply_element(name: str, columns: Sequence[Column]) -> tuple[list[str], bytes
 
 
 def _linear(color: Floats) -> Floats:
-    """(n, 4) scene-linear colours of those that MeshLab shows as they are, sRGB; alpha stays."""
+    """(n, 4) convert MeshLab's sRGB colours to scene-linear ones; alpha is not changed."""
     encoded, alpha = color[:, :3], color[:, 3:]
     rgb = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return np.hstack([rgb, alpha])
 
 
 def _encode(color: Floats) -> Floats:
-    """The inverse of `_linear`, with everything brought into [0, 1]."""
+    """The inverse of `_linear`, clamped to [0, 1]."""
     color = np.clip(color, 0, 1)
     linear, alpha = color[:, :3], color[:, 3:]
     rgb = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The types of filter parameters: how values are checked that come from Python, and read that come from a script."""
+"""The types of filter parameters: checks of values from Python, and parsing of values from a script."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Type:
     """One type of parameter.
 
     Attributes:
-        label: what `print_filter_parameter_list` calls it, as pymeshlab does.
+        label: its name in `print_filter_parameter_list`, which is pymeshlab's.
         rich: its names in `.mlx` scripts.
-        wanted: what to give, in words for the user.
-        accepts: whether a value from Python is of this type.
-        read: the value that a script's text stands for; raises ValueError where it stands for none.
+        wanted: a description of valid values for the user.
+        accepts: tests whether a value from Python has this type.
+        read: parses a script's text; raises ValueError if that is not possible.
     """
 
     label: str
@@ -76,14 +76,14 @@ def _finite(text: str) -> float:
 
 
 def _length(text: str) -> Any:
-    """Scripts that MeshLab saved hold lengths; "2%" is a share of the diagonal of the mesh's bounding box."""
+    """Parse a length: absolute, as in scripts saved by MeshLab, or such as "2%" of the bounding box's diagonal."""
     from pymeshlab import PercentageValue, PureValue
 
     return PercentageValue(_finite(text[:-1])) if text.endswith("%") else PureValue(_finite(text))
 
 
 def absolute_length(length: Any, vertices: Floats) -> float:
-    """A PercentageValue of the bounding box's diagonal, or a PureValue, in the unit of vertices (n, 3)."""
+    """Convert a PercentageValue of the bounding box's diagonal, or a PureValue, to the unit of vertices (n, 3)."""
     from pymeshlab import PercentageValue
 
     value = float(length.value())
@@ -108,12 +108,12 @@ CHOICE = Type("str", ("RichEnum", "RichString"), "one of its choices", _is_text,
 LENGTH = Type(
     "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _length
 )
-# Arrays in Python, and the name of a file that holds them in scripts.
+# An array in Python, the name of a file with it in scripts.
 DATA = Type(
     "array or file name", ("RichFileOpen", "RichOpenFile", "RichString"), "arrays, or the name of a file", _is_data, str
 )
 
-# What native filters take besides; pymeshlab reads these by itself.
+# Further types of native filters, which pymeshlab parses.
 OTHER_RICH = {
     "RichColor",
     "RichMatrix44f",
@@ -125,7 +125,7 @@ OTHER_RICH = {
 }
 OTHER_RICH |= {"RichShotf", "RichShot", "RichFileSave", "RichSaveFile"}
 TYPES = (MESH, WHOLE, COUNT, NUMBER, SWITCH, TEXT, NAMES, CHOICE, LENGTH, DATA)
-# By name in scripts; RichString is a TEXT, and RichEnum a number there, unless one of our filters says otherwise.
+# Types by their name in scripts; RichString is a TEXT, and RichEnum a number, unless one of our filters differs.
 RICH_TYPES = {name: type_ for type_ in reversed(TYPES) for name in type_.rich}
 
 
@@ -134,11 +134,11 @@ class Parameter:
     """A parameter of a filter.
 
     Attributes:
-        name: as in Python and in scripts.
-        type: what values it takes.
-        default: its value where none is given; a LENGTH's may be given as a share of the diagonal in percent.
-        meaning: what it does, in words for the user.
-        choices: the values of a CHOICE, in the order of their numbers in scripts.
+        name: its name in Python and in scripts.
+        type: the type of its values.
+        default: its default; a LENGTH's may be a percentage of the diagonal.
+        meaning: its description for the user.
+        choices: the values of a CHOICE, in the order of their indices in scripts.
     """
 
     name: str
@@ -148,20 +148,20 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def check(self, value: Any) -> Any:
-        """A value from Python.
+        """Check a value from Python.
 
         Raises:
-            ValueError: it is of another type, or none of the choices.
+            ValueError: it has another type, or is none of the choices.
         """
         if not self.type.accepts(value) or (self.choices and value not in self.choices):
             raise ValueError(f"'{self.name}' is {value!r}: give {self.wanted}.")
         return value
 
     def read(self, text: str) -> Any:
-        """A value from a script; a choice may be named or numbered.
+        """Parse a value from a script; a choice may be a name or an index.
 
         Raises:
-            ValueError: the text stands for none.
+            ValueError: the text is no such value.
         """
         if self.choices and text.isdecimal() and int(text) < len(self.choices):
             return self.choices[int(text)]
@@ -172,5 +172,5 @@ class Parameter:
 
     @property
     def wanted(self) -> str:
-        """What to give, in words."""
+        """A description of valid values."""
         return " or ".join(self.choices) if self.choices else self.type.wanted

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MeshLab's projects (`.mlp`): the meshes of a document, by their files, and where each is placed.
+"""MeshLab's projects (`.mlp`): files and transforms of the meshes of a document.
 
-A project holds no mesh itself, so that what was changed in the program and not saved to a mesh file is not in it.
+A project contains no mesh data, so changes that were not saved to a mesh file are not in it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class ProjectMesh:
 
     Attributes:
         label: its name.
-        path: of its file.
-        transform: (4, 4) to the frame of all meshes.
+        path: its file.
+        transform: (4, 4) to the global frame.
         visible: whether it is shown.
     """
 
@@ -45,15 +45,15 @@ class ProjectMesh:
 
 
 def is_project(path: str | Path) -> bool:
-    """Whether a file is a project, by its ending."""
+    """Whether a file is a project, by its extension."""
     return Path(path).suffix.lower() == PROJECT
 
 
 def read_project(path: str | Path) -> list[ProjectMesh]:
-    """The meshes of a project, in order.
+    """Read the meshes of a project, in order.
 
     Raises:
-        MeshError: it is no project, has no mesh, or one that is in no file; the message names the line.
+        MeshError: it is no project, has no mesh, or has a mesh without a file; the message names the line.
         OSError: the file cannot be read.
     """
     root = read_elements(path, "MeshLabProject", PROJECT)
@@ -64,13 +64,13 @@ def read_project(path: str | Path) -> list[ProjectMesh]:
 
 
 def load_inputs(ms: MeshSet, path: str | Path) -> TextureFiles:
-    """Add the mesh of a file to a MeshSet, or the meshes of a project; the last is current.
+    """Load the mesh of a file, or the meshes of a project, into a MeshSet; the last one is current.
 
     Returns:
-        The textures that came with them.
+        Their textures.
 
     Raises:
-        MeshError: a file cannot be read, or holds several meshes.
+        MeshError: a file cannot be read, or contains several meshes.
         OSError: the project cannot be read.
     """
     if not is_project(path):
@@ -86,7 +86,7 @@ def load_inputs(ms: MeshSet, path: str | Path) -> TextureFiles:
 
 
 def files_of(path: str | Path) -> list[Path]:
-    """The files that an input is read from: itself, and those of a project's meshes.
+    """The files of an input: itself, and those of a project's meshes.
 
     Raises:
         MeshError: it is no project.
@@ -137,16 +137,16 @@ def _project_mesh(path: Path, element: Element) -> ProjectMesh:
 
 
 def _find(folder: Path, name: str) -> Path:
-    """The file of a mesh; beside the project where it is not where the project says.
+    """The file of a mesh; if its path does not exist, a file of the same name next to the project.
 
-    Saved to another folder than it was opened from, a project of MeshLab 2022 has the paths from there.
+    MeshLab 2022 writes paths relative to the folder that a project was opened from, not the one it is saved to.
     """
     there, beside = folder / name, folder / Path(name).name
     return beside if beside.is_file() and not there.is_file() else there
 
 
 def _relative(file: Path, folder: Path) -> str:
-    """How a file is called in a project in a folder."""
+    """A file's path in a project, relative to the project's folder."""
     try:
         return os.path.relpath(file, folder).replace(os.sep, "/")
     except ValueError:  # on another drive

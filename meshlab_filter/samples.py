@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sample meshes to try the filters on: a textured character, its retopology in another pose, scans, and the truth.
+"""Sample meshes for the filters: a textured character, its retopology in another pose, scans, and the truth.
 
-A body of capsules, melted together, is made by MeshLab's own filters. Each limb leaves the body at a point, in a
-direction, and can be bent into an arc, which hardly stretches it. Two meshes of a body, remeshed on their own and posed
-differently, so correspond by their rest positions.
+A smooth union of capsules is made by MeshLab's own filters. Each limb starts at a point of the body, in a
+direction, and can be bent into an arc with little stretch. Two meshes of a body, remeshed independently and posed
+differently, correspond by their rest positions.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
     from pymeshlab import Mesh
 
-# (from, to, radius) of the capsules; the first is the body. Five unlike limbs.
+# (start, end, radius) of the capsules; the first is the body. Five different limbs.
 CHARACTER = np.array(
     [
         [-0.5, 0, 0, 0.6, 0, 0, 0.42],
@@ -36,7 +36,7 @@ CHARACTER = np.array(
         [-0.6, -0.2, 0.1, -2.2, -0.7, 0.3, 0.15],
     ]
 )
-# Alike on both sides of y = 0: a head, a tail, two arms and two legs.
+# Symmetric about y = 0: a head, a tail, two arms and two legs.
 SYMMETRIC = np.array(
     [
         [-0.5, 0, 0, 0.6, 0, 0, 0.42],
@@ -48,20 +48,20 @@ SYMMETRIC = np.array(
         [-0.4, -0.25, 0, -1.2, -1.5, 0, 0.21],
     ]
 )
-# How a pose bends each limb: the curvature, towards +z.
+# A pose: the curvature of each limb, towards +z.
 CHARACTER_POSE = np.array([0.5, 0.9, -0.6, 0.3, 0.7])
 OTHER_POSE = np.array([-0.4, -0.8, 1.1, -0.7, -0.6])
 SCAN_POSE = np.array([0.2, 0.5, 0.6, -0.5, 0.3, -0.4])
 
-# The length of edges, in the unit of the bodies, which are four long.
+# Length of edges, in the unit of the bodies, whose length is 4.
 CHARACTER_EDGE, RETOPOLOGY_EDGE, SCAN_EDGE = 0.08, 0.1, 0.1
-# The standard deviation of a scan's vertices, and its hole: the middle and the radius, at rest.
+# Standard deviation of a scan's noise; centre and radius of its hole at rest.
 NOISE = 0.01
 HOLE = np.array([0.1, 0, 0.42]), 0.2
-# How far to the right of the character its retopology stands in the project.
+# Offset of the retopology from the character in the project.
 ASIDE = 5.0
 
-# The atlas has a chart above and one below this height, and a texture in front of and one behind x = 0.
+# The UV map has one chart above and one below this height, and one texture in front of and one behind x = 0.
 SEAM_HEIGHT = 0.05
 TEXTURES = ("front.png", "back.png")
 TEXELS, SQUARES = 512, 32
@@ -74,7 +74,7 @@ class Sample:
     Attributes:
         rest: (n, 3) rest positions of the vertices.
         vertices: (n, 3) posed positions.
-        faces: (m, 3) vertex numbers.
+        faces: (m, 3) vertex indices.
     """
 
     rest: Floats
@@ -82,18 +82,18 @@ class Sample:
     faces: Integers
 
     def mesh(self, **components: Any) -> Mesh:
-        """As pymeshlab has it, with further components."""
+        """The pymeshlab mesh, with further components."""
         import pymeshlab
 
         return pymeshlab.Mesh(self.vertices, self.faces, **components)
 
 
 def sample(capsules: Floats, edge: float, pose: Floats) -> Sample:
-    """A body with triangles of an edge length, in a pose.
+    """Build a posed body with triangles of a given edge length.
 
     Args:
-        capsules: (c, 7) from, to and radius; the first is the body, the others are limbs.
-        edge: in the unit of these.
+        capsules: (c, 7) start, end and radius; the first is the body, the others are limbs.
+        edge: length of edges in the same unit.
         pose: (c - 1,) the curvature of each limb.
     """
     import pymeshlab
@@ -108,7 +108,7 @@ def sample(capsules: Floats, edge: float, pose: Floats) -> Sample:
 
 @cache
 def _melted(capsules: tuple[tuple[float, ...], ...]) -> tuple[Floats, Integers]:
-    """The vertices and faces of a surface around the capsules, in small triangles."""
+    """The vertices and faces of a surface around the capsules, with small triangles."""
     import pymeshlab
 
     terms = []
@@ -133,7 +133,7 @@ def _melted(capsules: tuple[tuple[float, ...], ...]) -> tuple[Floats, Integers]:
 
 
 def posed(capsules: Floats, rest: Floats, curvature: Floats) -> Floats:
-    """(n, 3) where a pose brings points at rest."""
+    """(n, 3) posed positions of points at rest."""
     start, end, radius = capsules[:, :3], capsules[:, 3:6], capsules[:, 6]
     along = np.einsum("ncx,cx->nc", rest[:, None] - start, end - start) / ((end - start) ** 2).sum(axis=1)
     foot = start + np.clip(along, 0, 1)[..., None] * (end - start)
@@ -157,7 +157,7 @@ def posed(capsules: Floats, rest: Floats, curvature: Floats) -> Floats:
 
 
 def scanned(made: Sample) -> Sample:
-    """A mesh with noise of a tenth of an edge, and a hole on its back."""
+    """Add noise of a tenth of an edge, and a hole on the back."""
     noise = np.random.default_rng(0).normal(scale=NOISE, size=made.vertices.shape)
     middle, radius = HOLE
     keep = np.linalg.norm(made.rest[made.faces].mean(axis=1) - middle, axis=1) > radius
@@ -166,7 +166,7 @@ def scanned(made: Sample) -> Sample:
 
 
 def chart_of(rest: Floats) -> tuple[Booleans, Integers]:
-    """Whether points belong to the upper chart, and the number of their texture: 0 in front."""
+    """Whether points belong to the upper chart, and the index of their texture: 0 in front."""
     return rest[:, 2] > SEAM_HEIGHT, np.where(rest[:, 0] > 0, 0, 1)
 
 
@@ -176,7 +176,7 @@ def coordinates(rest: Floats, upper: Booleans) -> Floats:
 
 
 def write_obj(path: Path, made: Sample, textures: tuple[str, ...] = TEXTURES) -> None:
-    """An OBJ file of a character and the .mtl file beside it, which names the textures."""
+    """Write an OBJ file of a character, and the .mtl file with its textures."""
     materials = [f"newmtl m{number}\nmap_Kd {name}\n" for number, name in enumerate(textures)]
     path.with_suffix(".mtl").write_text("".join(materials), encoding="utf-8")
     upper, texture = chart_of(made.rest[made.faces].mean(axis=1))
@@ -191,7 +191,7 @@ def write_obj(path: Path, made: Sample, textures: tuple[str, ...] = TEXTURES) ->
 
 
 def checkered(dark: tuple[int, int, int]) -> Image:
-    """Squares of a colour, and of another that changes from left to right and from the bottom to the top."""
+    """A checker texture of one constant colour and one that varies in both directions."""
     from PIL import Image
 
     row, column = np.indices((TEXELS, TEXELS))
@@ -202,7 +202,7 @@ def checkered(dark: tuple[int, int, int]) -> Image:
 
 
 def character() -> Sample:
-    """What has a texture."""
+    """The textured character."""
     return sample(CHARACTER, CHARACTER_EDGE, CHARACTER_POSE)
 
 
@@ -212,12 +212,12 @@ def retopology() -> Sample:
 
 
 def scan() -> Sample:
-    """A body that is alike on both sides, in a pose that is not."""
+    """A symmetric body in an asymmetric pose."""
     return sample(SYMMETRIC, SCAN_EDGE, SCAN_POSE)
 
 
 def write_samples(folder: Path) -> list[Path]:
-    """Write the sample meshes that the recipes of the guide are about, and return their files.
+    """Write the sample meshes of the guide's recipes, and return their files.
 
     Raises:
         OutputError: the folder cannot be written to, or is not empty.
@@ -248,7 +248,7 @@ def write_samples(folder: Path) -> list[Path]:
     aside[0, 3] = ASIDE
     meshes = [ProjectMesh("character", folder / "character.obj", np.eye(4))]
     write_project(folder / "project.mlp", [*meshes, ProjectMesh("retopology", folder / "retopology.ply", aside)])
-    # Two vertices truly correspond where the same vertex of the character is nearest to both at rest.
+    # Two vertices correspond if the same vertex of the character is nearest to both at rest.
     true = np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2).argmin(axis=1)
     np.savez_compressed(folder / "template_vertex.npz", character=np.arange(len(source.rest)), retopology=true)
     names = ("character.obj", *(f"{name}.ply" for name in made), "project.mlp", "template_vertex.npz")

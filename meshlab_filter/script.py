@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """MeshLab's filter scripts (`.mlx`), with this project's filters among MeshLab's own.
 
-A script is a list of filters with their parameters in XML. Those that the desktop program saves call filters as its
-menus do ("Simplification: Quadric Edge Collapse Decimation"); pymeshlab runs these, one at a time. Filters may be
-called by pymeshlab's names, too. The whole script is read and checked before the first filter runs, but for what only
-pymeshlab knows when it runs one: whether there is a filter of a name from the menus.
+A script is a list of filters with their parameters in XML. Scripts saved by the desktop program name filters as its
+menus do ("Simplification: Quadric Edge Collapse Decimation"); pymeshlab runs these one at a time. Filters may also
+have pymeshlab's names. The whole script is parsed and checked before the first filter runs, except for the names from
+menus, which only pymeshlab can check when it runs a filter.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from zoomout_core.runtime.progress import stage
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# What pymeshlab says of a filter that it does not know.
+# pymeshlab's message for an unknown filter.
 UNKNOWN = "Something really bad happened"
-# The names of filters in Python; those in the menus are words with capitals and spaces.
+# The form of filters' names in Python; names in the menus have capitals and spaces.
 SNAKE_CASE = re.compile("[a-z0-9]+(_[a-z0-9]+)+")
 
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """A filter that a script calls.
+    """A call of a filter in a script.
 
     Attributes:
-        element: what stands in the script.
-        values: of the parameters by name, read; of filters from the menus they are as in the script.
-        meshes: those of the values that are ids of meshes.
+        element: its element in the script.
+        values: values of the parameters by name, parsed; those of filters from the menus are the script's texts.
+        meshes: the values that are mesh ids.
     """
 
     element: Element
@@ -55,10 +55,10 @@ class Call:
 
 
 def read_script(path: str | Path) -> list[Call]:
-    """The filters that a script calls, in order.
+    """Parse the calls of a script, in order.
 
     Raises:
-        MeshError: it is no script, or a filter of this project or a value is wrong; the message names the line.
+        MeshError: it is no script, or a call of this project's filters is wrong; the message names the line.
         OSError: the file cannot be read.
     """
     root = read_elements(path, "FilterScript", ".mlx")
@@ -66,7 +66,7 @@ def read_script(path: str | Path) -> list[Call]:
 
 
 def run_script(ms: MeshSet, path: str | Path) -> list[dict[str, Any]]:
-    """Run a script on a MeshSet; returns what each filter gives, with its `name` and `line`.
+    """Run a script on a MeshSet, and return each filter's results with its `name` and `line`.
 
     Raises:
         MeshError: the script is wrong, or a filter cannot be applied; the message names the line. Filters before it
@@ -83,7 +83,7 @@ def run_script(ms: MeshSet, path: str | Path) -> list[dict[str, Any]]:
 
 
 def _at_line(path: str | Path, element: Element, function: Any, *arguments: Any) -> Any:
-    """What a function gives; where it fails, the message names the element's line."""
+    """Call a function, and add the element's line to its error messages."""
     try:
         return function(*arguments)
     except (ValueError, OSError) as error:
@@ -119,7 +119,7 @@ def _value(child: Element, row: Filter | None) -> tuple[str, Any]:
     if child.tag != "Param":
         raise MeshError(f"expected a Param, but found a {child.tag}: correct it.")
     if rich in OTHER_RICH and row is None:
-        return name, None  # several attributes hold the value, and pymeshlab reads them
+        return name, None  # several XML attributes form the value, and pymeshlab parses them
     if missing:
         raise MeshError(f"the parameter '{name}' has no {' or '.join(missing)}: give it.")
     if rich not in RICH_TYPES:
@@ -136,7 +136,7 @@ def _value(child: Element, row: Filter | None) -> tuple[str, Any]:
 
 
 def _apply(ms: MeshSet, call: Call) -> dict[str, Any]:
-    """Apply the filter of a call, once the meshes that it names are known to be there."""
+    """Apply the filter of a call, after checking that its meshes exist."""
     for mesh_id in call.meshes:
         check_mesh(ms, mesh_id)
     if call.name in CATALOGUE:
@@ -148,7 +148,7 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
     """Apply a filter of MeshLab's."""
     import pymeshlab
 
-    if ms.mesh_number() == 0:  # pymeshlab would end the process
+    if ms.mesh_number() == 0:  # otherwise pymeshlab would end the process
         raise MeshError("there is no mesh left to apply a filter to: keep at least one.")
     if call.name in pymeshlab.filter_list():
         if None in call.values.values():
@@ -175,12 +175,12 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
 
 
 def _script_of(call: Call, vertices: Floats) -> str:
-    """A script of one filter, as it stands in a longer one; lengths in percent are those of a mesh (n, 3)."""
+    """A script of one filter taken from a longer one; lengths in percent refer to a mesh (n, 3)."""
     lines = ["<!DOCTYPE FilterScript>", "<FilterScript>", f"<filter {_attributes(call.element.attributes)}>"]
     for child in call.element.inside:
         attributes = child.attributes
         if attributes["type"] in LENGTH.rich:
-            # Without both bounds, which scripts that are written by hand leave out, MeshLab reads another value.
+            # Without both bounds, which hand-written scripts omit, MeshLab reads another value.
             length = absolute_length(call.values[attributes["name"]], vertices)
             bounds = {"min": "0", "max": repr(max(length, diagonal(vertices)))}
             attributes = {**bounds, **attributes, "value": repr(length)}

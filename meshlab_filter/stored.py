@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Correspondences stored on the target as custom attributes: found once, used by several filters."""
+"""Correspondences stored on the target as custom attributes, so that several filters can use them."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from zoomout_core.mesh.surface import MeshError
 if TYPE_CHECKING:
     from pymeshlab import Mesh
 
-# An image that is farther from where it was stored than this, of the source's size, lies on another source.
+# If an image has moved by more than this fraction of the source's size, the source has changed.
 MOVED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """What filters need of a match.
+    """The part of a match that filters use.
 
     Attributes:
-        surface_map: for every target vertex a point on the source surface.
+        surface_map: the map from target vertices to points on the source.
         confidence: (n_t,) in [0, 1].
-        has_partner: (n_t,) whether there is something on the source for a vertex; None where that was not asked.
+        has_partner: (n_t,) whether a vertex has a counterpart on the source; None if unknown.
     """
 
     surface_map: SurfaceMap
@@ -37,11 +37,11 @@ class Correspondence:
 
 
 def check_names(mesh: Mesh, names: Iterable[str]) -> None:
-    """Whether custom attributes can be added to a mesh under these names, and used in expressions.
+    """Check that custom attributes with these names can be added to a mesh and used in expressions.
 
     Raises:
         ValueError: a name has other characters than letters, digits and underscores.
-        MeshError: there is an attribute of that name; pymeshlab can neither change nor delete it.
+        MeshError: an attribute of that name exists; pymeshlab can neither change nor delete it.
     """
     for name in names:
         if not (name.isascii() and name.isidentifier()):
@@ -51,16 +51,16 @@ def check_names(mesh: Mesh, names: Iterable[str]) -> None:
 
 
 def attribute_names(name: str) -> tuple[str, ...]:
-    """The attributes that a correspondence is stored in: triangle, coordinates in it, point (three), confidence.
+    """The names of a correspondence's attributes: triangle, barycentric coordinates, point (three), confidence.
 
-    The point is three scalars since expressions of MeshLab's filters misread custom points: they are stored in a
-    list that moves as it grows.
+    The point is stored as three scalars because expressions of MeshLab's filters misread custom points: they are in a
+    list that is reallocated as it grows.
     """
     return tuple(f"{name}_{part}" for part in ("triangle", "barycentric", "x", "y", "z", "confidence"))
 
 
 def partner_name(name: str) -> str:
-    """The attribute that says, by 1 or 0, whether a vertex has a partner."""
+    """The name of the attribute that is 1 at vertices with a partner, and 0 elsewhere."""
     return f"{name}_has_partner"
 
 
@@ -77,10 +77,10 @@ def store(mesh: Mesh, name: str, found: Correspondence, source: Layer) -> None:
 
 
 def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
-    """The correspondence of a target that `store` stored under a name.
+    """Read the correspondence of a target that `store` has written under a name.
 
     Raises:
-        MeshError: there is none, or it leads to another source, or to one that has changed.
+        MeshError: there is none, or its source is another mesh or has changed.
     """
     if not all(has_attribute(mesh, part) for part in attribute_names(name)):
         raise MeshError(

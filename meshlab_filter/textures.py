@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Textures of a layer: their images, and texture coordinates that identify the image they refer to."""
+"""Textures of a layer: images, and texture coordinates that also identify their image."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Textures:
-    """Textures, placed side by side, so that one coordinate identifies both the texture and the place in it.
+    """Textures placed side by side, so that a coordinate identifies both the texture and the point in it.
 
-    The core maps each target face into one island, and so into one texture.
+    The core maps each target face to one island, and so to one texture.
 
     Attributes:
-        names: by number.
-        images: by name; what the MeshSet does not hold is missing.
-        numbers: (t,) the numbers that are in use, rising; -1 stands for no texture.
-        lowest: smallest u of any texture.
-        width: distance from one texture to the next: whole tiles, and twice what is in use, so that
-            coordinates that are continued beyond an island do not reach the next texture.
+        names: names by index.
+        images: images by name; those that are not in the MeshSet are missing.
+        numbers: (t,) the indices in use, sorted; -1 for no texture.
+        lowest: minimum u of all textures.
+        width: distance from one texture to the next: an integer, at least twice the range in use, so that
+            coordinates extrapolated beyond an island do not reach the next texture.
     """
 
     names: tuple[str, ...]
@@ -42,16 +42,16 @@ class Textures:
 
     @classmethod
     def of(cls, names: Sequence[str], images: dict[str, Image], uv: Floats, number: Integers) -> Textures:
-        """Textures whose coordinates (3 m, 2) and numbers, of each triangle (m,), are these."""
+        """Build textures from coordinates (3 m, 2) and each triangle's texture index (m,)."""
         lowest, highest = float(np.nanmin(uv[:, 0])), float(np.nanmax(uv[:, 0]))
         return cls(tuple(names), images, np.unique(number), lowest, float(2 * np.ceil(highest - lowest + 1)))
 
     def in_one_texture(self, uv: Floats, number: Integers) -> Floats:
-        """(3 m, 2) coordinates that identify the texture as well."""
+        """(3 m, 2) coordinates in the row of textures."""
         return uv + np.repeat(np.searchsorted(self.numbers, number), 3)[:, None] * [self.width, 0]
 
     def by_texture(self, in_one_texture: Floats) -> tuple[Floats, Integers]:
-        """(3 m, 2) coordinates within their textures, and (m,) the numbers of these."""
+        """(3 m, 2) coordinates within their textures, and (m,) the textures' indices."""
         middle = in_one_texture.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
         place = np.nan_to_num(np.floor((middle - self.lowest) / self.width + 0.25))
         place = np.clip(place, 0, len(self.numbers) - 1).astype(np.int64)
@@ -59,7 +59,7 @@ class Textures:
 
 
 def texture_coordinates(mesh: Mesh) -> Floats | None:
-    """(3 m, 2) of the corners of triangles, those of vertices if need be; nothing where all are zero."""
+    """(3 m, 2) coordinates of the corners of triangles, if need be from vertices; None if all are zero."""
     if mesh.has_wedge_tex_coord():
         coordinates = mesh.wedge_tex_coord_matrix()
     elif mesh.has_vertex_tex_coord():
@@ -70,10 +70,10 @@ def texture_coordinates(mesh: Mesh) -> Floats | None:
 
 
 def texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
-    """The names of the textures in order, and (m,) the number of each triangle's: to be had from a file only."""
+    """The names of the textures in order, and (m,) the index of each triangle's; only a file has them."""
     import pymeshlab
 
-    scratch = pymeshlab.MeshSet()  # saving from the mesh's own MeshSet would rename it
+    scratch = pymeshlab.MeshSet()  # saving from the mesh's own MeshSet would rename the image
     scratch.add_mesh(mesh)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "textures.ply"
@@ -86,7 +86,7 @@ def texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
 
 
 def pixels(images: Sequence[Image]) -> list[Bytes]:
-    """Images as arrays (height, width, channels), from the top row to the bottom one, of as many channels all."""
+    """Images as arrays (height, width, channels), top row first, with equal numbers of channels."""
     import PIL.Image
 
     opened = []
@@ -102,14 +102,14 @@ def pixels(images: Sequence[Image]) -> list[Bytes]:
 
 
 def image_of(values: Bytes) -> Any:
-    """An image of an array (height, width, channels), to be saved as those of pymeshlab are."""
+    """Convert an array (height, width, channels) to an image of pymeshlab's type."""
     import PIL.Image
 
     return PIL.Image.fromarray(values)
 
 
 def save_images(textures: Textures, folder: Path) -> list[str]:
-    """Write the images without loss, and return their names, free of what MeshLab cannot read in a PLY file."""
+    """Write the images losslessly, and return their names without characters that MeshLab cannot read in a PLY file."""
     names: list[str] = []
     for name in textures.names:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(name).stem) or "texture"

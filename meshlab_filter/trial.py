@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether pymeshlab can read a file: tried in a process of its own, since malformed ones crash, hang or fill memory.
+"""Test in a child process whether pymeshlab can read a file: malformed ones crash, hang or exhaust memory.
 
-This module is what that process runs, too: `python trial.py PATH MEMORY GLTF`; it says nothing where all is well.
+The child process runs this module as well: `python trial.py PATH MEMORY GLTF`; it prints nothing on success.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import subprocess
 import sys
 from pathlib import Path
 
-# Seconds that a file may take, and for each megabyte of it.
+# Time limit in seconds: a constant, and per megabyte of the file.
 SECONDS, SECONDS_PER_MEGABYTE = 30.0, 2.0
-# Bytes of memory beyond what the library takes, and for each byte of a file.
+# Memory limit in bytes beyond the library's: a constant, and per byte of the file.
 MEMORY, MEMORY_PER_BYTE = 1 << 30, 150
 
-# Files that were read without a fault, by path, size and time of change: what has stayed as it was is not tried again.
+# Files that were read without a fault, by path, size and modification time; they are not tried again.
 _SOUND: set[tuple[str, int, int, bool]] = set()
 
 
 def fault_of_file(path: str | Path, gltf: bool) -> str:
-    """Why pymeshlab cannot read a mesh file, in words, or nothing.
+    """The reason why pymeshlab cannot read a mesh file, or an empty text.
 
     Args:
-        path: of the file.
-        gltf: whether it is to be read in a single layer.
+        path: the file.
+        gltf: whether to read it into a single layer.
     """
     found = Path(path).stat()
     file = os.path.abspath(path), found.st_size, found.st_mtime_ns, gltf
@@ -58,7 +58,7 @@ def _fault(path: str | Path, size: int, gltf: bool) -> str:
 
 
 def _stated_size(path: Path) -> int:
-    """How large a binary STL file is by the number of triangles that it states; 0 of one in words."""
+    """The size of a binary STL file by its number of triangles; 0 for a text file."""
     with path.open("rb") as file:
         head = file.read(84)
     in_words = head.lstrip().startswith(b"solid") and b"\0" not in head
@@ -66,7 +66,7 @@ def _stated_size(path: Path) -> int:
 
 
 def _try(path: str, memory: int, gltf: bool) -> str:
-    """Read a file, and look whether what was read holds together: the fault, or nothing."""
+    """Read a file, check the consistency of the mesh, and return the fault, if any."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()
@@ -83,14 +83,14 @@ def _try(path: str, memory: int, gltf: bool) -> str:
         return "it declares more data than it contains"
     try:
         for mesh in meshes:
-            mesh.polygonal_face_list()  # endless where a face lies on the diagonal of another
+            mesh.polygonal_face_list()  # does not terminate if a face is on another one's diagonal
     except (MemoryError, ValueError, RuntimeError):
         return "some of its faces overlap, so MeshLab cannot join them to polygons: triangulate it"
     return ""
 
 
 def _limit_memory(more: int) -> None:
-    """Let this process take so many bytes beyond what it has, where the system can say no."""
+    """Limit this process to a number of additional bytes, if the system supports that."""
     try:
         import resource
     except ImportError:  # Windows

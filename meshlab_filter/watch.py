@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder that is watched: what a program such as MeshLab saves there is worked on, and results come back beside it.
+"""Watch a folder: process each file that a program such as MeshLab saves there, and write the results next to it.
 
-A file counts once it has stayed as it is from one look to the next, with all that it names; so none is read while it is
-being written. What is there already, with results that are newer, is left alone.
+A file is processed once it and all files that it refers to are unchanged between two checks; so none is read while it
+is being written. Files with newer results are left alone.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from zoomout_core.batch import Job
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import PART, is_same_file
 
-# The names of results end so, before the file's ending; such files are passed over.
+# Suffix of the names of results, before the extension; such files are skipped.
 RESULT = "_zoomout"
 
-# Sizes and times of change of files; nothing where one is missing.
+# Sizes and modification times of files; None for a missing one.
 State: TypeAlias = "tuple[tuple[int, int], ...] | None"
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What is done in a folder.
+    """The settings of a watched folder.
 
     Attributes:
-        folder: that is looked at.
-        source: whose attributes every mesh that is saved receives; None: only projects are worked on, of which the
+        folder: the watched folder.
+        source: the mesh whose attributes every saved mesh receives; if None, only projects are processed, whose
             first mesh is the source of the others.
-        script: that is run on every mesh and project instead.
-        detail: as of the filters.
+        script: a script to run on every mesh and project instead.
+        detail: the filters' parameter.
     """
 
     folder: Path
@@ -55,7 +55,7 @@ class Watch:
     detail: str = "balanced"
 
     def inputs(self) -> list[Path]:
-        """The files in the folder that something is to be done with, by name."""
+        """The files in the folder to be processed, sorted by name."""
         files = [path for path in sorted(self.folder.iterdir()) if not _is_result(path) and not PART.search(path.name)]
         projects = [path for path in files if is_project(path)]
         if self.source is None and self.script is None:
@@ -68,28 +68,28 @@ class Watch:
         ]
 
     def outputs(self, path: Path) -> list[Path]:
-        """The files that an input becomes."""
+        """The output files of an input."""
         if not is_project(path) or self.script is not None:
             return [_result(path, path.stem, ".ply")]
         targets = [mesh.path for mesh in read_project(path)[1:]]
         return [*(_result(path, target.stem, ".ply") for target in targets), _result(path, path.stem, PROJECT)]
 
     def process(self, path: Path) -> list[str]:
-        """Work on an input; returns what is to be said of it.
+        """Process an input, and return a message about it.
 
         Raises:
-            MeshError: it cannot be done.
+            MeshError: the input cannot be processed.
             OSError: a file cannot be read or written.
         """
         if self.script is not None:
             return _run_script(self.script, path, *self.outputs(path))
         if is_project(path):
             return self._process_project(path)
-        assert self.source is not None  # a mesh alone is no input otherwise
+        assert self.source is not None  # otherwise a single mesh is no input
         return _transfer(self.source, [Job(path, *self.outputs(path))], self.detail)
 
     def _process_project(self, path: Path) -> list[str]:
-        """From the first mesh of a project to the others, and a project of them all with the results."""
+        """Transfer from the first mesh of a project to the others, and write a project with the results."""
         source, *targets = read_project(path)
         *outputs, project = self.outputs(path)
         if not targets:
@@ -102,7 +102,7 @@ class Watch:
         lines = _transfer(source.path, jobs, self.detail)
         shown = [source]
         for target, output in zip(targets, outputs, strict=True):
-            made = output.exists()  # it lies where its target does, which would hide it
+            made = output.exists()  # it coincides with its target, which would hide it
             shown.append(replace(target, visible=target.visible and not made))
             shown += [ProjectMesh(output.stem, output, target.transform)] if made else []
         write_project(project, shown)
@@ -110,13 +110,13 @@ class Watch:
 
 
 def watch(work: Watch, process: Callable[[Path], None], interval: float, once: bool = False) -> Iterator[None]:
-    """Look at a folder again and again, and have what was saved there worked on; yields after each look.
+    """Check a folder repeatedly, and process the files that were saved there; yields after each check.
 
     Args:
-        work: what is done.
-        process: works on an input, by `Watch.process`, and says how it went.
-        interval: seconds from one look to the next.
-        once: whether to end as soon as there is nothing left to do.
+        work: the settings.
+        process: processes an input with `Watch.process`, and reports the result.
+        interval: seconds between two checks.
+        once: end as soon as nothing is left to process.
     """
     last: dict[Path, State] = {}
     finished: dict[Path, State] = {}
@@ -129,7 +129,7 @@ def watch(work: Watch, process: Callable[[Path], None], interval: float, once: b
             waiting = True
             if last.get(path) == state:
                 process(path)
-                finished[path] = state  # as it was before: what is saved meanwhile is work again
+                finished[path] = state  # the state before the work: a file saved meanwhile is processed again
             last[path] = state
         yield
         if once and not waiting:
@@ -165,7 +165,7 @@ def _is_result(path: Path) -> bool:
 
 
 def _mesh_names(project: Path) -> list[Path]:
-    """The meshes of a project; none while it cannot be read."""
+    """The meshes of a project; empty while it cannot be read."""
     try:
         return files_of(project)[1:]
     except (ValueError, OSError):
@@ -173,7 +173,7 @@ def _mesh_names(project: Path) -> list[Path]:
 
 
 def _state(work: Watch, path: Path) -> State:
-    """How an input is, with all that it names and is worked on by."""
+    """The state of an input and of all files that it depends on."""
     try:
         files = [path, *_mesh_names(path), *(each for each in (work.source, work.script) if each is not None)]
         return tuple((found.st_size, found.st_mtime_ns) for found in map(os.stat, files))
@@ -182,7 +182,7 @@ def _state(work: Watch, path: Path) -> State:
 
 
 def _is_newer(work: Watch, path: Path) -> bool:
-    """Whether the results of an input are there, and newer than what they were made of."""
+    """Whether the results of an input exist and are newer than their inputs."""
     try:
         made = [output.stat().st_mtime_ns for output in work.outputs(path)]
     except (ValueError, OSError):

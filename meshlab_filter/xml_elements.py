@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""XML files of MeshLab, scripts and projects, as trees of elements with their lines.
+"""MeshLab's XML files, scripts and projects, as trees of elements with line numbers.
 
-Entities are refused, so that no file grows beyond its own size, and no other file is read.
+Entities are refused, so that no file expands beyond its size or includes another file.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ class Element:
 
     Attributes:
         tag: its name.
-        line: where it begins, from 1.
+        line: number of its first line, from 1.
         attributes: by name.
-        inside: the elements in it.
-        text: the text in it, without that of the elements.
+        inside: its child elements.
+        text: its text, without that of child elements.
     """
 
     tag: str
@@ -32,17 +32,17 @@ class Element:
     text: str = ""
 
     def find(self, tag: str) -> list[Element]:
-        """The elements of a name that are in it."""
+        """The child elements with a name."""
         return [each for each in self.inside if each.tag == tag]
 
 
 def read_elements(path: str | Path, root: str, ending: str) -> Element:
-    """The tree of an XML file.
+    """Parse an XML file.
 
     Args:
-        path: of the file.
-        root: the name that its outermost element must have.
-        ending: of such files, in words for the user.
+        path: the file.
+        root: the required name of its root element.
+        ending: the extension of such files, for messages.
 
     Raises:
         MeshError: it is no XML, declares entities, or has another root; the message names the line.

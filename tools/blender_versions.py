@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Install the extension into several versions of Blender, and run `tests/extension` in each.
 
-`make test-blender-versions` takes all of `VERSIONS`, or those that are named. Each has an environment of its own,
-stored in `.venv-blender/`, with that version's Blender and pytest alone, so that whatever else a test needs can only
-come from the zip, and with the numpy that this version of Blender ships.
+`make test-blender-versions` tests all of `VERSIONS`, or those given as arguments. Each has its own environment,
+in `.venv-blender/`, with only that version's Blender, the numpy that it ships, and pytest, so that all else that a
+test needs must come from the zip.
 """
 
 import argparse
@@ -21,13 +21,13 @@ ENVIRONMENTS = extension.ROOT / ".venv-blender"
 
 
 class Version(NamedTuple):
-    """What a version of Blender brings along; the `bpy` wheel leaves the choice of numpy open."""
+    """A version of Blender, with its Python and numpy; the `bpy` wheel does not pin numpy."""
 
     python: str
     numpy: str
 
 
-# Every long-term release, and the last one with Python 3.11.
+# All long-term releases, and the last release with Python 3.11.
 VERSIONS = {
     "4.2.23": Version("3.11", "1.24.3"),
     "4.5.15": Version("3.11", "1.26.4"),
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def has_python(name: str) -> bool:
-    """Whether the Python of a version is here; if not, says that the version is left out."""
+    """Whether a version's Python is installed; if not, print that the version is skipped."""
     try:
         interpreter(VERSIONS[name].python)
     except ValueError as error:
@@ -72,10 +72,10 @@ def _mac_machine() -> str:
 
 
 def passes(name: str, archive: Path) -> bool:
-    """Run the tests in one version; what they find is printed."""
+    """Run the tests in one version, and print their output."""
     python = environment(name)
     print(f"Blender {name}:", flush=True)
-    # -P keeps this folder, which has the core's source, off the path; scenes to test on are the other tests'.
+    # -P keeps this folder, which has the core's source, off the path; the scenes come from the other tests.
     options = ["-p", "no:cacheprovider", "-o", "pythonpath=tests/blender"]
     variables = {**os.environ, "ZOOMOUT_EXTENSION": str(archive), "OPENBLAS_NUM_THREADS": "1"}
     variables.pop("PYTHONPATH", None)
@@ -84,7 +84,7 @@ def passes(name: str, archive: Path) -> bool:
 
 
 def environment(name: str) -> Path:
-    """The Python of a version's environment, which is made where it is missing or unfinished."""
+    """The Python of a version's environment, which is created if it is missing or unfinished."""
     folder = ENVIRONMENTS / name
     python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     wanted = f"bpy=={name} numpy=={VERSIONS[name].numpy} {PYTEST}"
@@ -116,7 +116,7 @@ def interpreter(version: str) -> str:
 
 
 def candidates(version: str) -> Iterator[str]:
-    """Commands that may be a Python: the one that runs this, one on the path, those that pyenv keeps."""
+    """Commands that may be a Python: the running one, those on the path, and those of pyenv."""
     yield sys.executable
     if found := shutil.which(f"python{version}"):
         yield found

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Create or update `.venv`, so that a machine with Python, git and make needs nothing by hand.
+"""Create or update `.venv` on any machine that has Python, git and make.
 
 `make` runs this before every target, with the first Python 3.11 or 3.13 that it finds (Blender's wheels
-exist for these two only). It uses the standard library alone and does, each only where needed:
+exist for these two only). It uses the standard library alone, and does what is needed of:
 
 1. install the system packages that the wheels of Blender and MeshLab load (or name them, if it may not);
-2. create `.venv`, also in place of one that cannot be used;
-3. install the project into it, editable and with the extra `dev`, and see that both hosts load.
+2. create `.venv`, or replace one that is not usable;
+3. install the project into it, editable and with the extra `dev`, and check that both hosts load.
 
-With the argument `core` it leaves the hosts out, and installs the extra `core-tests` alone; with `docs` it installs
-what makes the documentation as well, and with `release` what builds and checks packages.
+With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `docs` it also installs
+the tools that build the documentation, and with `release` those that build and check packages.
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
-while `.venv` is being changed, so that a set-up that was killed half-way is recognised and made anew.
+while `.venv` is being changed, so that a setup that was killed half-way is recognised and repeated.
 
 The terminal shows one line for each step and each large download. The output of pip and apt-get goes to
 `build/setup.log`; its last lines are shown if one of them fails.
@@ -42,9 +42,9 @@ UNFINISHED = "unfinished"
 LOG = ROOT / "build" / "setup.log"
 LOCK = ROOT / "build" / "setup.lock"
 LOG_TAIL = 20  # lines that are shown after a failure
-LARGE_DOWNLOAD = 30  # MB; downloads from this size on are shown
+LARGE_DOWNLOAD = 30  # MB; larger downloads are shown
 
-# By argument: the extras, and what the terminal shows for them. An environment for a later one serves for those before.
+# By argument: the extras, and their description. An environment for a later one also serves the earlier ones.
 EXTRAS = {
     "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
     "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
@@ -61,7 +61,7 @@ main = blender_addon
 demo = blender_addon.demo
 """
 
-# What the wheels load from the system, and the Debian and Ubuntu packages that hold it. Blender opens
+# The system libraries that the wheels load, and their Debian and Ubuntu packages. Blender opens
 # libEGL only when it renders, and aborts the process when it is missing.
 SYSTEM_LIBRARIES = {
     "libEGL.so.1": "libegl1",
@@ -170,15 +170,15 @@ def stamp() -> str | None:
 
 
 def finished_stamp(extra: str) -> str:
-    """Where `.venv` stands (its scripts break when it is moved), and a digest of what decides its content."""
+    """The path of `.venv` (its scripts break when it is moved), and a digest of the files that decide its content."""
     sources = (ROOT / "pyproject.toml").read_bytes() + Path(__file__).read_bytes() + extra.encode()
     return f"{ENVIRONMENT}: {hashlib.sha256(sources).hexdigest()}"
 
 
 def environment_is_usable() -> bool:
-    """Whether `.venv` was neither moved nor left unfinished, and has pip and a Python that fits.
+    """Whether `.venv` was neither moved nor left unfinished, and has pip and a suitable Python.
 
-    One that was made by hand, without a stamp, will do. If the user names a `PYTHON`, that version fits.
+    One that was made by hand, without a stamp, is accepted. If the user names a `PYTHON`, that version is required.
     """
     known = stamp()
     if not ENVIRONMENT_PYTHON.exists() or (known is not None and not known.startswith(f"{ENVIRONMENT}: ")):
@@ -221,7 +221,7 @@ def provide_system_packages(needs_venv: bool, hosts: bool) -> None:
 
 
 def missing_system_packages(needs_venv: bool, hosts: bool) -> dict[str, str]:
-    """What the system lacks, for Blender and MeshLab too if they are to load, with the Debian package that holds it."""
+    """Missing system libraries, including those of Blender and MeshLab if needed, with their Debian packages."""
     if sys.platform != "linux":
         return {}
     wanted = SYSTEM_LIBRARIES if hosts else {}
@@ -242,7 +242,7 @@ def loads(soname: str) -> bool:
 
 
 def root_prefix() -> list[str] | None:
-    """What to put before a command to run it as root: None if that is not permitted without a password."""
+    """The prefix of a command to run it as root; None if that is not permitted without a password."""
     if os.geteuid() == 0:
         return []
     if shutil.which("sudo") and subprocess.run(["sudo", "-n", "true"], capture_output=True).returncode == 0:
@@ -266,7 +266,7 @@ def install_project(extra: str, content: str) -> None:
     say(f"installing {content}... (log: {log_name()})")
     STAMP.write_text(UNFINISHED)
     status = pip_install("--prefer-binary", "--editable", f".[{extra}]")
-    STAMP.unlink()  # also when pip failed: it undoes what it cannot finish
+    STAMP.unlink()  # also when pip failed: it rolls back unfinished installs
     if status != 0:
         fail("pip could not install the project: fix the cause above and run make again.")
     register_extension()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the documentation: `make docs` writes it to `build/docs/html`, and warnings are errors.
 
-Pages with code are run as they stand; their notebooks, executed, are among the downloads and in
+Pages with code are executed; their notebooks, with results, are among the downloads and in
 `build/docs/jupyter_execute`.
 """
 
@@ -18,7 +18,7 @@ OUTPUT = BUILD / "html"
 
 
 def main() -> None:
-    """Build; what is given goes to Sphinx."""
+    """Build the documentation; arguments are passed on to Sphinx."""
     beside = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}  # for `zoomout`
     command = [
         "-m",

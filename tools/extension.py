@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Build the Blender extension: one zip a platform, with the wheels of what the core needs beyond Blender's numpy.
+"""Build the Blender extension: one zip per platform, with the wheels of the core's dependencies except numpy.
 
-`make extension` leaves `dist/ID-VERSION-PLATFORM.zip` for every platform, or for those that are named. The wheels are
-those of the package index, unchanged, in the versions and with the hashes of `tools/wheels/`: a file for each Python
-that Blender runs on, and one for what builds the core's own wheel and the documentation's pages. To change a version,
-change it there, then run `python tools/extension.py --lock`, which writes the hashes anew.
+`make extension` writes `dist/ID-VERSION-PLATFORM.zip` for every platform, or for those given as arguments. Wheels are
+those of the package index, unchanged, with the versions and hashes of `tools/wheels/`: a file for each Python
+of Blender, and one for the tools that build the core's own wheel and the documentation. To change a version,
+edit it there, then run `python tools/extension.py --lock`, which updates the hashes.
 
-A zip holds what `SHIPPED` and `DOCUMENTS` name and nothing else; its bytes depend only on the tree and the wheels.
+A zip contains only the files that `SHIPPED` and `DOCUMENTS` name; its bytes depend only on the tree and the wheels.
 """
 
 import argparse
@@ -31,7 +31,7 @@ DOWNLOADS = ROOT / "build" / "wheels"
 DIST = ROOT / "dist"
 
 MANIFEST = "blender_manifest.toml"
-# What of the add-on an artist gets, and what stays at home: whoever adds a folder decides.
+# The parts of the add-on that are shipped, and those that are excluded; a new folder must be in one of the two.
 SHIPPED = (
     "*.py",
     "adapters/*.py",
@@ -49,12 +49,12 @@ SHIPPED = (
     "viewport/*.py",
 )
 NOT_SHIPPED = ("demo/*.py",)
-# Texts of `docs` that become pages in the zip, with the pictures that they show.
+# Texts of `docs` that become pages in the zip, with their pictures.
 DOCUMENTS = ("blender.md", "options.md", "transfer.md", "whats_new.md")
-# What the core's own wheel is built from.
+# The files that the core's own wheel is built from.
 CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")
 
-# What a page is besides its text: readable lines, in the browser's own light or dark colours.
+# A page's template: lines of readable length, in the browser's light or dark colours.
 PAGE = """<!DOCTYPE html>
 <html lang="en">
 <meta charset="utf-8">
@@ -73,17 +73,17 @@ td, th {{ text-align: left; vertical-align: top; padding: 0.3rem 1rem 0.3rem 0 }
 # Python 3.11 is Blender's until 5.0, 3.13 from 5.1 on.
 PYTHONS = ("cp311", "cp313")
 # The tags of the wheels that run wherever Blender 4.2 does: glibc 2.28, macOS 12 (scipy has none for 11). Those for
-# macOS 14 would use Apple's BLAS, which threadpoolctl cannot hold to one thread.
+# macOS 14 would use Apple's BLAS, which threadpoolctl cannot limit to one thread.
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64"),
     "macos-arm64": ("macosx_12_0_arm64",),
     "macos-x64": ("macosx_12_0_x86_64",),
     "windows-x64": ("win_amd64",),
 }
-# Blender runs here, too, but not all wheels exist.
+# Blender runs here, but not all wheels exist.
 UNSUPPORTED = {"windows-arm64": "robust-laplacian and fast-simplification have no wheels for it"}
 
-# Zip files know no time before this: seconds since 1970, and a date.
+# The earliest time in a zip file: seconds since 1970, and a date.
 EPOCH = 315532800
 EPOCH_DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -118,8 +118,8 @@ def build(platforms: Sequence[str], folder: Path = DIST) -> list[Path]:
     """Build the zips of some platforms into a folder.
 
     Raises:
-        ValueError: a file is neither shipped nor left at home, or versions differ.
-        OSError, CalledProcessError: a wheel cannot be had.
+        ValueError: a file is neither shipped nor excluded, or versions differ.
+        OSError, CalledProcessError: a wheel cannot be downloaded.
     """
     manifest = (ADDON / MANIFEST).read_text()
     fields = tomllib.loads(manifest)
@@ -149,7 +149,7 @@ def check_version(version: str) -> None:
 
 
 def shipped_files() -> dict[str, bytes]:
-    """Content of the add-on's files, by their place in the zip; the licence is the project's."""
+    """Content of the add-on's files by their path in the zip; the licence is the project's."""
     every = {path for path in ADDON.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
     shipped, left_out = (
         {path for pattern in patterns for path in ADDON.glob(pattern)} for patterns in (SHIPPED, NOT_SHIPPED)
@@ -162,7 +162,7 @@ def shipped_files() -> dict[str, bytes]:
 
 
 def completed_manifest(manifest: str, platform: str, wheels: Sequence[str]) -> str:
-    """The manifest with platform and wheels, which go before its first table."""
+    """The manifest with platform and wheels, inserted before its first table."""
     listed = "".join(f'    "./wheels/{name}",\n' for name in wheels)
     lists = f'platforms = ["{platform}"]\nwheels = [\n{listed}]\n'
     head, table, tail = manifest.partition("\n[")
@@ -170,7 +170,7 @@ def completed_manifest(manifest: str, platform: str, wheels: Sequence[str]) -> s
 
 
 def write_archive(archive: Path, content: dict[str, bytes]) -> None:
-    """Write a zip in the order of names, without dates; wheels are compressed already."""
+    """Write a zip sorted by name and without dates; wheels are not compressed again."""
     with zipfile.ZipFile(archive, "w") as written:
         for name in sorted(content):
             entry = zipfile.ZipInfo(name, EPOCH_DATE)
@@ -180,7 +180,7 @@ def write_archive(archive: Path, content: dict[str, bytes]) -> None:
 
 
 def build_core_wheel(folder: Path) -> Path:
-    """Build the wheel of `zoomout_core` alone, without the adaptors, which are no part of an extension."""
+    """Build the wheel of `zoomout_core` alone, without the adaptors, which an extension does not need."""
     source = folder / "source"
     for path in sorted(path for pattern in CORE for path in ROOT.glob(pattern)):
         copy = source / path.relative_to(ROOT)
@@ -194,7 +194,7 @@ def build_core_wheel(folder: Path) -> Path:
 
 
 def built_pages(folder: Path) -> dict[str, bytes]:
-    """The documentation as pages for a browser, and their pictures, by their places in the zip."""
+    """The documentation as HTML pages with pictures, by their path in the zip."""
     content = {}
     for name in DOCUMENTS:
         text = (DOCS / name).read_text(encoding="utf-8")
@@ -210,7 +210,7 @@ def built_pages(folder: Path) -> dict[str, bytes]:
 
 
 def build_environment(folder: Path) -> dict[str, str]:
-    """The variables of a process that builds with what is pinned for building."""
+    """The environment variables of a process that builds with the pinned build tools."""
     backend = folder / "backend"
     if not backend.exists():
         pip("install", "--require-hashes", "--only-binary=:all:", "--target", backend, "-r", LOCKS / "build.txt")
@@ -218,7 +218,7 @@ def build_environment(folder: Path) -> dict[str, str]:
 
 
 def locked_wheels(python: str, platform: str) -> list[Path]:
-    """The wheels that a lock names for a platform, downloaded where they are not yet."""
+    """The wheels that a lock names for a platform, downloaded if they are missing."""
     lock = LOCKS / f"{python}.txt"
     folder = DOWNLOADS / python / platform
     hashes = set(re.findall(r"sha256:(\w+)", lock.read_text()))
@@ -236,7 +236,7 @@ def locked_wheels(python: str, platform: str) -> list[Path]:
 
 
 def download(python: str, platform: str, folder: Path, wanted: Sequence[str | Path]) -> None:
-    """Let pip download wheels of another Python and platform."""
+    """Download wheels for another Python and platform with pip."""
     tags = [f"--platform={tag}" for tag in PLATFORMS[platform]]
     abis = [f"--abi={abi}" for abi in (python, "abi3", "none")]
     versions = ["--implementation=cp", f"--python-version={python.removeprefix('cp')}"]
@@ -244,7 +244,7 @@ def download(python: str, platform: str, folder: Path, wanted: Sequence[str | Pa
 
 
 def write_lock(lock: Path) -> None:
-    """Write the hashes of a lock's versions anew, for every platform; the comment at its top stays."""
+    """Update the hashes of a lock's versions for every platform; the comment at its top is kept."""
     comment = "".join(line for line in lock.read_text().splitlines(keepends=True) if line.startswith("#"))
     pins = requirements(lock)
     hashes: dict[str, set[str]] = {pin: set() for pin in pins}
@@ -264,7 +264,7 @@ def requirements(lock: Path) -> list[str]:
 
 def pip(command: str, *arguments: str | Path, environment: dict[str, str] | None = None) -> None:
     run: list[str | Path] = [sys.executable, "-m", "pip", command, "--quiet", *arguments]
-    subprocess.run(run, env=environment, umask=0o022, check=True)  # the modes of files are in the wheel that it builds
+    subprocess.run(run, env=environment, umask=0o022, check=True)  # the built wheel records the modes of files
 
 
 def digest(path: Path) -> str:
@@ -273,7 +273,7 @@ def digest(path: Path) -> str:
 
 
 def validate(archive: Path) -> None:
-    """Let Blender's own tool judge a zip, with the tags of Blender's platform."""
+    """Validate a zip with Blender's own tool, with the tags of Blender's platform."""
     spec = importlib.util.find_spec("bpy")
     assert spec is not None
     assert spec.origin is not None

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make the animation and the pictures of the extension's page, from a fresh scene by the add-on's own operators.
+"""Make the animation and the pictures of the extension's page, from a new scene with the add-on's own operators.
 
 `make page` writes to `dist/page`: `animation.mp4` (30 seconds), `featured.jpg` and `icon.png` in the sizes that
-Blender's extensions site asks for, and `sheet.jpg`, the animation at a glance. The demo's character is the source, its
-posed and remeshed copy the target. Frames are drawn by Workbench, as artists know it from the viewport; Blender's
-sequencer puts them together, with wipes and captions, and encodes them.
+Blender's extensions site requires, and `sheet.jpg`, some of its frames. The demo's character is the source, its
+posed and remeshed copy the target. Frames are rendered with Workbench, which looks like the viewport; Blender's
+sequencer combines them, with wipes and captions, and encodes them.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 Pose = Mapping[str, tuple[float, float, float]]
 
 OUTPUT = extension.DIST / "page"
-# Of the animation; of the featured image and the icon, as the site asks for them.
+# Sizes of the animation, and of the featured image and the icon, which the site prescribes.
 SIZE, FPS, SECONDS = (1280, 720), 12, 30
 FEATURED, ICON = (1920, 1080), (256, 256)
-# Of the character and its copy, in metres and vertices: fine enough to look smooth, coarse enough to show wires.
+# Resolution of the character in metres, and of its copy in vertices: smooth, with visible wires.
 EDGE, VOXEL, VERTICES = 0.0155, 0.0145, 8000
-# How far the two stand from the middle, how far they are turned to show a side, and how thick their wires are drawn.
+# Distance of the two from the middle, their rotation, and the thickness of their wires.
 ASIDE, TURN, WIRE = 1.0, radians(14), 0.0016
-# Scene-linear colours of a mesh without data, of wires and of podiums; colours of what is behind, and of captions.
+# Scene-linear colours of a mesh without data, wires and podiums; colours of background and captions.
 CLAY, INK, PLINTH = (0.55, 0.56, 0.58), (0.02, 0.03, 0.05), (0.16, 0.17, 0.19)
 BACKGROUND, TEXT = (0.055, 0.06, 0.07), (0.95, 0.95, 0.93, 1.0)
 BARE, PLACES = "Bare", "Places"
-# When the frames of the sheet are seen, in seconds, row by row, and their size, in percent.
+# Times of the sheet's frames in seconds, row by row, and their size in percent.
 SHEET = ((2.0, 6.0, 7.9), (10.0, 13.5, 16.0), (19.5, 22.2, 25.8))
 SHEET_PERCENT = 40
-# Seconds that one picture takes to be wiped over by the next.
+# Seconds of a wipe.
 WIPE = 0.75
 
 # Degrees as in `demo.target.POSE`: a step with the left foot, and a wave.
@@ -102,7 +102,7 @@ def leaning(pose: Pose, forearm: float, hand: float) -> Pose:
     return {**pose, "forearm.L": (0, pose["forearm.L"][1] + forearm, 0), "hand.L": (0, hand, 0)}
 
 
-# What the rig does at the end: seconds since it begins, and the pose that it is in then.
+# The rig's motion at the end: seconds from its start, and the pose then.
 MOTION: tuple[tuple[float, Pose], ...] = (
     (0.0, POSE),
     (1.0, STEP),
@@ -119,12 +119,12 @@ MOTION: tuple[tuple[float, Pose], ...] = (
 
 
 class Shot(NamedTuple):
-    """A picture, or several in a row, and how long they are seen.
+    """A picture, or several in a row, and their duration.
 
     Attributes:
-        files: its pictures; several take a frame each.
-        seconds: how long it is seen, up to the next.
-        caption: what is written below.
+        files: its pictures; several are shown for one frame each.
+        seconds: its duration.
+        caption: the text below.
     """
 
     files: list[Path]
@@ -154,7 +154,7 @@ def main() -> None:
 
 
 def film(frames: Path) -> Iterator[Shot]:
-    """Go through a session, and draw its pictures into a folder."""
+    """Go through a session, and render its pictures to a folder."""
     source, rig, target = make_pair()
     stage()
 
@@ -209,7 +209,7 @@ def seconds_of(operator: Callable[[], object]) -> float:
 
 
 def make_pair() -> tuple[Object, Object, Object]:
-    """The character, its armature, and the target, which stand beside each other."""
+    """Build the character, its armature, and the target next to it."""
     source, rig = build_character(EDGE)
     set_pose(rig)
     posed = posed_copy(source)
@@ -224,15 +224,15 @@ def make_pair() -> tuple[Object, Object, Object]:
 
 
 def place(obj: Object, x: float, figure: Object) -> None:
-    """Stand an object somewhere, so that a figure that moves with it has its lowest point on the ground."""
+    """Move an object so that a figure parented to it has its lowest point on the ground."""
     evaluated = figure.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     obj.location, obj.rotation_euler = (x, 0, -mesh_data.read_positions(evaluated)[:, 2].min()), (0, 0, TURN)
 
 
 def draw_motion(frames: Path, source: Object, rig: Object) -> Iterator[Path]:
-    """Draw the bound target beside the source, both posed by the bones, frame by frame.
+    """Render the bound target next to the source, both posed by the bones, frame by frame.
 
-    They are bound to one armature now, and would stand in each other: the source is shown by a copy with a copy of it.
+    Both are bound to one armature and would overlap: the source is shown as a copy with a copy of the armature.
     """
     copy, copied_rig = source.copy(), rig.copy()
     for obj in (copy, copied_rig):
@@ -252,7 +252,7 @@ def draw_motion(frames: Path, source: Object, rig: Object) -> Iterator[Path]:
 
 
 def pose_at(seconds: float) -> Pose:
-    """The pose that the rig is in."""
+    """The current pose of the rig."""
     for (begin, pose), (end, other) in pairwise(MOTION):
         if seconds < end:
             return between(pose, other, (seconds - begin) / (end - begin))
@@ -260,7 +260,7 @@ def pose_at(seconds: float) -> Pose:
 
 
 def between(pose: Pose, other: Pose, share: float) -> Pose:
-    """A pose on the way from one to another one, at rest in both of them."""
+    """A pose interpolated between two, with zero velocity at both."""
     share = share * share * (3 - 2 * share)
     rest = (0.0, 0.0, 0.0)
     found = {}
@@ -274,7 +274,7 @@ def between(pose: Pose, other: Pose, share: float) -> Pose:
 
 
 def stage() -> None:
-    """Podiums, a camera and the viewport's way of drawing."""
+    """Add podiums and a camera, and choose Workbench."""
     scene = bpy.context.scene
     for side in (-1, 1):
         podium(side * ASIDE)
@@ -288,11 +288,11 @@ def stage() -> None:
     shading = scene.display.shading
     shading.light, shading.studio_light, shading.color_type = "STUDIO", "paint.sl", "VERTEX"
     shading.show_cavity, shading.cavity_type = True, "BOTH"
-    scene.display.render_aa = "5"  # more take longer, and are not seen to be smoother
+    scene.display.render_aa = "5"  # more take longer without a visible difference
 
 
 def podium(x: float) -> Object:
-    """Something to stand on."""
+    """Add a podium."""
     mesh = picture.podium_mesh()
     add_colors(mesh, BARE, PLINTH)
     mesh.materials[0].diffuse_color = (*PLINTH, 1)
@@ -305,7 +305,7 @@ def look_at(point: Vector) -> None:
 
 
 def show(mesh: Mesh, attribute: str) -> None:
-    """Draw a mesh in the colours of one of its attributes."""
+    """Show a mesh in the colours of one of its attributes."""
     mesh.color_attributes.active_color = mesh.color_attributes[attribute]
     mesh.color_attributes.render_color_index = mesh.color_attributes.find(attribute)
 
@@ -330,7 +330,7 @@ def wireframe(obj: Object, thickness: float = WIRE) -> Object:
 
 
 def draw(path: Path, size: tuple[int, int] = SIZE) -> Path:
-    """Draw the scene to a file, whose suffix says how it is written."""
+    """Render the scene to a file, in the format of its extension."""
     render = bpy.context.scene.render
     render.resolution_x, render.resolution_y = size
     render.image_settings.file_format = {".png": "PNG", ".jpg": "JPEG"}[path.suffix]
@@ -371,7 +371,7 @@ def make_featured(path: Path) -> None:
 
 
 def make_icon(path: Path) -> None:
-    """The source's head, half of it wires, half as it is painted."""
+    """The source's head, half of it as wires, half with its colours."""
     source = bpy.data.objects["Hero"]
     left = mesh_data.read_positions(source.data)[:, :1] > 0
     add_colors(source.data, "Icon", np.where(left, read_colors(source.data, PAINT), CLAY))
@@ -394,7 +394,7 @@ def render_only(objects: list[Object]) -> None:
 
 
 def aim(position: Vector, point: Vector, width: float) -> None:
-    """Look at a point without perspective; what is seen is so wide."""
+    """Aim an orthographic camera of a given width at a point."""
     camera = bpy.context.scene.camera
     camera.location = position
     camera.data.type, camera.data.ortho_scale = "ORTHO", width
@@ -412,7 +412,7 @@ def read_colors(mesh: Mesh, name: str) -> Floats:
 
 
 def edit(shots: list[Shot]) -> None:
-    """Put shots into the sequencer, each wiping over the one before, with captions below."""
+    """Add shots to the sequencer, with wipes between them and captions below."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.render.fps = FPS
@@ -439,7 +439,7 @@ def edit(shots: list[Shot]) -> None:
 
 
 def encode(path: Path) -> None:
-    """Encode what is in the sequencer as a film, in H.264, which the site and browsers play."""
+    """Encode the sequence as H.264, which the site and browsers play."""
     render = bpy.context.scene.render
     render.resolution_x, render.resolution_y = SIZE
     render.image_settings.media_type = "VIDEO"
@@ -453,7 +453,7 @@ def encode(path: Path) -> None:
 
 
 def make_sheet(path: Path) -> None:
-    """Put some frames of what is in the sequencer beside each other, with their captions."""
+    """Combine some frames of the sequence, with their captions, in one picture."""
     scene = bpy.context.scene
     scene.render.image_settings.media_type = "IMAGE"
     scene.render.resolution_percentage = SHEET_PERCENT

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broken files for every reader: each must be read, or refused in one sentence, within bounds of time and memory.
+"""Damaged files for every reader: each must be read or refused in one sentence, within limits of time and memory.
 
     make fuzz ARGS="--count 100000"
 
-A sample of each format is damaged at random, by a seed, and read in a process with a limit of memory. What is not read
-is refused by a MeshError, whose message a user sees. Anything else is a finding, and its file is kept.
+A sample of each format is damaged at random and read in a process with limited memory. A refusal
+is a MeshError, whose message a user sees. Anything else is a finding, and its file is kept.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.text_arguments import read_landmarks
 
-# Seconds of processor time that a file of some kilobytes may take, for the machine may be busy, and bytes that reading
-# may need at most.
+# Maximum processor seconds for a file of some kilobytes, since the machine may be busy, and bytes that reading
+# may need.
 MAX_SECONDS, MAX_MEMORY = 5.0, 4 << 30
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
-# What numbers become.
+# Replacements of numbers.
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"4294967295", b"2147483648", b"99999999999", b"1.5", b"x", b"")
 BYTES = (b"\x00", b"\xff", b"\n", b"\r\n", b" ", b"\xef\xbb\xbf", b"#", b"\xff\xff\xff\xff", b"\x00\x00\x00\x80")
 
 
 @dataclass(frozen=True)
 class Reader:
-    """A format, and what reads it.
+    """A format and its reader.
 
     Attributes:
-        ending: of its files.
-        read: reads one.
-        samples: files that it reads.
+        ending: the extension of its files.
+        read: reads a file.
+        samples: valid files.
     """
 
     ending: str
@@ -60,7 +60,7 @@ class Reader:
 
 
 def readers() -> dict[str, Reader]:
-    """Every reader of files, by its name."""
+    """All readers of files by name."""
     mesh = trimesh.creation.icosphere(subdivisions=1)
     surface = Surface(mesh.vertices, mesh.faces)
     texture = np.linspace(0, 1, 2 * len(mesh.vertices)).reshape(-1, 2)
@@ -133,7 +133,7 @@ def _write(path: Path, content: bytes) -> Path:
 
 
 def damage(content: bytes, random: np.random.Generator) -> bytes:
-    """A file with a few damages, most often one."""
+    """Damage a file in one or a few ways."""
     broken = bytearray(content)
     for _ in range(random.geometric(0.6)):
         at = int(random.integers(0, len(broken) + 1))
@@ -166,7 +166,7 @@ def cases(name: str, reader: Reader, count: int, seed: int) -> Iterator[bytes]:
 
 
 def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
-    """How a reader ends on a file: "read" or "refused", or else "finding" with what happened."""
+    """A reader's result on a file: "read", "refused", or "finding" with a description."""
     begin = time.process_time()
     try:
         with warnings.catch_warnings():
@@ -179,7 +179,7 @@ def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
         end = ("refused", "") if one else ("finding", f"is no sentence: {sentence!r}")
     except MemoryError:
         end = "finding", "MemoryError"
-    except Exception as error:  # whatever it is, it is what is looked for
+    except Exception as error:  # any other exception is a finding
         end = "finding", f"{type(error).__name__}: {error}"
     took = time.process_time() - begin
     return ("finding", f"{took:.1f} s") if took > MAX_SECONDS else end
@@ -188,16 +188,16 @@ def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
 def run(
     count: int, seed: int, keep: Path | None = None, names: list[str] | None = None
 ) -> tuple[Counter[str], list[str]]:
-    """Read broken files of all formats.
+    """Read damaged files of all formats.
 
     Args:
-        count: of files, in all.
-        seed: of the damages.
-        keep: the folder that files with findings are kept in.
-        names: of the readers; all, when not given.
+        count: total number of files.
+        seed: for the damages.
+        keep: the folder for files with findings.
+        names: names of readers; all if empty.
 
     Returns:
-        How many were read, refused, and findings; and a line for each finding.
+        The numbers of files read, refused, and with findings; and a line for each finding.
     """
     known = {name: reader for name, reader in readers().items() if names is None or name in names}
     ends: Counter[str] = Counter()
@@ -220,14 +220,14 @@ def run(
 
 
 def limit_memory() -> None:
-    """Let this process have no more memory than reading a small file may need."""
+    """Limit this process to the memory that reading a small file may need."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def main() -> None:
-    """Read broken files, and end with the exit code 1 if one was neither read nor refused in a sentence."""
+    """Read damaged files, and exit with 1 if one was neither read nor refused in a sentence."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=20_000, help="files in all (default: 20000)")
     parser.add_argument("--seed", type=int, default=0)

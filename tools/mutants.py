@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Break the code a line at a time, and see which of the breakages the tests notice.
+"""Mutation testing: change the code one line at a time, and list the changes that no test detects.
 
     make mutants ARGS="zoomout_core/matching --sample 8 --seed 1"
     make mutants ARGS="zoomout_core/matching/scores.py:48"
 
-Cosmic Ray makes the mutants: small numbers of one more or less, numbers of zero; arithmetic, comparisons, logic and
-conditions turned round; loops without a round. A room has thousands, so some of each module are drawn at random, the
-same ones for the same seed. Each is tried on the tests nearest to the module alone: those that import it, or are named
-after it, or else stand in the folder that mirrors its own. Tests that take longer than `--slowest` seconds are left
-out. A module with a line number has all mutants of that line tried.
+Cosmic Ray makes the mutants: small numbers plus or minus one, numbers set to zero; arithmetic, comparisons, logic and
+conditions inverted; loops skipped. A package has thousands, so some of each module are drawn at random, the
+same ones for the same seed. Each is tested only with the tests nearest to the module: those that import it, or are
+named after it, or else are in the corresponding folder. Tests that take longer than `--slowest` seconds are left
+out. For a module with a line number all mutants of that line are tested.
 
-All of it happens in a copy of the tree, so that the tree may be worked on meanwhile. Durations of tests are stored in
+Everything runs in a copy of the tree, so that the tree can be edited meanwhile. Durations of tests are stored in
 `build/mutants.json`.
 """
 
@@ -46,12 +46,12 @@ from cosmic_ray.plugins import get_operator
 
 ROOT = Path(__file__).resolve().parent.parent
 DURATIONS = ROOT / "build" / "mutants.json"
-# What a copy of the tree goes without.
+# Left out of a copy of the tree.
 NOT_COPIED = (".*", "__pycache__", "build", "dist", "demo", "*.egg-info")
-# Seconds that the tests of a mutant may take: a start, and this many times what they take without it.
+# Time limit of a mutant's tests: seconds to start, and a multiple of their time without it.
 START, TIMES_AS_LONG = 15, 3
 LARGEST_SMALL_NUMBER = 12
-# Operators that make another program, not merely one that cannot run: a product of floats has no bits.
+# Operators whose mutants can run: bitwise operators on floats cannot.
 OPERATORS = (
     "AddNot",
     "ZeroIterationForLoop",
@@ -72,7 +72,7 @@ OPERATORS = (
 
 
 class NumberBesideIt(NumberReplacer):
-    """One more, and one less: of small numbers, since a thousand and one is as good as a thousand."""
+    """Plus and minus one, for small numbers only, since a change of 1000 by one has no effect."""
 
     def mutation_positions(self, node: parso.tree.NodeOrLeaf) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
         if isinstance(node, parso.python.tree.Number) and abs(ast.literal_eval(node.value)) <= LARGEST_SMALL_NUMBER:
@@ -80,7 +80,7 @@ class NumberBesideIt(NumberReplacer):
 
 
 class NumberToZero(Operator):
-    """A weight or a threshold that is none."""
+    """A weight or threshold set to zero."""
 
     def mutation_positions(self, node: parso.tree.NodeOrLeaf) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
         if isinstance(node, parso.python.tree.Number) and ast.literal_eval(node.value) not in (0, 1):
@@ -103,9 +103,9 @@ class Mutant:
 
     Attributes:
         module: its path from the root.
-        line: where the change is.
-        code: of the whole module.
-        change: the lines that changed, before and after.
+        line: the changed line.
+        code: the code of the whole module.
+        change: the changed lines, before and after.
     """
 
     module: str
@@ -116,12 +116,12 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Tests:
-    """What a module's mutants are tried on.
+    """The tests of a module's mutants.
 
     Attributes:
-        names: files and tests, as pytest takes them.
-        seconds: that they take together, None if they do not pass.
-        left_out: number of tests that take too long.
+        names: files and tests, as arguments of pytest.
+        seconds: their total time; None if they do not pass.
+        left_out: number of tests that are too slow.
     """
 
     names: tuple[str, ...]
@@ -171,7 +171,7 @@ def copy_of_tree(folder: Path) -> Path:
 
 
 def modules_of(rooms: Sequence[str]) -> list[tuple[str, int | None]]:
-    """The modules of some rooms, by their paths from the root, each with a line if one is given."""
+    """The modules in some folders by their paths from the root, each with a line if one is given."""
     found: list[tuple[str, int | None]] = []
     for room in rooms:
         name, _, line = room.partition(":")
@@ -184,7 +184,7 @@ def modules_of(rooms: Sequence[str]) -> list[tuple[str, int | None]]:
 
 
 def nearest_tests(module: str, root: Path = ROOT) -> list[str]:
-    """The test files that import a module or are named after it; else those in the folder that mirrors its own."""
+    """The test files that import a module or are named after it; otherwise those in the corresponding folder."""
     path = Path(module).with_suffix("")
     dotted, of_core = ".".join(path.parts), path.parts[0] == "zoomout_core"
     own, rooms = root / "tests" / ("core" if of_core else ""), ("core" if of_core else "**", *path.parts[1:-1])
@@ -212,7 +212,7 @@ def tests_of(module: str, copy: Path, slowest: float) -> Tests:
     names = [name for _, times in quick for name in times]
     left_out = sum(len(times) for _, times in timed) - len(names)
     begin = time.monotonic()
-    # Once more as they are chosen: a fixture that a slow test has made for them is now theirs to make.
+    # Once more with the chosen tests alone: a fixture that a slow test has set up before is now set up by them.
     passed = bool(names) and pytest(names, copy, None)
     return Tests(tuple(names), time.monotonic() - begin if passed else None, left_out)
 
@@ -235,7 +235,7 @@ def durations(file: str, copy: Path) -> dict[str, float]:
 
 
 def pytest(arguments: Sequence[str], copy: Path, seconds: float | None) -> bool:
-    """Whether tests pass in a copy of the tree, in time."""
+    """Whether tests pass in a copy of the tree, within a time limit."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
     if seconds is None:
         command.remove("-x")
@@ -248,7 +248,7 @@ def pytest(arguments: Sequence[str], copy: Path, seconds: float | None) -> bool:
 
 
 def chosen_mutants(module: str, code: str, sample: int | None, seed: int, line: int | None) -> list[Mutant]:
-    """Some mutants of a module, in the order of its lines; all of those of a line where that is given."""
+    """Some mutants of a module in the order of its lines; all mutants of a line if one is given."""
     found = [each for each in mutations(code) if line is None or each[2] == line]
     if sample is not None and len(found) > sample:
         found = random.Random(f"{seed} {module}").sample(found, sample)
@@ -260,7 +260,7 @@ def chosen_mutants(module: str, code: str, sample: int | None, seed: int, line: 
 
 
 def mutations(code: str) -> list[tuple[str, int, int]]:
-    """The changes that can be made to a module: the operator, the number of its occurrence, and the line."""
+    """The possible changes of a module: the operator, the index of its occurrence, and the line."""
     tree, silent = get_ast(code), list(_without_effect(code))
     return [
         (operator, occurrence, start[0])
@@ -277,9 +277,9 @@ def _operator(name: str) -> Operator:
 
 
 def _without_effect(code: str) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Where types stand, which nothing reads when the code runs, decorators, such as frozen dataclasses', and ranges.
+    """Lines with types, which are not evaluated, with decorators, such as frozen dataclasses', and with ranges.
 
-    The ranges of tuned numbers refuse only what makes no sense. To `reshape` any number below zero is the same, and
+    The ranges of tuned numbers exclude only meaningless values. `reshape` treats all negative numbers alike, and
     others rarely fit.
     """
     for node in ast.walk(ast.parse(code)):
@@ -310,7 +310,7 @@ def _mutant(module: str, code: str, operator: str, occurrence: int, line: int) -
 def try_mutants(
     mutants: Sequence[Mutant], tests: Sequence[str], seconds: float, copies: Sequence[Path]
 ) -> Counter[bool]:
-    """Numbers of the mutants that tests kill within a number of seconds, and that survive; each is printed."""
+    """Print the result of each mutant, and return the numbers of killed and of surviving ones."""
     free: Queue[Path] = Queue()
     for copy in copies:
         free.put(copy)

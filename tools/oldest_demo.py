@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Run the demo in the oldest Blender that the extension supports, so that its demo.blend opens there as well.
 
-A file that Blender 5 saves opens in 4.5 and newer only, whatever is in it. The environment is that of
-`tools/blender_versions.py`; what the core needs beyond Blender's numpy are the wheels of the extension's zip, which are
+Files saved by Blender 5 open in 4.5 and newer only. The environment is that of
+`tools/blender_versions.py`; the core's other dependencies are the wheels of the extension's zip, which are
 unpacked into `build/oldest_demo`.
 """
 
@@ -38,12 +38,12 @@ def main() -> None:
     path = os.pathsep.join(map(str, (extension.ROOT, LIBRARIES)))
     variables = {**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"}
     run = [str(python), "-P", "-c", RUN, str(output)]
-    done = subprocess.run(run, env=variables, stdout=subprocess.DEVNULL)  # on which Blender tells of each sample
+    done = subprocess.run(run, env=variables, stdout=subprocess.DEVNULL)  # to which Blender prints each sample
     sys.exit(done.returncode)
 
 
 def unpack(version: str) -> None:
-    """Unpack the wheels that a zip for this platform has for a Python, such as 3.11, in place of former ones."""
+    """Unpack the wheels of this platform's zip for a Python, such as 3.11, replacing earlier ones."""
     shutil.rmtree(LIBRARIES, ignore_errors=True)
     for wheel in extension.locked_wheels(f"cp{version.replace('.', '')}", blender_versions.this_platform()):
         with zipfile.ZipFile(wheel) as opened:

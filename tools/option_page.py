@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write the tables of docs/options.md from the table of options: `python tools/option_page.py`.
 
-`tests/tools/test_option_page.py` notices when the page is out of date.
+`tests/tools/test_option_page.py` fails if the page is out of date.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def main() -> None:
-    """Bring the page up to date."""
+    """Update the page."""
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 

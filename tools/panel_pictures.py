@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-r"""Picture the panels in their states for the guide, in a Blender that has a window. In the checkout:
+r"""Take screenshots of the panels for the guide, in a Blender with a window. In the checkout:
 
     PYTHONPATH=.:LIBS blender --factory-startup --python-use-system-env --window-geometry 0 0 1600 1000 \
         --python tools/panel_pictures.py -- STORY
 
-STORY is one of those below. LIBS is a folder with what the core needs, such as the one of the installed extension.
-ImageMagick's `import` takes the pictures from the screen, which may be one in memory (Xvfb).
+STORY is one of those below. LIBS is a folder with the core's dependencies, such as the installed extension's.
+ImageMagick's `import` takes the screenshots, from a real or a virtual screen (Xvfb).
 """
 
 import subprocess
@@ -31,15 +31,15 @@ from blender_addon.ui import panels
 from blender_addon.ui.panels.match import ZOOMOUT_PT_match
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
-# What is seen of a window of 1600 x 1000: its right part, without the bars above and below.
+# The part of a window of 1600 x 1000 pixels that is kept: its right side, without the bars above and below.
 SEEN = "1270x880+330+81"
-# Of the character and of what was scanned of it, in metres and vertices.
+# Resolution of the character in metres, and of its scan in vertices.
 EDGE, VERTICES = 0.024, 6000
-# Seconds until what was changed is drawn, and until facts about meshes that are read between events are known.
+# Seconds until changes are drawn, and until facts about meshes have been read between events.
 DRAWN, KNOWN = 2.0, 6.0
 # Colors of objects.
 SKIN, BLUE, RED = (0.8, 0.62, 0.5, 1), (0.12, 0.25, 0.6, 1), (0.7, 0.12, 0.1, 1)
-# Landmarks: the bones that they lie on, and their names. The last is on one side only.
+# Landmarks: their bones and names. The last is on one side only.
 LANDMARKS = {
     "hand.L": "Left hand",
     "ear.R": "Right ear",
@@ -62,7 +62,7 @@ Story = Iterator[float]
 
 
 def matching() -> Story:
-    """From a fresh scene to a transfer, and an edit after it."""
+    """From a new scene to a transfer, and an edit after it."""
     hero, scan = pair()
     yield from begin(scan, hero)
     picture("panel_fresh")
@@ -89,7 +89,7 @@ def matching() -> Story:
     call(bpy.ops.zoomout.swap_match_sides)
     call(bpy.ops.zoomout.transfer)
     call(bpy.ops.zoomout.preview, kind="CHECKER")
-    yield KNOWN  # what can be scrolled to is known once it was drawn
+    yield KNOWN  # the range of scrolling is known once it has been drawn
     scroll(bpy.ops.view2d.scroll_down, 19)
     yield DRAWN
     picture("panel_transferred")
@@ -115,7 +115,7 @@ def light() -> Story:
 
 
 def parts() -> Story:
-    """A bust, matched with a whole body: what of each has no partner."""
+    """A bust, matched with a whole body: the areas of each without a partner."""
     hero, bust = pair()
     bust.name = "Bust"
     cut_below(bust, 0.55)
@@ -146,7 +146,7 @@ def landmarks() -> Story:
 
 
 def binding() -> Story:
-    """A scan that is bound to the rig of a character and posed by it, and a copy of it as it stood."""
+    """A scan bound to a character's rig and posed by it, and a copy of it before."""
     hero, scan = pair(with_rig=True)
     rig = hero.parent
     before = scan.copy()
@@ -164,7 +164,7 @@ def binding() -> Story:
 
 
 def wrapping() -> Story:
-    """A scan, and its topology in the shape of a character, as an object of its own."""
+    """A scan, and a new object with its topology in the shape of a character."""
     hero, scan = pair()
     bpy.context.scene.zoomout.wrap_result = "OBJECT"
     yield from begin(scan, hero)
@@ -179,7 +179,7 @@ def wrapping() -> Story:
 
 
 def dressing() -> Story:
-    """What a character wears, on a scan beside it."""
+    """A character's clothes on a scan next to it."""
     hero, scan = pair()
     worn = [garment(hero, "Vest", 0.4, 0.55, 0.025), garment(hero, "Socks", 0.0, 0.2, 0.02)]
     for obj, color in zip((hero, scan, *worn), (SKIN, SKIN, BLUE, RED), strict=True):
@@ -199,7 +199,7 @@ def dressing() -> Story:
 
 
 def symmetry() -> Story:
-    """Pairs and sides of a posed character, and what differs between the sides of one that was sculpted on."""
+    """Pairs and sides of a posed character, and the differences between the sides of a sculpted one."""
     hero, scan = pair()
     hero.hide_set(True)
     scan.location.x = 0
@@ -222,7 +222,7 @@ def symmetry() -> Story:
     picture("panel_symmetry_check")
 
 
-# Each with the panels that are open beside those that are anyway, and those that are closed.
+# Each with the panels to open and to close.
 STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "matching": (matching, set(), set()),
     "light": (light, set(), set()),
@@ -260,7 +260,7 @@ def main() -> None:
 
 
 def pair(with_landmarks: bool = False, with_rig: bool = False) -> tuple[Object, Object]:
-    """The character, and beside it a posed scan of it that has another topology and nothing else.
+    """The character, and next to it a posed scan of it with another topology and without data.
 
     Args:
         with_landmarks: whether both have landmarks.
@@ -300,7 +300,7 @@ def tips(armature: Object) -> list[Vector]:
 
 
 def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
-    """Set the first landmarks of an object, where it is nearest to some points."""
+    """Set the first landmarks of an object at its closest points to some positions."""
     depsgraph, inverse = bpy.context.evaluated_depsgraph_get(), obj.matrix_world.inverted()
     for number, (point, name) in enumerate(zip(points[:count], LANDMARKS.values(), strict=False), start=1):
         place = nearest_surface_point(obj, inverse @ point, 1, depsgraph)
@@ -309,7 +309,7 @@ def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
 
 
 def mend(obj: Object) -> None:
-    """Collapse edges of more than two faces, which the Skin modifier leaves."""
+    """Collapse edges with more than two faces, which the Skin modifier creates."""
     mesh = bmesh.new()
     mesh.from_mesh(obj.data)
     while crowded := [edge for edge in mesh.edges if len(edge.link_faces) > 2]:
@@ -319,7 +319,7 @@ def mend(obj: Object) -> None:
 
 
 def garment(body: Object, name: str, low: float, high: float, off: float) -> Object:
-    """A thick copy of a body between two parts of its height, at a distance from its skin, without hands and tail."""
+    """A garment from the part of a body between two heights, offset from its skin, without hands and tail."""
     worn = body.copy()
     worn.data, worn.name = body.data.copy(), name
     bpy.context.scene.collection.objects.link(worn)
@@ -346,7 +346,7 @@ def garment(body: Object, name: str, low: float, high: float, off: float) -> Obj
 
 
 def cut_below(obj: Object, height: float) -> None:
-    """Delete the vertices of an object below a part of its height."""
+    """Delete the vertices of an object below a fraction of its height."""
     mesh = bmesh.new()
     mesh.from_mesh(obj.data)
     heights = [vertex.co.z for vertex in mesh.verts]
@@ -374,7 +374,7 @@ def bulge(obj: Object) -> None:
 
 
 def begin(target: Object, *others: Object) -> Story:
-    """Select objects, the first as the active one, and look at them from the front, left of the sidebar."""
+    """Select objects, the first as the active one, and view them from the front, left of the sidebar."""
     for obj in bpy.context.view_layer.objects:
         obj.select_set(obj in (target, *others))
     bpy.context.view_layer.objects.active = target
@@ -385,7 +385,7 @@ def begin(target: Object, *others: Object) -> Story:
     for name in ("floor", "axis_x", "axis_y", "cursor", "object_origins"):
         setattr(space.overlay, f"show_{name}", False)
     space.show_region_toolbar, space.show_region_ui = False, True
-    yield DRAWN  # a tab can be chosen once the sidebar was drawn
+    yield DRAWN  # a tab can be chosen once the sidebar has been drawn
     region("UI").active_panel_category = ZOOMOUT_PT_match.bl_category
     call(bpy.ops.view3d.view_all)
     space.region_3d.view_perspective = "ORTHO"
@@ -418,7 +418,7 @@ def scroll(operator: Callable[..., Any], times: int) -> None:
 
 
 def picture(name: str, seen: str = SEEN) -> None:
-    """Take a picture of what the window shows now."""
+    """Take a screenshot of the window."""
     for each in view().regions:
         each.tag_redraw()
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=2)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Build what is released, and check each file where nothing else is installed.
+"""Build the released files, and check each of them in an empty environment.
 
-`make release` leaves the wheel, the source distribution and the extension's zips in `dist`, all of the last commit.
-`make release PROJECT_URL=https://…` gives the project's public address, which nothing else knows: the README's links
-and pictures, relative here, then lead there, as a package index asks for, and the metadata have it, too.
+`make release` writes the wheel, the source distribution and the extension's zips of the last commit to `dist`.
+`make release PROJECT_URL=https://…` sets the project's public address, which is stored nowhere: the README's relative
+links and pictures become absolute, as a package index requires, and the metadata include it.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ ROOT = Path(__file__).resolve().parent.parent
 DIST = ROOT / "dist"
 BUILD = ROOT / "build" / "release"
 
-# Where an address has a file of some version to be read, and as it is.
+# Addresses of a version's file: as a page, and raw.
 FILE, RAW = "{url}/blob/v{version}/{path}", "{url}/raw/v{version}/{path}"
 # An inline link, or a picture if it begins with an exclamation mark.
 LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
-# What the wheel may put at top level.
+# The top-level packages of the wheel.
 PACKAGES = {"zoomout_core", "meshlab_filter"}
 
 
 def main() -> None:
-    """Build and check, with the arguments of the command line."""
+    """Build and check, with the command line's arguments."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--without-extension", action="store_true", help="neither build nor check the zips")
     parser.add_argument("--tests", default="tests/core", help="what of the tests runs from the source distribution")
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def export(url: str) -> tuple[Path, str]:
-    """The last commit's tree, in a folder of its own, with the project's address in it; and the version."""
+    """Export the last commit's tree to a folder, with the project's address; return it and the version."""
     if run("git", "status", "--porcelain", "--untracked-files=no").strip():
         print("release: what is not committed is left out")
     tree = BUILD / "tree"
@@ -87,7 +87,7 @@ def with_addresses(settings: str, url: str) -> str:
 
 
 def with_absolute_links(text: str, url: str, version: str) -> str:
-    """A text in Markdown whose links and pictures lead to the project's address."""
+    """Replace relative links and pictures of a Markdown text by the project's address."""
 
     def absolute(link: re.Match[str]) -> str:
         mark, label, target = link.groups()
@@ -100,12 +100,12 @@ def with_absolute_links(text: str, url: str, version: str) -> str:
 
 
 def is_absolute(target: str) -> bool:
-    """Whether a link leads somewhere from wherever its page is."""
+    """Whether a link is absolute."""
     return re.match(r"[a-z]+:|#", target) is not None
 
 
 def check_readme(wheel: Path, url: str) -> None:
-    """Check that the README's links lead somewhere on a package index; without an address, say that they do not."""
+    """Check that the README's links work on a package index; without an address, print that they do not."""
     with ZipFile(wheel) as packed:
         (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA"))
         readme = packed.read(name).decode().partition("\n\n")[2]  # below the headers
@@ -120,7 +120,7 @@ def check_readme(wheel: Path, url: str) -> None:
 
 
 def check_bare(wheel: Path) -> None:
-    """Check the wheel without extras: it imports, and each command ends in one sentence that names its extra."""
+    """Check the wheel without extras: it can be imported, and each command prints one sentence that names its extra."""
     python = fresh("bare", str(wheel))
     run(str(python), "-c", "import zoomout_core as zo; zo.match, zo.Surface, zo.transfer")
     for module, extra in (("zoomout_core", "cli"), ("meshlab_filter", "meshlab")):
@@ -135,7 +135,7 @@ def check_bare(wheel: Path) -> None:
 
 
 def check_commands(wheel: Path) -> None:
-    """Check the wheel with the extra `cli`: from samples to a map, and to a file."""
+    """Check the wheel with the extra `cli`: match samples, and transfer to a file."""
     python = fresh("cli", f"{wheel}[cli]")
     zoomout = [str(python.parent / "zoomout")]
     folder = BUILD / "try"
@@ -148,17 +148,17 @@ def check_commands(wheel: Path) -> None:
 
 
 def check_source(source: Path, tests: str) -> None:
-    """Check the source distribution: its own tests run from it."""
+    """Check the source distribution by running its own tests."""
     with tarfile.open(source) as packed:
         packed.extractall(BUILD, filter="data")
     tree = BUILD / source.name.removesuffix(".tar.gz")
     python = fresh("source", f"{tree}[core-tests]")
-    # What is installed is tested, by tests that stand beside the tree.
+    # The tests run outside of the tree, so that they test the installed package.
     run(str(python), "-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", *tests.split(), folder=tree)
 
 
 def fresh(name: str, wanted: str) -> Path:
-    """The Python of a new environment in which one thing, with what it needs, is installed."""
+    """Create an environment with one package and its dependencies, and return its Python."""
     place = BUILD / name
     venv.create(place, symlinks=True, with_pip=True)
     python = place / "bin" / "python"
@@ -167,7 +167,7 @@ def fresh(name: str, wanted: str) -> Path:
 
 
 def run(*command: str, folder: Path = ROOT) -> str:
-    """What a command prints; ends the program if it fails."""
+    """Run a command and return its output; exit if it fails."""
     print("release:", *(word.replace(f"{ROOT}/", "") for word in command), flush=True)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")

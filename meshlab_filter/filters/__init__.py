@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The filters, each entered into the catalogue as its module is imported."""
+"""The filters, which are added to the catalogue when their modules are imported."""
 
 from meshlab_filter.filters.correspondence import (
     apply_conform_by_zoomout,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parameters that several filters have, what they mean to the core, and the correspondence that filters work with."""
+"""Shared parameters of the filters, their translation to options of the core, and the correspondence they use."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STORED_OR_NEW = Parameter(
     "",
     "The name under which compute_correspondence_by_zoomout stored it on the target; empty: find one.",
 )
-# Kinds of options in the table of the core that have types of their own; all others take arrays or files.
+# Kinds of options in the core's table that have their own parameter type; all others take arrays or files.
 TYPES = {
     Kind.START: CHOICE,
     Kind.CHOICE: CHOICE,
@@ -45,7 +45,7 @@ TYPES = {
 
 
 def parameters_of(options: Sequence[Option]) -> tuple[Parameter, ...]:
-    """The parameters that rows of the option table stand for."""
+    """The parameters for rows of the option table."""
     return tuple(_parameter(option) for option in select_options(options, Door.MESHLAB))
 
 
@@ -60,7 +60,7 @@ MATCHING = parameters_of((*option_table.MATCHING, *option_table.ACCURACY, *optio
 
 
 def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) -> zo.MatchResult:
-    """The correspondence of two layers, by the parameters MATCHING."""
+    """Match two layers with the parameters MATCHING."""
     with portion(0.0, 0.85):
         result = zo.match(source.shape, target.shape, **resolve_detail(**read_values(matching, Door.MESHLAB)))
     if candidate:
@@ -72,7 +72,7 @@ def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) 
 def find_correspondence(
     ms: MeshSet, source: Layer, target: Layer, targetmesh: int, correspondence: str, **matching: Any
 ) -> tuple[Correspondence | zo.MatchResult, dict[str, Any]]:
-    """The correspondence of two layers, by the parameters STORED_OR_NEW and MATCHING, and what to say of it."""
+    """The correspondence of two layers, stored or computed (STORED_OR_NEW and MATCHING), and notes on it."""
     if correspondence:
         stored = read_stored(ms.mesh(targetmesh), correspondence, source)
         return stored, {"confidence": stored.confidence, "notes": []}
@@ -81,7 +81,7 @@ def find_correspondence(
 
 
 def report_on(result: zo.MatchResult) -> dict[str, Any]:
-    """What a filter says of the correspondence that it found."""
+    """A filter's report on the correspondence that it computed."""
     return {
         "confidence": result.confidence,
         "has_partner": result.has_partner,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Correspondences: found, coloured, checked, and used to give the target the source's shape."""
+"""Filters that compute, colour and check correspondences, and deform the target to the source's shape."""
 
 from __future__ import annotations
 
@@ -52,19 +52,19 @@ if TYPE_CHECKING:
 def compute_correspondence_by_zoomout(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, name: str, **matching: Any
 ) -> dict[str, Any]:
-    """Find for every vertex of the target the point on the source that it corresponds to.
+    """Compute the corresponding point on the source for every vertex of the target.
 
-    It is stored on the target, in the custom attributes NAME_triangle (number of the source's face),
+    It is stored on the target in the custom attributes NAME_triangle (index of the source's face),
     NAME_barycentric (coordinates in it), NAME_x, NAME_y and NAME_z (the same place in the source's own frame),
-    NAME_confidence (in [0, 1]) and NAME_has_partner (0 where nothing on the source corresponds, else 1). Nothing else
+    NAME_confidence (in [0, 1]) and NAME_has_partner (1, or 0 without a counterpart on the source). Nothing else
     changes.
 
     Returns:
-        `triangle`, `barycentric` and `confidence`, arrays; `has_partner` and `source_has_partner`, the same of both
-        meshes' vertices; `share_without_partner` and `source_share_without_partner`, of their areas; `verdict`, whether
-        to use it, with a `level` (green, amber or red), a `sentence` and `advice`; `certainty`, the probability that
-        the whole is right, no side swapped; `candidates`, for each what it came from, whether it reverses orientation,
-        and its scores; `notes`, sentences for the user.
+        `triangle`, `barycentric` and `confidence`, arrays; `has_partner` and `source_has_partner`, for both
+        meshes' vertices; `share_without_partner` and `source_share_without_partner`, shares of their areas; `verdict`,
+        with a `level` (green, amber or red), a `sentence` and `advice`; `certainty`, the probability that
+        the map is right as a whole, without swapped sides; `candidates`, each with its origin, whether it reverses
+        orientation, and its scores; `notes`, sentences for the user.
 
     Raises:
         MeshError: a mesh that is missing or cannot be used; the message says what to do.
@@ -82,10 +82,10 @@ def compute_correspondence_by_zoomout(
 def compute_color_by_correspondence(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str
 ) -> dict[str, Any]:
-    """Colour both meshes so that corresponding places have the same colour.
+    """Colour both meshes so that corresponding points have the same colour.
 
-    The source's vertices are coloured by their places in its bounding box, x red, y green and z blue, and the
-    target's by the places that they correspond to.
+    The source's vertices are coloured by their position in its bounding box, x red, y green and z blue, and the
+    target's by the position of their corresponding points.
 
     Returns:
         An empty dictionary.
@@ -99,7 +99,7 @@ def compute_color_by_correspondence(
     used = source.vertices[source.surface.triangles.ravel()]
     low, extent = used.min(axis=0), np.ptp(used, axis=0)
     with stage("Colouring"):
-        # "x", "y" and "z" are what MeshLab calls red, green and blue here.
+        # MeshLab calls red, green and blue "x", "y" and "z" here.
         for mesh_id, prefix in ((sourcemesh, ""), (targetmesh, f"{correspondence}_")):
             colors = {
                 axis: f"rint(255*({prefix}{axis}-({float(low[i])!r}))/{float(extent[i]) or 1.0!r})"
@@ -135,17 +135,18 @@ def compute_scalar_by_correspondence_error(
     name: str,
     **accuracy: Any,
 ) -> dict[str, Any]:
-    """Say by the target's quality how far a correspondence is off, vertex by vertex.
+    """Write the error of a correspondence at each vertex to the target's quality.
 
-    Where the truth is known, it is the straight distance on the source from it. Else the way back is found on its
-    own, and the error is how far going there and back misses the start; what is wrong both ways alike does not show.
+    If the truth is given, the error is the Euclidean distance from it on the source. Otherwise the inverse map is
+    computed independently, and the error is the distance of each vertex from its image there and back; errors that
+    both maps share are not detected.
 
     Returns:
         `error`, an array in the unit of the meshes; its `mean`, `median` and `percentile_95`; `notes`.
 
     Raises:
         MeshError: a mesh is missing or cannot be used, or there is no such correspondence or truth.
-        ValueError: the truth holds no numbers of vertices.
+        ValueError: the truth does not contain vertex indices.
     """
     source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh)
     mesh = ms.mesh(targetmesh)
@@ -171,9 +172,9 @@ def compute_scalar_by_correspondence_error(
 def apply_conform_by_zoomout(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str, **matching: Any
 ) -> dict[str, Any]:
-    """Give the target's vertices and faces the shape of the source.
+    """Deform the target's vertices and faces to the shape of the source.
 
-    The result is a new layer, and the current one: the target with all that it has, bent to lie on the source.
+    The result is a new layer, which becomes current: the target with all its data, deformed onto the source.
 
     Returns:
         `mesh_id` of the new layer; `confidence`; `candidates` and `certainty`, unless the correspondence was stored;
@@ -201,7 +202,7 @@ def apply_conform_by_zoomout(
 
 
 def _there_and_back(source: Layer, target: Layer, found: Correspondence, **accuracy: Any) -> tuple[Floats, list[str]]:
-    """(n_t,) by how far going there and back misses the start, and what to say of the way back."""
+    """(n_t,) distances of vertices from their images there and back, and notes on the inverse map."""
     # The inverse is evidence, not the start: it distinguishes the sides, and the inverse map is computed independently.
     inverse = found.surface_map.invert(source.surface, target.surface)
     back = zo.match(target.shape, source.shape, initial_map=inverse, **resolve_detail(**accuracy))

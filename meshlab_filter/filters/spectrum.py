@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Eigenfunctions of the Laplacian as attributes."""
+"""A filter that stores eigenfunctions of the Laplacian as attributes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     Parameter("seed", COUNT, 0, "Random seed of the eigensolver."),
 )
 def compute_laplacian_eigenfunctions(ms: MeshSet, *, functions: int, show: int, name: str, seed: int) -> dict[str, Any]:
-    """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions that pose hardly changes.
+    """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions nearly independent of pose.
 
-    A layer without faces is taken for points of a surface.
+    A layer without faces is treated as points of a surface.
 
     Returns:
-        `eigenvalues`, an array, for the mesh scaled to unit area.
+        `eigenvalues`, an array, of the mesh scaled to unit area.
 
     Raises:
-        MeshError: there is no mesh, it has too few vertices or lies on a line, or has an attribute of that name.
-        ValueError: there are fewer functions, or none of the number to show.
+        MeshError: there is no mesh, it has too few vertices, is collinear, or already has an attribute of that name.
+        ValueError: there are fewer functions, or the function to show does not exist.
     """
     mesh_id = current_id(ms)
     shape, mesh = read_shape(ms, mesh_id), ms.mesh(mesh_id)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The symmetry of a mesh, as a correspondence of the mesh with itself."""
+"""A filter that detects the symmetry of a mesh, as a correspondence of the mesh with itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DIRECTIONS = {
     "-y": (0, -1, 0),
     "-z": (0, 0, -1),
 }
-# Of 255, what the channels of a colour have that do not stand for a vertex's side, and those that do.
+# Values, from 0 to 255, of the colour channels that do not show a vertex's side, and of those that do.
 DIM, BRIGHT = 70, 235
 
 
@@ -40,18 +40,18 @@ DIM, BRIGHT = 70, 235
 def compute_symmetry_by_zoomout(
     ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, **accuracy: Any
 ) -> dict[str, Any]:
-    """Find the symmetry of the current mesh, in any pose, and its left and right side.
+    """Detect the symmetry of the current mesh, in any pose, and its left and right sides.
 
-    It is stored as a correspondence is, and in the custom attribute NAME_side, which becomes the quality, too: the
-    signed distance from the symmetry line, positive on the left. If wanted, sides are also shown by colours.
+    It is stored like a correspondence, together with the custom attribute NAME_side, which is also the quality: the
+    signed distance from the symmetry line, positive on the left. Optionally, colours show the sides.
 
     Returns:
-        `triangle`, `barycentric`, `confidence` and `side`, arrays; `candidates`, for each what it came from, whether
+        `triangle`, `barycentric`, `confidence` and `side`, arrays; `candidates`, each with its origin, whether
         it reverses orientation, its order and certainty; `notes`, sentences for the user.
 
     Raises:
-        MeshError: there is no mesh, it cannot be analysed, or no symmetry was found.
-        ValueError: there is no candidate of that number.
+        MeshError: there is no mesh, it is not usable, or no symmetry was found.
+        ValueError: there is no candidate with that number.
     """
     mesh_id = current_id(ms)
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
@@ -66,7 +66,7 @@ def compute_symmetry_by_zoomout(
     mesh.add_vertex_custom_scalar_attribute(symmetry.distance.astype(float), f"{name}_side")
     apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=f"{name}_side")
     if colorsides:
-        # "x", "y" and "z" are what MeshLab calls red, green and blue here.
+        # MeshLab calls red, green and blue "x", "y" and "z" here.
         tests = dict(zip("xyz", ("q<0", "q!=0", "q>0"), strict=True))
         colors = {channel: f"({test}) ? {DIM} : {BRIGHT}" for channel, test in tests.items()}
         apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")

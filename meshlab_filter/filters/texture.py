@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The source's texture in the target's own atlas."""
+"""A filter that bakes the source's textures into an image for the target's own texture coordinates."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zoomout_core.transfer.uv.bake import Picture, bake
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# Texels of an image, each way, at most: 1 GB of texels.
+# Maximum width and height of an image in texels: 1 GB.
 MAX_TEXELS = 1 << 14
 
 
@@ -46,17 +46,17 @@ def transfer_texture_by_zoomout(
     correspondence: str,
     **matching: Any,
 ) -> dict[str, Any]:
-    """Bake the source's textures into an image for the target's own texture coordinates, without a seam in sight.
+    """Bake the source's textures into an image for the target's own texture coordinates, without visible seams.
 
-    The result is a new layer, and the current one: a copy of the target with the image as its texture. Each texel is
-    read where its place lies on the source, between texels of the same island alone; gutters take the nearest texel.
+    The result is a new layer, which becomes current: a copy of the target with the image as its texture. Each texel is
+    interpolated at its corresponding point on the source, within one island; gutters repeat the nearest texel.
 
     Returns:
         `mesh_id` of the new layer; `confidence`, an array for each vertex; `candidates` and `certainty`, unless the
         correspondence was stored; `notes`, sentences for the user.
 
     Raises:
-        MeshError: a mesh is missing or cannot be used, the source has no texture, or the target no coordinates for one.
+        MeshError: a mesh is missing or unusable, the source has no texture, or the target no texture coordinates.
         ValueError: arguments that do not fit together.
     """
     for name, count in (("textw", textw), ("texth", texth)):
@@ -108,7 +108,7 @@ def _picture(source: Layer) -> tuple[Any, Picture]:
 
 
 def _atlas(target: Layer) -> Any:
-    """The texture coordinates (3 m, 2) that a target has of its own."""
+    """The target's own texture coordinates (3 m, 2)."""
     if target.textures is None:
         raise zo.MeshError(
             f"Layer '{target.label}' has no texture coordinates to bake to: create some, for example with the filter "

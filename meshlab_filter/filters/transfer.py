@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transfer of attributes between layers in different poses, or of different triangles."""
+"""A filter that transfers attributes between layers with different poses and topologies."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# What MeshLab calls the image that it shows in place of one that it cannot read.
+# The name of the image that MeshLab shows in place of one that it cannot read.
 DUMMY = "dummy.png"
 NORMAL = "vertex_normal"
-# Stands for all custom attributes of the source.
+# Selects all custom attributes of the source.
 ALL = "*"
 
 
@@ -64,16 +64,16 @@ def transfer_attributes_by_zoomout(
     correspondence: str,
     **matching: Any,
 ) -> dict[str, Any]:
-    """Transfer attributes between meshes that correspond, whatever their poses and their triangles.
+    """Transfer attributes between corresponding meshes with different poses and topologies.
 
-    The result is a new layer, and the current one: a copy of the target on which what the source has takes
-    the place of what the target had. Source and target stay as they are, and on an error there is no new
-    layer. Where the source has texture coordinates, polygons of the target become triangles in the new layer,
-    since MeshLab cannot save the coordinates of polygons.
+    The result is a new layer, which becomes current: a copy of the target on which the source's attributes
+    replace its own. Source and target are not changed, and on an error there is no new
+    layer. If the source has texture coordinates, polygons of the target become triangles in the new layer,
+    because MeshLab cannot save texture coordinates of polygons.
 
     Returns:
-        `mesh_id` of the new layer; `transferred`, names; `confidence`, an array that says for each vertex
-        how far to trust it, in [0, 1]; `candidates`, for each what it came from, whether it reverses
+        `mesh_id` of the new layer; `transferred`, names; `confidence`, an array with a value in [0, 1] for each
+        vertex; `candidates`, each with its origin, whether it reverses
         orientation, and its scores, and `certainty` (both unless the correspondence was stored); `notes`,
         sentences for the user.
 
@@ -94,7 +94,7 @@ def transfer_attributes_by_zoomout(
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
     source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
-    if selectiontransfer:  # where nothing is selected, nothing is to be
+    if selectiontransfer:  # an empty selection is transferred as one
         source = replace(source, components=_selections(source) | source.components)
     if normaltransfer:
         source = replace(source, components={**source.components, NORMAL: _normals(source)})
@@ -123,10 +123,10 @@ def transfer_attributes_by_zoomout(
 
 
 def _supported_layer(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
-    """The source with what a target has a place for, and the names of what it has none for.
+    """The source with the attributes that a target can store, and the names of those that it cannot.
 
     Raises:
-        MeshError: there is a place for none.
+        MeshError: the target can store none of them.
     """
     components = {name: a for name, a in source.components.items() if target.can_hold(a)}
     custom = tuple(a for a in source.custom if target.can_hold(a))
@@ -140,7 +140,7 @@ def _supported_layer(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
 
 
 def _check_custom_names(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None) -> list[str]:
-    """The names of custom attributes that a user asked for."""
+    """The names of the custom attributes that a user requested."""
     if names == ALL:
         return custom_names(ms, mesh_id)
     if isinstance(names, str):
@@ -149,7 +149,7 @@ def _check_custom_names(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | 
 
 
 def _transfer(source: Layer, target: Layer, found: zo.MatchResult | Correspondence) -> list[Attribute]:
-    """All attributes of the source on the target: components, then custom attributes."""
+    """Transfer all attributes of the source to the target: components, then custom attributes."""
     attributes = [*source.components.values(), *source.custom]
     received = []
     for number, attribute in enumerate(attributes):
@@ -159,12 +159,12 @@ def _transfer(source: Layer, target: Layer, found: zo.MatchResult | Corresponden
 
 
 def _normals(layer: Layer) -> Attribute:
-    """Its vertices' normals, in the frame of all layers."""
+    """The vertex normals of a layer in the global frame."""
     return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, turn_normals(layer.normals, layer.transform))
 
 
 def _selections(layer: Layer) -> dict[str, Attribute]:
-    """Those of a layer where nothing is selected, of its vertices and its faces."""
+    """The selections of vertices and faces of a layer in which nothing is selected."""
     counts = {
         "vertex_selection": (Domain.POINT, len(layer.vertices)),
         "face_selection": (Domain.FACE, len(layer.faces)),
@@ -177,7 +177,7 @@ def _selections(layer: Layer) -> dict[str, Attribute]:
 
 
 def _merge(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
-    """The target with what it received."""
+    """The target with its new attributes."""
     count = len(source.components)
     components = {attribute.name: attribute for attribute in received[:count]}
     normal = components.pop(NORMAL, None)
@@ -193,7 +193,7 @@ def _merge(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
 
 
 def _notes(target: Layer, new: Layer) -> list[str]:
-    """What happened to the new layer that does not follow from the correspondence."""
+    """Notes on the new layer that do not follow from the correspondence."""
     if new.textures is None:
         return []
     notes = []
