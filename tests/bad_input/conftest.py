@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doors are tried as they are, so both hosts are needed: bpy has to be imported before pymeshlab."""
+"""All entry points are tested, so both hosts are needed: bpy must be imported before pymeshlab."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from doors import Limit
 
 @pytest.fixture
 def meshes(tmp_path: Path) -> tuple[Path, Path]:
-    """Two small meshes in a folder of their own."""
+    """Two small meshes in their own folder."""
     paths = tmp_path / "source.ply", tmp_path / "target.ply"
     for seed, path in enumerate(paths):
         surface = creature(400, seed=seed).surface
@@ -35,7 +35,7 @@ def meshes(tmp_path: Path) -> tuple[Path, Path]:
 
 @pytest.fixture
 def size_limit() -> Limit:
-    """What lets no file grow beyond so many bytes, as a full disk does."""
+    """A context manager that limits the size of files in bytes, like a full disk."""
     resource = pytest.importorskip("resource")
 
     @contextmanager

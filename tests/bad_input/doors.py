@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tests of bad input look at: what a command said, and what is in a folder."""
+"""Helpers of the tests of bad input: a command's output, and the content of a folder."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def run(command: Any, *arguments: str | Path) -> Result:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file in a folder and below."""
+    """The content of all files in a folder and its subfolders."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def assert_refused(ran: Result, sentence: str) -> None:
-    """Whether a command ended with a sentence, not with a traceback."""
+    """Assert that a command ended with a sentence and not with a traceback."""
     assert ran.exit_code == 1, ran.output
     (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]
     assert sentence in line, line

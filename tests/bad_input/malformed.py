@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh files that are broken, by name and ending; each is made anew."""
+"""Malformed mesh files by name and extension, generated on each use."""
 
 from __future__ import annotations
 

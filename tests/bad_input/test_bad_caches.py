@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prepared shapes on disk that were damaged or exchanged: each is as good as none, and the map is the same."""
+"""Damaged or exchanged cache files of prepared shapes are ignored, and the map is the same."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def exchanged(one: Path, other: Path) -> None:
 
 
 def of_other_numbers(one: Path, other: Path) -> None:
-    """The same mesh, prepared with fewer samples, under this one's name."""
+    """The same mesh prepared with fewer samples, under this one's name."""
     kept = {path: path.read_bytes() for path in (one, other)}
     zo.forget_shapes()
     zo.match(SOURCE, TARGET, **NUMBERS | {"samples": 200})

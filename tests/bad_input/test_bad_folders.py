@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Folders that cannot be written to are found before the work begins, on every door."""
+"""Every entry point detects folders without write permission before the work begins."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DOORS: dict[str, Callable[[Pair, Path], tuple[Any, ...]]] = {
 
 @pytest.fixture
 def locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that nobody may write to, whoever runs the tests."""
+    """A folder that cannot be written to, not even by root."""
     folder, really = tmp_path / "locked", os.access
     folder.mkdir()
     monkeypatch.setattr(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks that contradict each other, stand there twice, or are none: named in a sentence."""
+"""Landmarks that contradict each other, are repeated, or are invalid are named in a sentence."""
 
 from __future__ import annotations
 

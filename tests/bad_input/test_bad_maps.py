@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of maps that are broken, of another kind, or made to do harm: one sentence, at once, in little memory."""
+"""Map files that are damaged, of another kind, or malicious: one sentence, at once, in little memory."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def of(**changed: np.ndarray) -> bytes:
 
 
 def packed(**members: bytes) -> bytes:
-    """The content of a file of members as they are."""
+    """The content of a file with the given members."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, member in members.items():
@@ -47,7 +47,7 @@ def packed(**members: bytes) -> bytes:
 
 
 def stating(shape: str, data: bytes = b"", kind: str = "<i8") -> bytes:
-    """An array whose header states a shape."""
+    """An array file whose header has the given shape."""
     header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
 
@@ -100,7 +100,7 @@ def test_it_is_one_sentence(name: str, tmp_path: Path) -> None:
 
 
 def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
-    """A megabyte that unfolds to a gigabyte, and a small one that is larger than allowed."""
+    """A megabyte that decompresses to a gigabyte, and a small file above the limit."""
     path = tmp_path / "map.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("triangle.npy", "w") as member:
         member.write(stating("(5,)"))

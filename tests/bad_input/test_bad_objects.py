@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects of Blender that cannot be used, or hardly: a sentence, and nothing written, or a transfer that is right."""
+"""Unusable or difficult objects in Blender: either a sentence and nothing written, or a correct transfer."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def body(name: str, seed: int) -> Object:
 
 
 def in_place(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Object], None]:
-    """What changes the positions of vertices."""
+    """A function that changes the positions of an object's vertices."""
 
     def changed(obj: Object) -> None:
         points = np.empty((len(obj.data.vertices), 3), np.float32)
@@ -61,7 +61,7 @@ def with_values(number: int, value: float) -> Callable[[np.ndarray], np.ndarray]
 
 
 def replaced(vertices: list[list[float]], faces: list[list[int]]) -> Callable[[Object], None]:
-    """What gives an object another mesh."""
+    """A function that gives an object another mesh."""
 
     def changed(obj: Object) -> None:
         mesh = bpy.data.meshes.new("Other")
@@ -113,7 +113,7 @@ TARGETS: dict[str, tuple[Callable[[Object], None], str]] = {
 
 
 def outcome(target: Object) -> str:
-    """What the transfer of a group says where it fails."""
+    """The error message of a group's transfer, if it fails."""
     before = len(target.vertex_groups), len(target.data.attributes), len(bpy.data.objects), len(bpy.data.meshes)
     source = bpy.data.objects["Source"]
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outputs that cannot be written, or that are inputs: what was there stays, and a sentence says why."""
+"""Outputs that cannot be written, or that are inputs: existing files are kept, and a sentence gives the reason."""
 
 from __future__ import annotations
 

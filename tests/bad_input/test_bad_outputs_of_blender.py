@@ -16,7 +16,7 @@ from blender_addon import cli
 
 @pytest.fixture(autouse=True)
 def scene(meshes: tuple[Path, Path], tmp_path: Path) -> Iterator[None]:
-    """The two meshes in a saved file, which is open."""
+    """The two meshes in a saved file that is open."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for name, path in zip(("Source", "Target"), meshes, strict=True):
         bpy.ops.wm.ply_import(filepath=str(path))

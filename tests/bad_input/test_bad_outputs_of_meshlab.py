@@ -99,7 +99,7 @@ def test_a_report_that_cannot_be_written_leaves_the_former_one(
 
 
 def textured(folder: Path, color: str) -> Path:
-    """A triangle with a picture, in a folder of its own."""
+    """A triangle with a texture, in its own folder."""
     folder.mkdir()
     Image.new("RGB", (8, 8), color).save(folder / "skin.png", compress_level=0)
     mesh = pymeshlab.Mesh(np.eye(3), [[0, 1, 2]], w_tex_coords_matrix=[[0, 0], [1, 0], [0, 1]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is stored in a .blend and was damaged there: a sentence or as good as nothing, and matching again heals it."""
+"""Damaged matches in a .blend: they are reported or ignored, and matching again repairs them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zoomout_core.mesh.surface import MeshError
 
 @pytest.fixture
 def pair(meshes: tuple[Path, Path]) -> Iterator[tuple[bpy.types.Object, bpy.types.Object]]:
-    """Two objects that are matched."""
+    """Two matched objects."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     objects = []
     for path in meshes:
@@ -59,7 +59,7 @@ def described(mesh: bpy.types.Mesh, **changed: object) -> None:
 
 
 def bomb() -> str:
-    """A few kilobytes that unpack to 256 MB."""
+    """A few kilobytes that decompress to 256 MB."""
     return b64encode(zlib.compress(bytes(1 << 28))).decode()
 
 

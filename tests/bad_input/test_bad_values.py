@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coordinates and attributes that are no numbers, infinite or far too large: a sentence, or filled in and said."""
+"""Coordinates and attributes that are NaN, infinite or far too large are refused, or filled in and reported."""
 
 from __future__ import annotations
 

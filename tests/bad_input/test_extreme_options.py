@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options that are allowed, but larger than usual, work."""
+"""Valid but unusually large options work."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broken files are read, or refused in a sentence, by every reader; and what is neither is found."""
+"""Every reader reads damaged files or refuses them in a sentence; other results are findings."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ctrl-C at any time: one line, exit code 130, soon, and nothing half written."""
+"""Ctrl-C at any time ends a command soon, with one line, exit code 130, and no partial files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ sys.exit(blender_addon.cli.main(["match", "--source", "Source", "--target", "Tar
 
 
 def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = False) -> tuple[int, str]:
-    """The exit code of a command that is interrupted after some time, and what it then says."""
+    """The exit code and the output of a command that is interrupted after some time."""
     process = subprocess.Popen(
         command,
         cwd=folder,
@@ -67,7 +67,7 @@ def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = 
 
 
 def check(command: list[str], seconds: float, output: Path, begun: bool = False) -> None:
-    """That a command, interrupted after some time, ends with a line, if it has not ended before."""
+    """Check that a command that is interrupted after some time ends with one line, unless it has ended before."""
     code, said = interrupted(command, seconds, output.parent, begun)
     assert "Traceback" not in said, said
     if code == 0 and output.exists():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh files that are broken end in a sentence on every door, soon and in little memory, and a batch goes on."""
+"""Every entry point refuses malformed mesh files in a sentence, soon and in little memory; a batch goes on."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where memory runs out, at whatever step, and on every door of the core, a sentence says so and nothing is written."""
+"""If memory runs out at any step, every entry point of the core says so in a sentence and writes nothing."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is of the wrong type is refused in words, and what a file needs to be read is named."""
+"""Arguments of wrong types are refused with a message, and missing dependencies of a file format are named."""
 
 from __future__ import annotations
 

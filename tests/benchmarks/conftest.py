@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A set of generated creatures, laid out like the benchmark data."""
+"""A set of generated creatures, in the format of the benchmark data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VERTICES, PLACES = 900, 300
 
 @pytest.fixture(scope="module", autouse=True)
 def _each_match_quick(quick_search: None) -> None:
-    """Matches are the core's, and tested there."""
+    """Matches are computed by the core, and tested there."""
 
 
 @pytest.fixture(scope="session")
@@ -43,7 +43,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two cuts and one with holes, of a creature whose one side has longer limbs; and one of two parts."""
+    """Two cuts and one mesh with holes of a creature with longer limbs on one side, and one mesh of two parts."""
     folder = tmp_path_factory.mktemp("data") / "partial"
     folder.mkdir()
     truths = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The methods that ZoomOut is compared with: cases worked out by hand, and an easy pair that each improves."""
+"""The methods that ZoomOut is compared with: cases solved by hand, and an easy pair that each improves."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_the_embedding_of_a_tetrahedron_has_the_lengths_of_its_edges() -> None:
 
 
 class Easy:
-    """Two poses of a creature on other meshes, with a rough start in both directions."""
+    """Two poses of a creature on different meshes, with rough initial maps in both directions."""
 
     def __init__(self) -> None:
         source, target = creature(1200, 0, asymmetry=0.1), creature(1100, 1, bend=0.5, asymmetry=0.1)
@@ -165,7 +165,7 @@ class Easy:
 
 
 def rough(vertex: np.ndarray, basis_source: SpectralBasis, basis_target: SpectralBasis) -> np.ndarray:
-    """A vertex map as 8 functions know it, with three of ten vertices sent anywhere."""
+    """A vertex map projected to 8 functions, with three of ten vertices mapped at random."""
     known = functional_map_of(vertex, basis_source, basis_target, 8, 8)
     random = np.random.default_rng(0)
     anywhere = random.integers(len(basis_source.areas), size=len(vertex))

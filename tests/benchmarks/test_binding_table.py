@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of binding: a posed character is bound to its rig, and follows it as its source does."""
+"""The table of binding: a posed character is bound to its rig, and follows it like its source."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of characters: limbs are told by skeletons, figures by weights, and files are read as they stand."""
+"""The table of characters: limbs from skeletons, figures from weights, and the reader of files."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_case_becomes_a_row_and_rows_a_summary(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A pack of two boys of boxes, one for each bone, who lift an arm in their action."""
+    """A pack of two boys made of boxes, one for each bone, whose action lifts an arm."""
     folder = tmp_path_factory.mktemp("characters")
     pack = folder / "game" / "boys_pack"
     pack.mkdir(parents=True)
@@ -205,7 +205,7 @@ def test_each_kind_of_case_is_made(folder: Path) -> None:
 
 
 def _case(source: Creature, target: Creature) -> Case:
-    """A pair of creatures whose bones are the limbs that their directions belong to."""
+    """A pair of creatures with a bone for each limb."""
     names = ("arm.L", "arm.R", "leg.L", "leg.R", "head", "tail")
     side = np.array([1, -1, 1, -1, 0, 0])
     bones = Bones(names, np.arange(6), names, side, _weights_of(source), _weights_of(target))
@@ -226,7 +226,7 @@ def _mesh_object(surface: zo.Surface) -> bpy.types.Object:
 
 
 def _boy(width: float) -> None:
-    """An armature with an action, and a skinned ball for each bone, all one object."""
+    """An armature with an action, and one object with a skinned ball for each bone."""
     armature = bpy.data.objects.new("Armature", bpy.data.armatures.new("Armature"))
     bpy.context.scene.collection.objects.link(armature)
     select_only(armature)

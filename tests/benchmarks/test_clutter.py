@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes of an animal that is cut and touches another thing, and the table of maps onto them."""
+"""Scenes of an animal that is cut and touches another thing, and the table of their maps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def animals(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two poses of one class, and a shape of another one."""
+    """Two poses of one class, and a shape of another class."""
     folder = tmp_path_factory.mktemp("data") / "tosca_r"
     folder.mkdir()
     places, known = directions(1200, seed=9), {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of correspondences takes every pair, tells flips from other failures, and keeps what it was made from."""
+"""The table of correspondences has every pair, distinguishes flips from other failures, and writes its records."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Tables = dict[str, list[dict]]
 
 @pytest.fixture(scope="module")
 def outcome(data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """What the command prints with all its options, and the folder that it writes to."""
+    """The output of the command with all its options, and its output folder."""
     folder = tmp_path_factory.mktemp("outcome")
     arguments = ["correspondence", "--data", data, "--json", folder / "tables.json", "--ablate", "--pictures", folder]
     outcome = CliRunner().invoke(main, [str(argument) for argument in arguments])
@@ -99,7 +99,7 @@ def test_calibration_counts_every_map_once(tables: Tables) -> None:
 
 
 def guessed(method: str, pair: PairOfParts) -> tuple[Any, Map]:
-    """The truth, but of cuts, which goes to one place and says that nothing is missing."""
+    """The true map, except for cuts, which are mapped to one place with nothing reported missing."""
     lost = pair.kind == "cuts"
     masks = np.ones(len(pair.target.vertices), dtype=bool), pair.region | lost
     result = SimpleNamespace(

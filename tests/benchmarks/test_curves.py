@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The figures that tables draw: shares below errors, colours of errors, and images that can be opened."""
+"""The figures of the tables: cumulative errors, colours of errors, and valid images."""
 
 from __future__ import annotations
 

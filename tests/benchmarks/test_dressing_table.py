@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of outfits: figures of things in and out of the skin, and a row for each way."""
+"""The table of outfits: figures of things inside and outside the skin, and a row for each method."""
 
 from __future__ import annotations
 

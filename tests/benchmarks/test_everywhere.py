@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The figures of maps in the small, on a strip whose truth is known."""
+"""The local figures of maps, on a strip with a known truth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROWS, COLUMNS = 9, 41
 
 @pytest.fixture
 def case() -> Case:
-    """A strip with itself: its left third is one part, its halves are its sides."""
+    """A strip matched to itself: its left third is one part, its halves are its sides."""
     grid = grids.grid(np.linspace(0, 2, COLUMNS), np.linspace(0, 0.4, ROWS))
     vertices, strip = grid.vertices, zo.Surface(grid.vertices, grid.triangles)
     part = (vertices[:, 0] > 0.66).astype(np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Generated sets keep the truth: what is recorded as the same place is, whatever the build, the pose and the mesh."""
+"""Recorded correspondences of generated sets are right for all proportions, poses and meshes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class People(NamedTuple):
 
 @pytest.fixture(scope="module")
 def people() -> People:
-    """Two individuals of a coarse biped in a pose each."""
+    """Two individuals of a coarse biped, one pose each."""
     template = build_template(KINDS["biped"], cell=0.02)
     random = np.random.default_rng(1)
     individuals = [draw_individual(template, random, 1.0, dressed) for dressed in (False, True)]
@@ -56,7 +56,7 @@ def people() -> People:
 
 @pytest.fixture(scope="module")
 def partial(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A set of every change of the same shape."""
+    """A set with every kind of change to one shape."""
     folder = tmp_path_factory.mktemp("partial")
     copytree(data / "creatures", folder / "whole")
     (folder / "whole" / "pairs.txt").write_text("a b\n" * len(CHANGES))
@@ -65,7 +65,7 @@ def partial(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def alike(first: Surface, first_vertices: np.ndarray, second: Surface, second_vertices: np.ndarray) -> float:
-    """Correlation of the distances along two surfaces between vertices that should correspond."""
+    """Correlation of geodesic distances between corresponding vertices of two surfaces."""
     picked = np.linspace(0, len(first_vertices) - 1, 60).astype(int)
     distances = [
         dijkstra(edge_graph(mesh.vertices, mesh.triangles), indices=vertices[picked])[:, vertices[picked]].ravel()
@@ -75,7 +75,7 @@ def alike(first: Surface, first_vertices: np.ndarray, second: Surface, second_ve
 
 
 def borders(surface: Surface) -> int:
-    """How many closed lines a surface in one piece and without handles ends at."""
+    """The number of boundary loops of a connected surface without handles."""
     edges, _ = unique_edges(surface.triangles)
     return 2 - (len(surface.vertices) - len(edges) + len(surface.triangles))
 

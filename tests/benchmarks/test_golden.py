@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Golden hashes: the same twice, whatever the threads; a change, an error and a missing file are told."""
+"""Golden hashes do not depend on the run and the threads; changes, errors and missing files are reported."""
 
 from __future__ import annotations
 

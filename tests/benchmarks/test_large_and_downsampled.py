@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Large meshes in place and decimated, on small ones of the same order of vertices."""
+"""The tables of large meshes and of decimated ones, on small meshes with the same order of vertices."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VERTICES = 900
 
 @pytest.fixture
 def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two poses of one mesh, in a set that has it."""
+    """Two poses of one mesh, in a set."""
     for name, bend in (("a", 0.0), ("b", 0.9)):
         write_off(tmp_path / f"{name}.off", creature(VERTICES, 0, bend, asymmetry=0.3).surface)
     for module in (large, downsampled):

@@ -28,7 +28,7 @@ def _cases(data: Path, most: int | None) -> Iterator[Case]:
 
 
 def _reverse(candidates: list[object], *_: object) -> list[object]:
-    """In place of `with_turned`: the least likely candidate comes first."""
+    """A replacement of `with_turned` that puts the least likely candidate first."""
     return candidates[::-1]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The picture of a limb with a seam: every row shows one, in the colours of the checker."""
+"""The picture of a limb with a seam: every row shows a limb in the colours of the checker."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of what a transfer costs once the map is known has a row for every kind of data."""
+"""The table of the cost of transfers along a known map has a row for every kind of data."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The page of the paper: its sections, what failed, and sections kept from an earlier run."""
+"""The page of the paper: its sections, failed ones, and those taken from an earlier run."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The methods that partial shapes are matched by for comparison: cases worked out by hand, and easy pairs."""
+"""The methods of partial matching used for comparison: cases solved by hand, and easy pairs."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_vertex_goes_where_it_is_as_far_from_the_matches() -> None:
 
 @pytest.fixture(scope="module")
 def pair() -> tuple[Surface, Surface, np.ndarray]:
-    """Two poses of a creature on other meshes, the second of twice the size, and the truth."""
+    """Two poses of a creature on different meshes, the second twice as large, and the truth."""
     source, target = creature(1200, 0, asymmetry=0.3), creature(1100, 1, bend=0.3, asymmetry=0.3)
     return source.surface, target.surface, true_vertex(source, target)
 
@@ -118,7 +118,7 @@ def test_functional_correspondence_matches_a_whole(pair: tuple) -> None:
 
 
 def cut(surface: Surface, kept: np.ndarray) -> tuple[Surface, np.ndarray]:
-    """The part of a surface on some of its vertices (n,), and their numbers."""
+    """The part of a surface on some of its vertices (n,), and their indices."""
     triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
     numbers, local = np.unique(triangles, return_inverse=True)
     return Surface(surface.vertices[numbers], local.reshape(-1, 3)), numbers

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of parts: every method on every pair, slow ones on few, and what is measured of a map."""
+"""The table of parts: every method on every pair, slow ones on few, and the figures of a map."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_pairs_are_those_of_the_known_kinds_evenly_spread(parts: Path) -> None:
 
 
 def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
-    """A strip of 10 squares, of which a part is known to lie on the left half."""
+    """A strip of 10 squares, and a part that belongs to its left half."""
     points = np.array([[x, y, 0] for x in range(11) for y in range(2)], dtype=float)
     corner = 2 * np.arange(10)[:, None]
     strip = Surface(points, np.concatenate([corner + np.array([0, 2, 1]), corner + np.array([1, 2, 3])]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""PFM and LMH: gradients and tiny cases worked out by hand, and easy pairs."""
+"""PFM and LMH: gradients and tiny cases solved by hand, and easy pairs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def whole() -> Creature:
 
 @pytest.fixture(scope="module")
 def half(whole: Creature) -> tuple[Surface, np.ndarray]:
-    """The side of a bent creature that has a limb more, and the true vertices of the whole."""
+    """The side of a bent creature with one more limb, and the corresponding vertices of the whole."""
     bent = creature(1400, seed=1, bend=0.5, asymmetry=0.3)
     inside = (bent.directions[:, 0] > -0.2)[bent.surface.triangles].all(axis=1)
     used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
@@ -51,7 +51,7 @@ def off(vertex: np.ndarray, truth: np.ndarray, source: Surface) -> float:
 
 
 def check_gradient(at: Callable[[Floats], tuple[float, Floats]], x: Floats) -> None:
-    """Against central differences along a random direction."""
+    """Compare a gradient with central differences along a random direction."""
     direction = np.random.default_rng(1).standard_normal(x.shape)
     step = 1e-6 * direction
     slope = (at(x + step)[0] - at(x - step)[0]) / 2e-6
@@ -98,7 +98,7 @@ def test_the_gradient_of_a_coordinate_lies_in_the_triangle() -> None:
 
 
 def test_the_border_of_a_region_is_as_long_as_it_is() -> None:
-    """Of a unit square whose halves are told apart by a slope of v from 0 to 1 in the middle."""
+    """On a unit square, v rises linearly from 0 to 1 in the middle between the two halves."""
     side = np.linspace(0, 1, 101)
     points = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
     quads = grid_faces(100, 100)

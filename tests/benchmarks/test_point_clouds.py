@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clouds in every direction, drawn from meshes or as a set has them; kinds of meshes against each other."""
+"""Clouds as source and target, drawn from meshes or from a set; kinds of meshes matched with each other."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A set with a common template: two people, as a mesh and as a cloud."""
+    """A set with a common template: two people, each as a mesh and as a cloud."""
     folder = tmp_path_factory.mktemp("people")
     template, vertex = directions(600, seed=9), {}
     for person, bend in (("a", 0.0), ("b", 0.9)):
@@ -37,7 +37,7 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def matched(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In place of matches: those onto person b are right, the others wrong, and all are said to be right."""
+    """A replacement of matches: maps to person b are right, the others wrong, and all have full certainty."""
 
     def outcome(pair: PairOfMeshes) -> tuple[SimpleNamespace, np.ndarray]:
         known = pair.source.vertices[pair.source_vertex]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of refinements: every method from the same start, published maps beside them, and the curves."""
+"""The table of refinements: every method from the same initial map, published maps, and the curves."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ QUICK = ("initial", "ICP")
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The methods that take no time, with few functions."""
+    """The fast methods, with few functions."""
     monkeypatch.setattr(refinement, "METHODS", {name: refinement.METHODS[name] for name in QUICK})
     monkeypatch.setattr(refinement, "K_FINAL", 30)
     monkeypatch.setattr(refinement, "K_FIXED", 20)
@@ -34,7 +34,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def sets(data: Path, tmp_path: Path) -> Path:
-    """One set with mirrored initial maps alone, one that is not isometric, with a published map."""
+    """One set with only mirrored initial maps, and one non-isometric set with a published map."""
     for name, start in (("faust_of_creatures", "WKSini_symm"), ("nonisometric_creatures", "WKSini_direct")):
         shutil.copytree(data / "creatures", tmp_path / name)
         with np.load(tmp_path / name / f"map_ini_{start.split('_')[1]}.npz") as maps:

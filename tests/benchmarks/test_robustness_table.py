@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of what tools do with malformed files and hard meshes."""
+"""The table of tools on malformed files and hard meshes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signs of eigenfunctions ranked, and errors against the size of fitted maps, on made shapes."""
+"""Ranked signs of eigenfunctions, and errors by the size of fitted maps, on generated shapes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few functions, of small maps."""
+    """Few functions, and small maps."""
     for module, name, value in (
         (signs, "SIZES", (6, 8, 10, 20, 30)),
         (overfitting, "SIZES", [10, 20, 30]),

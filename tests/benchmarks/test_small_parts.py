@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small parts are cut off at a distance from their tips, and counted as put on the right side or on the other one."""
+"""Small parts are cut off at a distance from their tips, and their matches are counted by side."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of seconds: both systems on the same pair, stages that add up, errors against the truth."""
+"""The table of times: both libraries on the same pair, stages that add up, and errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Steps and initial sizes of ZoomOut, from the maps that a set has; steps too large, and noise, are told apart."""
+"""Steps and initial sizes of ZoomOut, from the maps of a set; large steps and noise increase errors."""
 
 from __future__ import annotations
 

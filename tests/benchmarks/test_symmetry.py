@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of symmetries is made from what the shapes say, and knows right from wrong."""
+"""The table of symmetries uses the sets' known places, and distinguishes right from wrong."""
 
 from __future__ import annotations
 

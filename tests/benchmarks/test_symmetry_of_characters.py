@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Characters as cases of symmetry: bones change places with their partners, and rows say what became of them."""
+"""Characters as cases of symmetry: bones are exchanged with their partners, and rows report the result."""
 
 from __future__ import annotations
 

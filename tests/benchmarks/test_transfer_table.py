@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of transfers: sources that carry everything, targets whose truth is known, figures that tell them apart."""
+"""The table of transfers: sources with all kinds of data, targets with a known truth, and their figures."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_seams_cut_every_region_into_a_disc() -> None:
 
 
 def _fans(triangles: np.ndarray, opened: np.ndarray) -> int:
-    """How many corners there are when triangles are joined at the sides that are not cut open."""
+    """The number of corners after joining triangles at the sides that are not cut."""
     parent = np.arange(triangles.size).reshape(triangles.shape)
     at: dict[tuple[int, int], tuple[int, int]] = {}
     for i, row in enumerate(triangles.tolist()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of tuned numbers tries half and twice of each, tells what changes, and leaves them as they were."""
+"""The table of tuned numbers tries half and twice of each, reports changes, and restores the values."""
 
 from __future__ import annotations
 

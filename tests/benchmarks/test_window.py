@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tables of what holds Blender's window: every operator is watched, ESC is pressed, and undo takes it all back."""
+"""The tables of the window's responsiveness: every operator is measured, as are ESC and undo."""
 
 from __future__ import annotations
 

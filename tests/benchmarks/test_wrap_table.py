@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of wraps: its figures on shapes that are folded and off by known amounts, and its rows."""
+"""The table of wraps: its figures on shapes with known folds and offsets, and its rows."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rigged character in a file, a scan of it in another, and the true map between what is shown in the two."""
+"""A rigged character in a file, a scan of it in another, and the true map between their visible surfaces."""
 
 import bpy
 import numpy as np
@@ -21,10 +21,10 @@ def save(path):
 
 
 def write_pair(hero, scan):
-    """Write both files, and return where the vertices of the scan's body were before it was posed.
+    """Write both files, and return the rest positions of the scan's body.
 
-    The hero is a body, with data of all sorts, on a rig, and an eye. The scan has these two as well, in quads and with
-    a smooth surface over them, and something that is hidden.
+    The hero is a rigged body with data of all sorts, and an eye. The scan has these two as well, in quads, with
+    a subdivision surface, and a hidden object.
     """
     body, armature = source_and_rig()
     target, at_rest = pose_target(body, armature, name="Body")
@@ -68,7 +68,7 @@ def _give_data(body):
 
 
 def write_true_map(path, hero, scan, at_rest):
-    """Write the map between two such files, whose objects may have other places in them."""
+    """Write the map between two such files, whose objects may have been moved."""
     source = zo.Surface.joined(list(read_file(bpy.context, str(hero), "source").values()))
     surfaces = read_file(bpy.context, str(scan), "target")
     points = np.concatenate([at_rest if "Body" in name else each.vertices for name, each in surfaces.items()])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A character made from nothing: a skeleton of edges with skin, bones and automatic weights; and a posed copy."""
+"""A generated character: a skeleton of edges with the Skin modifier, bones and automatic weights; and a posed copy."""
 
 import bpy
 import numpy as np
@@ -41,7 +41,7 @@ POSE = {
 def character(levels=3):
     """The character in its rest pose, and its armature.
 
-    14,000 vertices, a quarter of that for each level less, with a vertex group of every bone, a UV map of several
+    It has 14,000 vertices, a quarter of that for each level less, a vertex group for every bone, a UV map of several
     islands, and an attribute `rest`.
     """
     mesh = bpy.data.meshes.new("Character")
@@ -66,7 +66,7 @@ def character(levels=3):
 
 
 def pose_copy(obj, armature, voxel_size=0.045):
-    """A mesh of the posed character with another topology, and the posed original that it was made from."""
+    """A mesh of the posed character with another topology, and its posed original."""
     for name, angles in POSE.items():
         bone = armature.pose.bones[name]
         bone.rotation_mode = "XYZ"
@@ -86,7 +86,7 @@ def pose_copy(obj, armature, voxel_size=0.045):
 
 
 def _bare(mesh):
-    """A mesh of the same shape that carries nothing."""
+    """A mesh of the same shape without data."""
     bare = bpy.data.meshes.new("Target")
     bare.from_pydata([vertex.co for vertex in mesh.vertices], [], [list(polygon.vertices) for polygon in mesh.polygons])
     return bare

@@ -19,7 +19,7 @@ from blender_addon.storage import stored_symmetry
 
 @pytest.fixture(scope="module", autouse=True)
 def _each_match_once(remember_matches):
-    """Matches are the core's, and tested there."""
+    """Matches are computed by the core, and tested there."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -29,7 +29,7 @@ def _factory_settings():
 
 @pytest.fixture(autouse=True)
 def empty_scene(_factory_settings):
-    """An empty factory scene with the add-on. Preferences are reset per module, which takes six times longer."""
+    """An empty factory scene with the add-on. Preferences are reset per module only, since that is six times slower."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     blender_addon.register()
     yield bpy.context.scene
@@ -44,7 +44,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The same once more, active, with the source selected besides."""
+    """A copy of it, active, with the source selected as well."""
     obj = ellipsoid("Target", 4)
     bpy.context.view_layer.update()
     activate(obj, source)
@@ -53,13 +53,13 @@ def target(source):
 
 @pytest.fixture(scope="session")
 def found():
-    """The symmetries of the posed creature, in single precision as Blender keeps it."""
+    """The symmetries of the posed creature, in Blender's single precision."""
     return zo.detect_symmetry(BENT.surface.with_vertices(BENT.surface.vertices.astype(np.float32)))
 
 
 @pytest.fixture
 def body(found):
-    """The posed creature, whose symmetry is known."""
+    """The posed creature, with a known symmetry."""
     obj = new_object()
     stored_symmetry.write(obj, found, "X")
     activate(obj)

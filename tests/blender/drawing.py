@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands in for Blender's layout and context where panels and menus are drawn without a window."""
+"""Replacements of Blender's layout and context, to draw panels and menus without a window."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_ite
 
 
 class Layout:
-    """Stands in for Blender's layout: keeps what is drawn, and refuses what Blender would refuse."""
+    """A replacement of Blender's layout: it records what is drawn, and refuses what Blender would refuse."""
 
     def __init__(self, drawn, above=None):
         object.__setattr__(self, "drawn", drawn)
@@ -79,7 +79,7 @@ class Layout:
 
 
 class Context:
-    """Blender's context, in a region of some width."""
+    """Blender's context with a region of some width."""
 
     region = SimpleNamespace(width=300)
     preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws coats into a buffer in a render engine, which has a GPU also without a window; prints the pixels as JSON.
+"""Draw coats into a buffer in a render engine, which has a GPU even without a window; print the pixels as JSON.
 
-It runs in a process of its own: where there is no GPU driver, not even in software, Blender ends the process.
+It runs in a child process, because Blender ends the process if there is no GPU driver, not even a software one.
 """
 
 import json
@@ -18,7 +18,7 @@ SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
 
 
 def pixels(one):
-    """(SIZE, SIZE, 4) the square that a coat lies over, which fills the buffer, seen from above."""
+    """(SIZE, SIZE, 4) the square under a coat, which fills the buffer, seen from above."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata(SQUARE, [], [(0, 1, 2, 3)])
     batch, buffer = overlay._batch(overlay.surface_of(mesh, one)), gpu.types.GPUOffScreen(SIZE, SIZE)
@@ -33,7 +33,7 @@ def pixels(one):
 
 
 class DrawingEngine(bpy.types.RenderEngine):
-    """Draws in place of rendering."""
+    """A render engine that draws coats."""
 
     bl_idname = "DRAWING"
     bl_label = "Drawing"

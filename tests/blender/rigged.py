@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tube that three bones bend, and copies of it in other poses: what binding to a rig must bring about."""
+"""A tube bent by three bones, and copies of it in other poses: the expected results of binding."""
 
 import bpy
 import numpy as np
@@ -32,7 +32,7 @@ def rig(name="Rig", bones=BONES):
 
 
 def source_and_rig(matrix=None, place_of_rig=None):
-    """A tube with weights, bound to a rig; they may stand anywhere."""
+    """A tube with weights, bound to a rig, with any transforms."""
     armature = rig()
     surface = tube(around=20, along=61)
     source = mesh_object("Source", surface)
@@ -50,7 +50,7 @@ def source_and_rig(matrix=None, place_of_rig=None):
 
 
 def set_pose(armature, pose):
-    """Turn bones, by Euler angles; others are at rest."""
+    """Turn bones by Euler angles; all others are at rest."""
     for bone in armature.pose.bones:
         bone.rotation_mode = "XYZ"
         bone.rotation_euler = pose.get(bone.name, (0, 0, 0))
@@ -58,7 +58,7 @@ def set_pose(armature, pose):
 
 
 def visible_positions(obj):
-    """(n, 3) where an object's vertices are seen."""
+    """(n, 3) evaluated positions of an object's vertices."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     evaluated = obj.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh()
@@ -68,9 +68,9 @@ def visible_positions(obj):
 
 
 def pose_target(source, armature, pose=None, name="Target", matrix=None):
-    """A mesh of other topology, in a pose of the source, that has nothing else; and its vertices at rest.
+    """A mesh of another topology in a pose of the source, without data; and its vertices at rest.
 
-    Its match is stored, and true.
+    Its true match is stored.
     """
     still = tube(around=15, along=47, turned=0.4)
     twin = mesh_object("Twin", still)
@@ -93,7 +93,7 @@ def pose_target(source, armature, pose=None, name="Target", matrix=None):
 
 
 def truth(armature, pose, at_rest):
-    """(n, 3) where vertices at rest, in world space, go in a pose."""
+    """(n, 3) posed positions, in world space, of vertices at rest."""
     to_rig = np.array(armature.matrix_world.inverted())
     own = at_rest @ to_rig[:3, :3].T + to_rig[:3, 3]
     weights = weights_of(own)
@@ -107,7 +107,7 @@ def truth(armature, pose, at_rest):
 
 
 def shear():
-    """A matrix of a rotation, a translation and scales that differ."""
+    """A matrix of a rotation, a translation and non-uniform scales."""
     return Matrix.LocRotScale((1, 2, 3), Euler((0.4, 0.2, 1.0)), (1.5, 0.7, 2.0))
 
 

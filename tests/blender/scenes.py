@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes to test on, and a record of everything about a mesh that a test might find changed."""
+"""Meshes for tests, and snapshots of everything that a test may find changed."""
 
 import bmesh
 import bpy
@@ -23,7 +23,7 @@ ELEMENTS = {
 
 
 def ellipsoid(name="Mesh", subdivisions=5, radii=(1.0, 0.7, 0.5)):
-    """An icosphere (2562 vertices at 5 subdivisions) with a bump, so that it has no symmetry."""
+    """An ellipsoid with a bump, without symmetry, from an icosphere (2562 vertices at 5 subdivisions)."""
     mesh = bpy.data.meshes.new(name)
     working = bmesh.new()
     bmesh.ops.create_icosphere(working, subdivisions=subdivisions, radius=1.0)
@@ -47,7 +47,7 @@ def decimate(name="Target", subdivisions=5):
 
 
 def link(name, mesh):
-    """An object of a mesh, in the scene."""
+    """Add an object of a mesh to the scene."""
     obj = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(obj)
     return obj
@@ -60,7 +60,7 @@ def from_pydata(name, vertices, faces):
 
 
 def delete_vertex(obj):
-    """Its eighth, and the faces around it, so that what is read afterwards is of other sizes."""
+    """Delete one vertex and the faces around it, so that arrays read afterwards have other sizes."""
     editable = bmesh.new()
     editable.from_mesh(obj.data)
     editable.verts.ensure_lookup_table()
@@ -106,7 +106,7 @@ def add_uv_map(mesh, name):
 
 
 def weights(obj):
-    """{group: {vertex: weight}} in the order of the groups."""
+    """Weights as {group: {vertex: weight}}, in the order of the groups."""
     table = {group.name: {} for group in obj.vertex_groups}
     names = list(table)
     for vertex in obj.data.vertices:
@@ -116,7 +116,7 @@ def weights(obj):
 
 
 def set_weights(obj, name, array):
-    """A vertex group with a weight (n,) for each vertex; no member where it is zero."""
+    """Add a vertex group with weights (n,); vertices of weight zero are no members."""
     group = obj.vertex_groups.new(name=name)
     for vertex, weight in enumerate(np.asarray(array).tolist()):
         if weight > 0:
@@ -133,7 +133,7 @@ def weight_array(obj, name):
 
 
 def key_shape(mesh, name):
-    """(n, 3) positions that a shape key stores."""
+    """(n, 3) positions of a shape key."""
     points = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.shape_keys.key_blocks[name].points.foreach_get("co", points)
     return points.reshape(-1, 3)
@@ -154,7 +154,7 @@ def shape_keys(mesh):
 
 
 def visible_positions(obj):
-    """(n, 3) positions in world space as the modifiers and shape keys leave them."""
+    """(n, 3) positions in world space after modifiers and shape keys."""
     bpy.context.view_layer.update()
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()

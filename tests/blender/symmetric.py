@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A posed creature with another topology on either side, and keys on it, to mirror."""
+"""A posed creature with different topology on its two sides, and shape keys to mirror."""
 
 import numpy as np
 from creatures import creature
@@ -37,11 +37,11 @@ def key_offsets(obj, name):
 
 
 def off_by(found, wanted):
-    """The mean length of what is wrong, against that of what is wanted."""
+    """The mean length of the error, relative to that of the expected offsets."""
     return np.linalg.norm(found - wanted, axis=1).mean() / np.linalg.norm(wanted, axis=1).mean()
 
 
 def edges_between(mesh, inside):
-    """(e,) the edges of a mesh of triangles between faces (f,) that are inside and others."""
+    """(e,) the edges of a triangle mesh between selected faces (f,) and others."""
     edge_of = np.array([loop.edge_index for loop in mesh.loops])
     return np.bincount(edge_of, np.repeat(inside, 3), len(mesh.edges)) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rooms of the add-on import each other in one direction only, as ARCHITECTURE.md says."""
+"""Packages of the add-on import each other in one direction only, as documented in ARCHITECTURE.md."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ OUTSIDE = ("__init__", "__main__", "api", "watch", "demo")
 
 
 def room(path: Path) -> str:
-    """The room that a module belongs to."""
+    """The package that a module belongs to."""
     return path.relative_to(ADDON).with_suffix("").parts[0]
 
 
 def imported_rooms(path: Path) -> Iterator[str]:
-    """The rooms, "" for the package itself, that a module imports from."""
+    """The packages that a module imports from, "" for the add-on itself."""
     package = path.relative_to(ADDON).parent.parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level:

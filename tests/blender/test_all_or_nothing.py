@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whatever fails while something is written, at whatever step, and wherever work is cancelled: all is as it was."""
+"""If writing fails at any step, or work is cancelled at any point, everything is restored."""
 
 import sys
 from pathlib import Path
@@ -52,14 +52,14 @@ NEAREST = {"initial": "nearest"}
 
 
 def plain(value):
-    """A value of Blender's that can be compared after what it was read from is gone."""
+    """A copy of a Blender value that stays valid after its owner is freed."""
     if isinstance(value, bpy.types.ID):
         return value.name
     return value if isinstance(value, (str, int, float, type(None))) else [plain(each) for each in value]
 
 
 def state():
-    """Everything that writing could change, of the whole file."""
+    """All data of the file that writing could change."""
     placed = {
         obj.name: [
             plain(getattr(obj, name))
@@ -91,7 +91,7 @@ def state():
 
 
 def differences(one, other, at=""):
-    """Where two states differ."""
+    """The differences between two states."""
     if one == other:
         return []
     if isinstance(one, dict) and isinstance(other, dict):
@@ -104,7 +104,7 @@ def differences(one, other, at=""):
 
 
 class FailAt:
-    """Fails where the n-th line of the add-on is reached first, of those that run while something is written."""
+    """Fails at the n-th distinct line of the add-on that is executed while something is written."""
 
     def __init__(self, number, error):
         self.number, self.error, self.seen, self.failed = number, error, set(), False
@@ -131,9 +131,9 @@ class FailAt:
 
 
 def fails_nowhere_halfway(work, least, every=1):
-    """That work is done, or leaves all as it was, wherever it fails; and that it could fail in so many places.
+    """Check that work is complete or has no effect wherever it fails, and that it can fail in a minimum of places.
 
-    At every line, or every few where the work takes longer.
+    It fails at every line in turn, or at every few lines if the work takes longer.
     """
     before = state()
     for number in range(1, 1000, every):
@@ -153,7 +153,7 @@ def fails_nowhere_halfway(work, least, every=1):
 
 
 def cancels_anywhere(coroutine):
-    """What a coroutine returns; and that nothing is to be seen of it before, so that it can be ended anywhere."""
+    """Check that a coroutine has no visible effect before it returns, so that it can be cancelled anywhere."""
     job, before = jobs.Job(coroutine), state()
     for _ in turns(job):
         assert not differences(before, state())
@@ -163,7 +163,7 @@ def cancels_anywhere(coroutine):
 
 @pytest.fixture(autouse=True)
 def without_handlers():
-    """Blender says what fails in these, and goes on."""
+    """Blender prints errors of handlers and goes on."""
     watch.unregister()
     yield
     watch.register()
@@ -171,7 +171,7 @@ def without_handlers():
 
 @pytest.fixture
 def rich():
-    """A source that has something of all kinds, and a target that has other things of the same names; not matched."""
+    """A source with all kinds of data, and a target with other data of the same names, without a match."""
     source, target = ellipsoid("Source", 3), decimate(subdivisions=3)
     for obj in (source, target):
         count = len(obj.data.vertices)

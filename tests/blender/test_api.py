@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The functions for scripts and other add-ons do what their documentation shows."""
+"""The functions for scripts and other add-ons work as documented."""
 
 import doctest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match is bent to landmarks that it misses, near these alone."""
+"""A match is corrected at landmarks that it misses, near these only."""
 
 import bpy
 import numpy as np
@@ -26,7 +26,7 @@ def images(target):
 
 @pytest.fixture
 def marked(source, target):
-    """A true match of two that lie on each other, and a landmark that is elsewhere on the source."""
+    """A true match of two coincident objects, and a landmark that is elsewhere on the source."""
     keep_true_match(target)
     add(source, 1, *THERE)
     add(target, 1, *HERE)

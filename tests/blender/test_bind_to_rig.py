@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A target in another pose is taken to the rest pose and bound: the bones pose it at once."""
+"""A target in another pose is moved to the rest pose and bound, and follows the bones at once."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -51,14 +51,14 @@ def bind(source, target, **binding):
 
 
 def match_anew(target, at_rest):
-    """Keep the true match of a target that was changed."""
+    """Store the true match of a target that was changed."""
     target.data.update()
     bpy.context.view_layer.update()
     keep_true_match(target, at_rest)
 
 
 def off(target, armature, at_rest, pose=None):
-    """Distances of a bound target's vertices from the truth, over the tube's length at the rig's scale."""
+    """Distances of a bound target's vertices from the truth, relative to the tube's length at the rig's scale."""
     wanted = truth(armature, OTHER if pose is None else pose, at_rest)
     found = np.linalg.norm(visible_positions(target) - wanted, axis=1) / (6 * armature.matrix_world.median_scale)
     set_pose(armature, {})
@@ -464,7 +464,7 @@ def test_the_button_is_grey_where_the_source_has_no_rig():
 
 
 def _usable(button):
-    """Whether a button of the panel can be pressed."""
+    """Whether a button of the panel is enabled."""
     drawn = []
     bpy.types.ZOOMOUT_PT_binding.draw(SimpleNamespace(layout=Layout(drawn)), Context())
     (usable,) = [usable for kind, text, usable in drawn if (kind, text) == ("operator", button)]
@@ -498,7 +498,7 @@ def test_undo_takes_back_all_of_it():
 
 
 def wrong_at(target, at_rest, reach):
-    """Store a match that sends a patch of the lowest bone to the topmost one."""
+    """Store a match that maps a patch of the lowest bone to the topmost one."""
     match_anew(target, at_rest)
     pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     kept = stored_match.read(target.data, pair)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A collection of files of Blender, in processes of its own: what arrives is what the truth says."""
+"""A collection of .blend files, processed in child processes: transferred data equals the truth."""
 
 import json
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ PLACE = np.array([0.15, -0.75, 2.15])
 
 
 def write_hero(path):
-    """Write a rigged character with colours that tell places, a shape key and an eye; all but the eye is returned."""
+    """Write a rigged character with position-dependent colours, a shape key and an eye; return all but the eye."""
     body, rig = character(levels=2)
     mesh, rest = body.data, positions(body.data)
     mesh.materials.append(new_material("Fur"))
@@ -44,7 +44,7 @@ def write_hero(path):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """What was made: the folders, the lines said, and where the vertices of the scans are on the hero at rest."""
+    """The folders and the output of a run, and the places of the scans' vertices on the hero at rest."""
     folder, output = tmp_path_factory.mktemp("shapes"), tmp_path_factory.mktemp("out")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     body, rig = write_hero(folder / "hero.blend")
@@ -71,7 +71,7 @@ def collection(folder, output):
 
 
 def check(target, true):
-    """What a scan has received, beside the truth."""
+    """Compare a scan's data with the truth."""
     mesh = target.data
     off = np.linalg.norm(4 * (values(mesh, "Paint")[:, :3] - 0.5) - true, axis=1)
     assert np.median(off) < 0.04  # of a height of 2.2

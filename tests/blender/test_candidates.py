@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of maps that a match found: swapped sides are one click away, also in a file that was opened again."""
+"""The list of a match's candidates: swapped sides are corrected by one click, also in a reopened file."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The same creature in another pose and topology, whose left and right only the orientation tells apart."""
+    """The same creature in another pose and topology, whose sides only the orientation distinguishes."""
     obj = from_pydata("Target", BENT.surface.vertices.tolist(), BENT.surface.triangles.tolist())
     bpy.context.view_layer.update()
     activate(obj, source)
@@ -37,7 +37,7 @@ def target(source):
 
 
 def error(target, truth):
-    """Mean distance on the source between where the kept match leads and where it should."""
+    """Mean error of the stored match on the source."""
     rest = positions(bpy.data.objects["Source"].data)
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     return np.linalg.norm(kept.surface_map.interpolate(rest) - rest[truth(RESTING, BENT)], axis=1).mean()

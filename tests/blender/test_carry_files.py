@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands that open files: what is shown in one as a surface, and from one file to another."""
+"""The commands that open files: the visible surface of one file, and transfer from one file to another."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ def run(*arguments):
 
 @pytest.fixture
 def files(tmp_path):
-    """A hero, a scan of it, the true map between them, and where the scan's body was at rest."""
+    """A hero, a scan of it, the true map between them, and the scan's body at rest."""
     hero, scan, map_file = (tmp_path / name for name in ("hero.blend", "scan.blend", "map.npz"))
     at_rest = write_pair(hero, scan)
     write_true_map(map_file, hero, scan, at_rest)
@@ -34,7 +34,7 @@ def carry(hero, scan, map_file, output, *more):
 
 
 def check_body(body, at_rest):
-    """What the scan's body has received."""
+    """Compare the data of the scan's body with the truth."""
     corner_vertex = values(body.data, ".corner_vert")
     off = values(body.data, "Skin") - (at_rest[corner_vertex][:, :2] / 4 + 0.5)
     assert np.abs(off).max() < 0.01

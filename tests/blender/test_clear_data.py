@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What matching keeps is removed from meshes and scenes, and nothing else."""
+"""Clearing removes the add-on's stored data from meshes and scenes, and nothing else."""
 
 import bpy
 import pytest

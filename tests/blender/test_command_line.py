@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command for pipelines: what it writes, reports and ends with."""
+"""The command for pipelines: its files, reports and exit codes."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cutting a mesh along the seams of its source, in Blender: exact islands, and all that the mesh had is still there."""
+"""Cutting a mesh along its source's seams in Blender: exact islands, and all of the mesh's own data is kept."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from blender_addon.storage import stored_match
 
 @pytest.fixture
 def source():
-    """Two islands, whose border is nearly the plane z = 0."""
+    """Two islands whose border is close to the plane z = 0."""
     obj = ellipsoid("Source")
     mesh = obj.data
     centres = np.empty(3 * len(mesh.polygons), np.float32)
@@ -34,7 +34,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The source's shape with fewer triangles, in the same place, and the true match with it."""
+    """The source's shape with fewer triangles at the same place, and its true match."""
     obj = decimate()
     keep_true_match(obj)
     return obj

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo, at a size that takes seconds; one run serves all tests of what it leaves behind."""
+"""The demo, at a size that takes seconds; one run serves all tests of its results."""
 
 import json
 from itertools import product
@@ -41,7 +41,7 @@ def prepared(tmp_path_factory):
 
 @pytest.fixture
 def objects(empty_scene, prepared):
-    """The demo's objects, fresh from their file."""
+    """The demo's objects, reloaded from their file."""
     path, built = prepared
     bpy.ops.wm.open_mainfile(filepath=str(path))
     names = {"character": "Character", "armature": "Armature", "target": "ZoomOut", "baseline": "Data Transfer"}

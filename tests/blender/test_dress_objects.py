@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dressing objects: copies of clothes, hair and props on a target, in a pose and at rest, before and after binding."""
+"""Dressing: copies of clothes, hair and props on a target, posed and at rest, before and after binding."""
 
 import bpy
 import numpy as np
@@ -33,7 +33,7 @@ def sleeve(armature):
 
 
 def ring(armature):
-    """A prop that hangs from the upper bone."""
+    """A prop parented to the upper bone."""
     obj = mesh_object("Ring", tube(around=12, along=7))
     width = np.ptp(positions(obj.data), axis=0).max()
     obj.data.transform(Matrix.Translation((1.6, 0, 5)) @ Matrix.Diagonal((0.5 / width,) * 3 + (1,)))
@@ -45,7 +45,7 @@ def ring(armature):
 
 
 def side(points, body):
-    """(n,) distances of points from where a body is seen, negative inside."""
+    """(n,) signed distances of points from an evaluated body, negative inside."""
     body.data.calc_loop_triangles()
     triangles = np.array([list(triangle.vertices) for triangle in body.data.loop_triangles])
     vertices = visible_positions(body).astype(float)

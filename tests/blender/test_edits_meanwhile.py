@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes that are edited while an operator is at work and the window has its turn: it says so, and writes nothing."""
+"""If meshes are edited while an operator runs, the operator reports it and writes nothing."""
 
 from itertools import islice
 
@@ -26,7 +26,7 @@ def moved(obj):
 
 
 def divided(obj):
-    """As many vertices and faces, connected otherwise."""
+    """Change the connectivity, with the same numbers of vertices and faces."""
     editable = bmesh.new()
     editable.from_mesh(obj.data)
     editable.edges.ensure_lookup_table()
@@ -42,7 +42,7 @@ EDITS = (moved, delete_vertex, divided)
 
 
 def furnish(obj):
-    """Give an object some of all that is read of it."""
+    """Add some data of every kind to an object."""
     x = positions(obj.data)[:, 0]
     for name, side in (("Arm.L", x > 0.3), ("Arm.R", x < -0.3)):
         set_weights(obj, name, side.astype(float))
@@ -56,7 +56,7 @@ def furnish(obj):
 
 @pytest.fixture
 def pair(source, target):
-    """Both furnished, each in a collection of its own, and the true match of the two."""
+    """Two objects with data, each in its own collection, and their true match."""
     for obj in (source, target):
         furnish(obj)
         collection = bpy.data.collections.new(f"{obj.name}s")

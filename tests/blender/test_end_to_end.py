@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A character, and a copy of it in another pose and topology: the errors against the truth, and Blender's own.
+"""A character, and a copy of it in another pose and topology: our errors and those of Data Transfer.
 
-The truth is known because the copy is remeshed from the posed original: each of its points lies on that.
+The truth is known because the copy is remeshed from the posed original: all its points are on that.
 """
 
 import bpy
@@ -39,7 +39,7 @@ def face_means(mesh, corner_values):
 
 
 def read_at(surface, points, values, corners):
-    """Values at the vertices or corners of a surface, read at the closest place to each point."""
+    """Values at the vertices or corners of a surface, interpolated at the closest point to each point."""
     triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
     numbers = surface.triangle_corners if corners else surface.triangles
     return np.einsum("qc,qcx->qx", barycentric, values[numbers[triangle]])

@@ -40,7 +40,7 @@ def test_matches_are_what_they_are_at_the_origin(source, target, place, initial)
 
 
 def test_what_hangs_from_something_far_is_where_it_is_beside_it(source, target):
-    """Single precision rounds a child's place to 0.06 there, which is what lies between these two."""
+    """Single precision rounds a child's position to 0.06 there, which is the difference of these two."""
     parent = link("Parent", None)
     for obj, x in ((source, 0.0), (target, 0.03)):
         obj.location, obj.rotation_euler, obj.parent = (x, 0.01, 0), (0, 0, 0.3), parent

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names change sides as Blender's own tools have them change."""
+"""Names are flipped like Blender's own tools flip them."""
 
 from __future__ import annotations
 

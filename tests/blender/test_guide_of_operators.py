@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What CONTRIBUTING.md says is true: the operator that it adds works."""
+"""The operator that CONTRIBUTING.md adds works."""
 
 from pathlib import Path
 

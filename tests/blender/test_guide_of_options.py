@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What CONTRIBUTING.md says is true: one row is an option of every door, and of their page."""
+"""As CONTRIBUTING.md says, one row of the table is an option of every entry point, and on their page."""
 
 import os
 import subprocess
@@ -64,7 +64,7 @@ assert "`--step` | *Step* | `step` | whole number; default 20 |" in option_page.
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the packages with one more row."""
+    """A copy of the packages with one more row in the table."""
     folder = tmp_path_factory.mktemp("copy")
     follow("An option of a match", folder)
     return folder

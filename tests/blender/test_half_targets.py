@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Half a character under a Mirror modifier, matched with a whole one."""
+"""Half a character with a Mirror modifier, matched with a whole one."""
 
 import bmesh
 import bpy
@@ -16,7 +16,7 @@ from blender_addon.storage import stored_candidates, stored_match
 
 
 def half_of(obj, voxel_size=0.045):
-    """The side of a mesh at +X with another topology, mirrored and made finer by modifiers."""
+    """The side of a mesh at +X with another topology, mirrored and subdivided by modifiers."""
     half = link("Half", obj.data.copy())
     activate(half)
     half.data.remesh_voxel_size = voxel_size
@@ -34,7 +34,7 @@ def half_of(obj, voxel_size=0.045):
 
 
 def errors(match, source, half):
-    """How far each vertex is mapped from its place, and from that on the other side, at rest."""
+    """Distances of each vertex's image from its true place, and from the other side's, at rest."""
     images, places = match.surface_map.interpolate(positions(source.data)), positions(half.data)
     return (np.linalg.norm(images * [sign, 1, 1] - places, axis=1) for sign in (1, -1))
 

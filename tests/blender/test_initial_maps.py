@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Starts that are maps already."""
+"""Matches from given initial maps."""
 
 import bpy
 import numpy as np

@@ -24,7 +24,7 @@ async def double(number):
 
 @pytest.fixture
 def gate():
-    """What keeps a computation until it is opened; a stuck thread would keep the tests from ending."""
+    """An event that a computation waits for, opened at the end so that no thread blocks the tests."""
     event = threading.Event()
     yield event
     event.set()
@@ -35,7 +35,7 @@ def opened(gate):
 
 
 def reporting(gate, reached):
-    """A computation that reports until it is cancelled."""
+    """A computation that reports progress until it is cancelled."""
     try:
         while not gate.is_set():
             advance(0.5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys on another mesh: what is seen when they are played, and how they are played."""
+"""Transferred shape keys: their visible effect, drivers and animation."""
 
 import bpy
 import numpy as np
@@ -41,7 +41,7 @@ def target(source):
 
 
 def keep_match(target, places):
-    """Keep the match that lays each vertex at the nearest point to its place (n, 3) on the source's own mesh."""
+    """Store the match of each vertex to the closest point of the source's own mesh to its place (n, 3)."""
     pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     source = positions(bpy.data.objects["Source"].data).astype(float)
     if len(source) == len(pair.source.vertices):
@@ -55,7 +55,7 @@ def keep_match(target, places):
 
 
 def swelling(points):
-    """(n, 3) how far a swelling at one end moves points."""
+    """(n, 3) displacements of points by a swelling at one end."""
     return 0.3 * np.clip(points[:, :1] - 0.2, 0, 1) * points
 
 
@@ -64,7 +64,7 @@ def sliding(points):
 
 
 def add_key(obj, name, offsets):
-    """A key with offsets (n, 3) from the Basis, which is added first where there is none."""
+    """Add a key with offsets (n, 3) from the Basis, which is added first if it is missing."""
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
     key = obj.shape_key_add(name=name, from_mix=False)
@@ -84,7 +84,7 @@ def blocks(obj):
 
 
 def played(obj, name, value=1.0):
-    """(n, 3) how far vertices are seen to move, in world space, when a key alone is played."""
+    """(n, 3) visible displacements of vertices, in world space, by a single key."""
     keys = blocks(obj)
     before = {key.name: key.value for key in keys}
     for key in keys:

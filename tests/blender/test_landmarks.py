@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks: placed, kept, found again, and matched by."""
+"""Landmarks: placing, storing, finding and matching with them."""
 
 from types import SimpleNamespace
 
@@ -138,7 +138,7 @@ def test_landmarks_of_objects_that_left_the_scene_go_with_the_next_change(source
 
 
 class Screen:
-    """Stands in for the context of a window with one 3D view, in which objects are seen along Y."""
+    """A replacement of the context of a window with one 3D view, which looks along Y."""
 
     def __init__(self):
         self.region = SimpleNamespace(type="WINDOW", x=0, y=0, width=PIXELS, height=PIXELS)
@@ -173,7 +173,7 @@ class Screen:
 
 
 class Placing:
-    """The operator, driven by hand: the `bpy` module has no window that could send it events."""
+    """The operator with simulated events, since the `bpy` module has no window."""
 
     for _name in ("invoke", "modal", "cancel", "_end", "_press", "_drag", "_drop", "_take_back", "_present", "_show"):
         locals()[_name] = getattr(ZOOMOUT_OT_place_landmarks, _name)
@@ -188,7 +188,7 @@ class Placing:
         self.reports.append(text)
 
     def event(self, kind, x=0.0, z=0.0, value="PRESS"):
-        """An event at a place of the plane that the view shows."""
+        """An event at a point of the view's plane."""
         pixels = {"mouse_x": PIXELS * (x / 4 + 0.5), "mouse_y": PIXELS * (z / 4 + 0.5)}
         return self.modal(self.screen, SimpleNamespace(type=kind, value=value, alt=False, **pixels))
 
@@ -402,7 +402,7 @@ def test_landmarks_are_removed_one_by_one_or_all(source, target):
 
 @pytest.fixture
 def alike(source, target):
-    """Ellipsoids without a bump, which half turns lay onto themselves."""
+    """Ellipsoids without a bump, which are symmetric under half turns."""
     for obj in (source, target):
         points = positions(obj.data)
         points *= (np.array([1, 0.7, 0.5]) / np.linalg.norm(points / [1, 0.7, 0.5], axis=1)[:, None]) / [1, 0.7, 0.5]

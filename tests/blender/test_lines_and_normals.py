@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Marks of edges, custom normals and attributes of every type, transferred and then used by Blender."""
+"""Edge marks, custom normals and attributes of every type, transferred and then used by Blender."""
 
 import bmesh
 import bpy
@@ -22,7 +22,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The source's shape with fewer triangles, turned and moved in its own mesh, and the true match."""
+    """The source's shape with fewer triangles, turned and moved in mesh space, and the true match."""
     obj = decimate()
     keep_true_match(obj)
     return obj
@@ -45,7 +45,7 @@ def ends(mesh):
 
 
 def mark_equator(mesh, plane=0.1):
-    """(e,) the edges between faces on both sides of a plane: one loop."""
+    """(e,) the edges between faces on different sides of a plane: one loop."""
     working = bmesh.new()
     working.from_mesh(mesh)
     above = [[face.calc_center_median()[2] > plane for face in edge.link_faces] for edge in working.edges]
@@ -54,7 +54,7 @@ def mark_equator(mesh, plane=0.1):
 
 
 def unwrapped_islands(obj):
-    """How many parts Blender's unwrapping cuts a mesh into along its seams."""
+    """The number of islands that Blender's unwrapping creates along a mesh's seams."""
     activate(obj)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
@@ -161,7 +161,7 @@ def test_creases_keep_the_edges_of_a_subdivided_cube(cuts):
 
 
 def corner_normals(obj):
-    """(c, 3) as Blender shows them, in world space."""
+    """(c, 3) Blender's corner normals in world space."""
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     array = np.empty(3 * len(mesh.loops), np.float32)
@@ -182,7 +182,7 @@ def degrees(first, second):
 
 
 def bulging(points):
-    """Normals of a rounder shape than these points are on."""
+    """Normals of a rounder shape than the points' own."""
     normals = points / np.array([1.0, 0.9, 0.8])
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
@@ -318,7 +318,7 @@ def count_of(mesh, domain):
 
 
 def places_of(mesh, domain):
-    """(count, 3) the middle of each element."""
+    """(count, 3) the centre of each element."""
     points = positions(mesh)
     if domain == "POINT":
         return points

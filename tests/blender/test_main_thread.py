@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's data is touched on the main thread alone, whatever operators compute in other threads meanwhile."""
+"""Blender's data is accessed only on the main thread, while operators compute in other threads."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ DEPTH, WIDTH = 4, 20
 
 
 class Watch:
-    """What threads besides the main one do with Blender's data.
+    """Records accesses of Blender's data by other threads than the main one.
 
     Attributes:
-        offences: where they touch it, or hold it.
-        frames: number of functions of the add-on that they called.
+        offences: places that access Blender's data or have references to it.
+        frames: number of calls of the add-on's functions.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ def is_blenders(value: Any) -> bool:
 
 
 def holds_blenders(value: Any, depth: int) -> bool:
-    """Whether something is Blender's, or refers to what is."""
+    """Whether a value is Blender's, or refers to one that is."""
     if is_blenders(value):
         return True
     if depth == 0:
@@ -107,7 +107,7 @@ def watched_threads() -> Iterator[Watch]:
 
 
 def as_in_a_window(coroutine: Work[Any]) -> Any:
-    """Run a coroutine in slices, as ticks of a window's timer do."""
+    """Run a coroutine in slices, like ticks of a window's timer."""
     job = Job(coroutine)
     while not job.advance(modal_operator.SLICE):
         sleep(0.001)
@@ -116,7 +116,7 @@ def as_in_a_window(coroutine: Work[Any]) -> Any:
 
 @pytest.fixture
 def scene(monkeypatch):
-    """A source and a target that have something of all kinds, matched, in collections of their own."""
+    """A matched source and target with all kinds of data, each in its own collection."""
     monkeypatch.setattr(modal_operator, "run", as_in_a_window)
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     for obj in (source, target):

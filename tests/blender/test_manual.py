@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guide is found from every operator and option."""
+"""Every operator and option links to the guide."""
 
 from pathlib import Path
 from urllib.parse import urlparse
@@ -14,7 +14,7 @@ from blender_addon.ui import manual, preferences
 
 
 def looked_up(identifier):
-    """The address that *Online Manual* opens."""
+    """The address opened by *Online Manual*."""
     return bpy.types.WM_OT_doc_view_manual._lookup_rna_url(identifier, verbose=False)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matching two objects and keeping the result."""
+"""Matching two objects and storing the result."""
 
 import json
 from itertools import islice
@@ -51,7 +51,7 @@ def target(source):
 
 
 def mapped_positions(source, target):
-    """Where the match that is kept on the target leads, in the source's own space."""
+    """Images of the target's stored match, in the source's own space."""
     corners = positions(source.data)[triangles(source.data)[values(target.data, "zoomout_triangle")]]
     return np.einsum("nc,ncx->nx", values(target.data, "zoomout_barycentric"), corners)
 
@@ -145,7 +145,7 @@ def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, t
 
 
 def name_a_region(obj, place, what):
-    """Give a name to the part of an ellipsoid around a place of it, as the source lies; see the attribute `truth`."""
+    """Name the part of an ellipsoid around a place, given in the source's position; see the attribute `truth`."""
     rest = positions(bpy.data.objects["Source"].data)
     here = rest if obj.name == "Source" else rest[values(obj.data, "truth")]
     inside = np.linalg.norm(here - place, axis=1) < 0.6
@@ -305,7 +305,7 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
 
 
 def folding_pose(source):
-    """A shape key, of value 0, that folds a quad of a mesh which gets quads for it."""
+    """Convert a mesh to quads, and add a shape key of value 0 that folds one of them."""
     activate(source)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")

@@ -26,7 +26,7 @@ WRONG = judge(0.1, 0, 0, 0, 0)
 
 @pytest.fixture
 def wrong(monkeypatch):
-    """Matches that are probably wrong."""
+    """Make matches probably wrong."""
     monkeypatch.setattr(zo.MatchResult, "verdict", WRONG)
 
 
@@ -93,7 +93,7 @@ def test_torn_vertices_are_selected(source, target):
 
 
 def two_parts():
-    """A body and a smaller lump beside it in one object, of two materials."""
+    """A body and a smaller lump next to it in one object, with two materials."""
     body = ellipsoid("Body", 4)
     vertices = np.array([vertex.co[:] for vertex in body.data.vertices])
     faces = [list(polygon.vertices) for polygon in body.data.polygons]

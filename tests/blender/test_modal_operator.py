@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The modal operator, driven by hand: the `bpy` module has no window that could send it events."""
+"""The modal operator with simulated events, since the `bpy` module has no window."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ES
 
 
 class Window:
-    """Stands in for the context: counts timers, and keeps the text of the status bar."""
+    """A replacement of the context: it counts timers, and records the text of the status bar."""
 
     def __init__(self):
         self.window_manager = self.workspace = self
@@ -40,7 +40,7 @@ class Window:
 
 
 class Work:
-    """An operator of a number of pauses; it writes at the end."""
+    """An operator with a number of pauses that writes at the end."""
 
     execute, invoke, modal, cancel, _end, _finish, _fail = (
         getattr(ModalOperator, name) for name in ("execute", "invoke", "modal", "cancel", "_end", "_finish", "_fail")
@@ -143,7 +143,7 @@ def test_a_file_that_is_loaded_meanwhile_ends_the_work(window):
 
 
 def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, monkeypatch):
-    """Blender frees an operator whose class goes away without a word to it."""
+    """Blender frees operators of an unregistered class without notice."""
     override = SimpleNamespace(temp_override=lambda window: nullcontext())
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(context=override))
     work = Work(count=3)
@@ -157,7 +157,7 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
 
 
 def test_where_no_window_takes_another_operator_the_work_runs_straight_through(window, monkeypatch):
-    """To add another one would crash it: `modal_operators` then has an entry that points to nothing."""
+    """Adding another one would crash Blender: `modal_operators` then has a dangling entry."""
     kept = SimpleNamespace(as_pointer=lambda operator: operator)
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept)))
     window.window.modal_operators = [1234, 0]

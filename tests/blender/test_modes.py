@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators in other modes than Object Mode: they leave the mode before they read, and come back to it at the end."""
+"""Operators in other modes than Object Mode leave the mode before reading, and return to it at the end."""
 
 from types import SimpleNamespace
 
@@ -111,7 +111,7 @@ def test_the_selection_in_edit_mode_stays(source, target):
 
 
 def test_sculpting_with_a_changing_topology_is_matched_as_it_is(source, target):
-    """Which divides quads into triangles at once; in the mesh these are when Sculpt Mode is left."""
+    """Dyntopo triangulates quads at once; the mesh has the triangles after leaving Sculpt Mode."""
     round_mesh = bmesh.new()
     bmesh.ops.create_uvsphere(round_mesh, u_segments=16, v_segments=12, radius=1)
     round_mesh.to_mesh(target.data)
@@ -150,7 +150,7 @@ def test_no_mode_is_entered_where_another_object_was_made_active_meanwhile(sourc
 
 
 class InBlender(Window):
-    """Blender's context, but for the window."""
+    """Blender's context without a window."""
 
     def __getattr__(self, name):
         return getattr(bpy.context, name)
@@ -185,7 +185,7 @@ def test_work_in_slices_is_in_object_mode_and_ends_in_the_one_before(target, win
 
 @pytest.fixture
 def timers(monkeypatch):
-    """Functions that Blender is to call when it is idle, where it has a window."""
+    """The registered timers, which Blender calls only if it has a window."""
     found = []
     in_window = SimpleNamespace(
         background=False, timers=SimpleNamespace(register=lambda f, first_interval: found.append(f))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that are called alike."""
+"""Pairing objects by similar names."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The overlay's colours as the GPU draws them, in this version of Blender."""
+"""The overlay's colours as drawn by the GPU, in this version of Blender."""
 
 import json
 import subprocess
@@ -36,7 +36,7 @@ def test_uvs_are_drawn_as_squares_of_two_lights(drawn):
 
 
 def ink(drawn, name):
-    """(9, 9) which dots of the one square that is drawn are inked, from its upper left corner."""
+    """(9, 9) which dots of the single drawn square are inked, from its upper left corner."""
     light = drawn[name][::-1, :, 1]
     centres = ((np.arange(9) + 0.5) * len(light) / 9).astype(int)
     found = light[np.ix_(centres, centres)] > 0.4

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colours over objects whose modifiers give them other vertices."""
+"""Colours over objects whose modifiers change the topology."""
 
 import bpy
 import numpy as np
@@ -12,7 +12,7 @@ from blender_addon.viewport import carried, overlay, preview
 
 
 def seen():
-    """What is drawn of the first overlay's object."""
+    """The drawn content of the first overlay's object."""
     bpy.context.view_layer.update()
     one, *_ = overlay.overlays()
     obj = overlay.find(one.object_uid)
@@ -26,7 +26,7 @@ def evaluated(obj):
 
 @pytest.fixture
 def shown(source, target):
-    """The places of a match by colours."""
+    """The positions of a match as colours."""
     match_objects(bpy.context, source, target, initial="nearest")
     activate(target, source)
     bpy.ops.zoomout.preview(kind="PLACES")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar as it is drawn: what it shows for a state of the scene, and how long drawing takes."""
+"""The drawn sidebar: its content for states of the scene, and the time of drawing."""
 
 import json
 from functools import partial
@@ -29,7 +29,7 @@ from zoomout_core.runtime.progress import Progress
 
 
 def drawn():
-    """What all panels that are shown draw: what it is, its name or text, and whether it can be used."""
+    """All drawn elements of the visible panels: type, name or text, and whether they are enabled."""
     everything, context = [], Context()
     for panel in (each for each in panels.CLASSES if issubclass(each, bpy.types.Panel)):
         if not hasattr(panel, "poll") or panel.poll(context):
@@ -44,7 +44,7 @@ def texts():
 
 
 def buttons():
-    """Whether each button can be pressed."""
+    """Whether each button is enabled."""
     return {text: usable for kind, text, usable in drawn() if kind == "operator"}
 
 

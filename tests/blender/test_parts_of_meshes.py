@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has no partner on the other mesh: found, kept with the match, seen, said, and filled in or left as it is."""
+"""Areas without a partner are detected, stored with the match, shown, reported, and filled in or left unchanged."""
 
 import json
 from dataclasses import replace
@@ -41,7 +41,7 @@ from zoomout_core.tuning import retune
 
 @pytest.fixture
 def target(source):
-    """The same mesh again; one end has no partner, and is mapped to the other end by a map that is sure of itself."""
+    """A copy of the mesh; one end has no partner, and is mapped to the other end with full confidence."""
     obj = ellipsoid("Target", 4)
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     vertex = np.arange(len(pair.target.vertices))
@@ -150,7 +150,7 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
 
 
 def dressed(obj, value):
-    """Give an object one of everything, as far as one number tells."""
+    """Add data of every kind to an object, each derived from one number per vertex."""
     count = len(obj.data.vertices)
     add_uv_map(obj.data, "UVMap")
     obj.data.uv_layers["UVMap"].data.foreach_set("uv", np.full(2 * len(obj.data.loops), value))
@@ -167,7 +167,7 @@ ALL = ("uv_maps", "vertex_groups", "color_attributes", "attributes", "materials"
 
 
 def received(obj):
-    """For each kind of data what the number at each vertex is; of corners and faces that at one of them."""
+    """For each kind of data the number at each vertex; for corners and faces the number at one of them."""
     mesh = obj.data
     corner = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", corner)
@@ -185,7 +185,7 @@ def received(obj):
 
 
 def deep(obj):
-    """(n,) which vertices have no partner, and (n,) which have one; neither those that meet across an edge."""
+    """(n,) which vertices have no partner, and (n,) which have one, without vertices next to the other kind."""
     lone = alone(obj)
     inside, outside = lone.copy(), ~lone
     for edge in obj.data.edges:
@@ -197,7 +197,7 @@ def deep(obj):
 
 @pytest.mark.parametrize(("how", "expected"), [("fill", 0.8), ("keep", 0.3)])
 def test_every_kind_of_data_is_filled_in_or_left_as_it_is(source, target, how, expected):
-    """Where the map wrongly leads to, the source has another value."""
+    """The source has another value at the wrong images."""
     dressed(target, 0.3)
     dressed(source, 0.8)
     wrong = positions(source.data)[:, 0] < -0.6
@@ -213,7 +213,7 @@ def test_every_kind_of_data_is_filled_in_or_left_as_it_is(source, target, how, e
 
 
 def spoil(obj, where):
-    """Take away what an object has at some vertices."""
+    """Remove an object's data at some vertices."""
     mesh = obj.data
     corner = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", corner)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sidebar says before the button: what stands in the way, what is doubtful, and what is out of date."""
+"""Checks shown above a button: blocking problems, doubts, and outdated matches."""
 
 import bpy
 import numpy as np
@@ -17,7 +17,7 @@ from blender_addon.services.match import match_objects
 
 
 def found():
-    """Sentences that block and that do not, when all is known that is asked for."""
+    """The blocking and the non-blocking sentences, once all facts are known."""
     bpy.context.view_layer.update()
     preflight.findings(bpy.context)
     mesh_facts.inspect_now()
@@ -148,7 +148,7 @@ def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect
 
 
 def test_parts_that_only_lie_open_at_a_seam_are_one(source):
-    """As exporters leave a mesh: every face has vertices of its own."""
+    """Some exporters give every face its own vertices."""
     points = positions(source.data)[np.array([polygon.vertices for polygon in source.data.polygons])].reshape(-1, 3)
     split = from_pydata("Split", points.tolist(), np.arange(len(points)).reshape(-1, 3).tolist())
     assert mesh_facts.facts(split) is None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options kept by name, as Blender keeps presets."""
+"""Named presets of options, stored like Blender's."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOpti
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Where presets are kept, in place of the user's own folder."""
+    """A folder for presets in place of the user's own."""
     monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path))
     for panel in (presets.ZOOMOUT_PT_match_presets, presets.ZOOMOUT_PT_transfer_presets):
         monkeypatch.setattr(panel, "bl_label", panel.bl_label)  # Blender writes the last preset's name there
@@ -22,7 +22,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def changed(group):
-    """Another value than the default for each option of a group."""
+    """A non-default value for each option of a group."""
     found = {}
     for name, option in group.__annotations__.items():
         default = option.keywords.get("default", "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match is seen by colours that lie over the objects: nothing in the file is touched."""
+"""Colours over the objects show a match without changing the file."""
 
 import bpy
 import numpy as np
@@ -29,7 +29,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The same mesh again, with the true match."""
+    """A copy of the mesh, with the true match."""
     obj = ellipsoid("Target", 4)
     obj.location.x = 3
     bpy.context.view_layer.update()
@@ -155,7 +155,7 @@ def test_a_source_that_was_renamed_is_found_where_it_is_chosen(source, target):
 
 
 def handlers():
-    """How many functions of the extension Blender calls, by what happens."""
+    """The number of the extension's handlers for each event."""
     return {name: getattr(bpy.app.handlers, name).count(handler) for name, handler in watch.HANDLERS}
 
 
@@ -185,7 +185,7 @@ def test_a_coat_follows_the_name_of_its_object_and_goes_with_it(source, target):
 
 
 def visible():
-    """The names of the objects whose coats are to be seen, once their meshes were looked at."""
+    """The names of the objects with visible coats, after their meshes have been checked."""
     bpy.context.view_layer.update()
     overlay.visible()
     mesh_facts.inspect_now()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Partners of landmarks are proposed where a match leads, and count once they are moved or confirmed."""
+"""A match proposes partners of landmarks, which count once they are moved or confirmed."""
 
 from dataclasses import replace
 
@@ -27,14 +27,14 @@ def proposed(obj):
 
 
 def where(obj, number):
-    """The place of a landmark on an object, proposed or not."""
+    """The position of a landmark on an object, proposed or not."""
     places = surface_points_on(bpy.context.scene, obj, proposed=True)
     return world_positions(obj, {number: places[number]}, bpy.context.evaluated_depsgraph_get())[number]
 
 
 @pytest.fixture
 def matched(source):
-    """A target of other topology, which was matched and then moved and made smaller."""
+    """A target of another topology that was matched, then moved and scaled down."""
     obj = decimate("Target", 4)
     keep_true_match(obj)
     obj.location.x, obj.scale = 3, (0.5,) * 3
@@ -102,7 +102,7 @@ def test_nothing_is_proposed_without_a_partner_a_match_or_after_an_edit(source, 
 
 @pytest.fixture
 def placing(source, matched):
-    """Both side by side in one view, and a click on the source."""
+    """Both objects side by side in one view, and a click on the source."""
     source.location.x, matched.location.x = -1.0, 1.0
     source.scale = (0.5,) * 3
     bpy.context.view_layer.update()

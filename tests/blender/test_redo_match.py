@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matching again replaces the match where a painted vertex group says so, and keeps it elsewhere."""
+"""Matching again replaces the match in a painted vertex group, and keeps it elsewhere."""
 
 import bpy
 import numpy as np
@@ -27,7 +27,7 @@ def stored(target):
 
 @pytest.fixture
 def wrong(source, target):
-    """A match that sends everything to one place, and a group of a half of the target."""
+    """A match that maps everything to one point, and a group with half of the target."""
     keep_true_match(target, still=np.tile([1.0, 0, 0], (len(target.data.vertices), 1)), doubtful=9999)
     set_weights(target, "Half", positions(target.data)[:, 0] < 0)
     return target

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The add-on comes and goes, and is a valid extension."""
+"""The add-on registers, unregisters, and is a valid extension."""
 
 import subprocess
 import sys
@@ -52,7 +52,7 @@ def operators():
 
 
 def groups_of_properties():
-    """The operators' properties, and those of all groups of the scene's settings, by the names of their owners."""
+    """The properties of all operators and groups of settings, by the names of their owners."""
     found = {name: operator.get_rna_type() for name, operator in operators().items()}
     groups = [bpy.types.Scene.bl_rna.properties["zoomout"].fixed_type]
     for group in groups:  # grows meanwhile
@@ -91,7 +91,7 @@ def test_no_label_is_one_of_blenders_own_so_that_the_search_tells_them_apart():
 
 
 def test_what_the_search_shows_names_the_extension():
-    """It shows an item with the menus that it is in, and matches what is typed with all of their words."""
+    """Search shows an item with its menus, and matches the input with all words of both."""
     manifest = tomllib.loads((Path(blender_addon.__file__).parent / "blender_manifest.toml").read_text())
     tops = [menus.ZOOMOUT_MT_object, menus.ZOOMOUT_MT_mesh]
     assert {menu.bl_label for menu in tops} == {manifest["name"]}

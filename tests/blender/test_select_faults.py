@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a match is wrong at, or may be, is selected on the meshes, for Edit Mode."""
+"""Wrong and doubtful places of a match are selected on the meshes, for Edit Mode."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from zoomout_core.geometry.closest_points import closest_points
 
 
 def selected(obj):
-    """Which vertices and which faces are selected, as Edit Mode leaves it."""
+    """Which vertices and faces are selected after leaving Edit Mode."""
     if bpy.context.mode != "EDIT_MESH":
         bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.object.mode_set(mode="OBJECT")
@@ -32,7 +32,7 @@ def selected(obj):
 
 
 def keep(target, **parts):
-    """Store the match anew with other parts."""
+    """Store the match with other parts."""
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     stored_match.write(target.data, replace(kept, **parts), pair, {})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is composed while the add-on works is shown in the language of the user, with all its parts."""
+"""Messages composed at run time are shown in the user's language, including all their parts."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_failures_of_several_targets_are_translated() -> None:
 
 @pytest.mark.parametrize("name", ["Target", "Mask", "seams", "Bob's head", "shape keys", "{reason}"])
 def test_names_stay_as_they_are(name: str) -> None:
-    """Though labels and nouns of the catalogue are the same words."""
+    """Even if labels and nouns of the catalogue are the same words."""
     text = message("'{name}' is not a mesh: choose a mesh object.", name=name)
     assert in_language(text, "de") == f"'{name}' ist kein Mesh: ein Mesh-Objekt wählen."
 
@@ -138,12 +138,12 @@ def test_settings_of_the_user_decide(interface: bool, reports: bool, monkeypatch
 
 @pytest.fixture
 def in_german(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the user has chosen; Blender as a Python module has no languages."""
+    """Set the user's language; Blender as a Python module has no languages."""
     monkeypatch.setattr(translations, "user_language", lambda setting: "de_DE")
 
 
 def labels(text: str, width: int) -> list[str]:
-    """The lines that a sentence takes in a panel."""
+    """The lines of a sentence in a panel."""
     everything: list[tuple[str, str, object]] = []
     context = Context()
     context.region = SimpleNamespace(width=width)
@@ -198,7 +198,7 @@ def test_reports_are_shown_with_what_was_skipped(target: bpy.types.Object, in_ge
 
 
 def test_reports_of_earlier_versions_are_shown(target: bpy.types.Object, in_german: None) -> None:
-    """In English, but for sentences without values."""
+    """They are shown in English, except for sentences without values."""
     notes = ["3 of 90 faces have flipped UVs.", "Make a mesh active."]
     target.data[stored_report.PROPERTY] = json.dumps(REPORT | {"skipped": {"symmetry": "no reason"}, "notes": notes})
     assert lines_of_report(target)[-3:] == [
@@ -226,7 +226,7 @@ def lines_of_report(target: bpy.types.Object) -> list[str]:
 
 
 def test_panels_are_drawn_as_fast(in_german: None) -> None:
-    """Less than a millisecond for more than panels ever show."""
+    """Less than a millisecond for more sentences than panels ever show."""
     text = "The source '{source}' was edited after the match: match again."
     texts = [message(text, source=f"Body {number}") for number in range(50)]
     begin = time.perf_counter()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The session of `benchmarks session`: how often it is pressed, and whether the target follows."""
+"""The session of `benchmarks session`: the number of presses, and whether the target follows."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How data is transferred: filled in, blended with what is there, limited, renamed, and for clothes on a body."""
+"""Settings of a transfer: filling in, blending with existing data, limits, renaming, and clothes on a body."""
 
 import math
 
@@ -37,7 +37,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The same mesh again, with the true match, which has little confidence around one end, and is wrong there."""
+    """A copy of the mesh; its match is true, except around one end, where it is wrong and has low confidence."""
     obj = ellipsoid("Target")
     keep_match(obj)
     return obj
@@ -53,7 +53,7 @@ def keep_match(target):
 
 
 def doubtful(obj):
-    """(n,) which vertices have a wrong match."""
+    """(n,) which vertices are matched wrongly."""
     return positions(obj.data)[:, 0] > 0.8
 
 
@@ -64,7 +64,7 @@ def ramp(obj, axis=1):
 
 
 def skin(source):
-    """Two bones' groups that share every vertex."""
+    """Vertex groups of two bones, both with a weight at every vertex."""
     set_weights(source, "Arm.L", 1 - ramp(source))
     set_weights(source, "Arm.R", ramp(source))
 
@@ -237,7 +237,7 @@ def test_settings_come_from_the_scene_where_the_caller_leaves_them_open(source, 
 
 
 def legs(name, radius):
-    """Two upright tubes so close that each, a little wider, lies nearer to the other's surface than to itself."""
+    """Two upright tubes so close that each, slightly widened, is closer to the other's surface than to its own."""
     around, rows = 32, 16
     turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
     vertices, faces = [], []
@@ -264,7 +264,7 @@ def test_clothes_move_with_the_leg_that_they_are_on():
     of_left = np.arange(len(rest)) < len(rest) // 2  # which is not always on the left: the tubes cut into each other
 
     def moved(**options):
-        """How far each vertex of the cloth moves as the left leg does."""
+        """The displacement of each vertex of the cloth when the left leg moves."""
         activate(cloth, body)
         assert bpy.ops.zoomout.match(initial="NEAREST", **options) == {"FINISHED"}
         assert bpy.ops.zoomout.transfer(initial="NEAREST", **options) == {"FINISHED"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Targets that lie on several objects, and receive from all of them."""
+"""Targets that coincide with several objects, and receive data from all of them."""
 
 import bmesh
 import bpy
@@ -37,7 +37,7 @@ UP = np.array([0, 0, 0.1], np.float32)
 
 
 def half(name, side):
-    """The half of the ellipsoid on one side of x = 0."""
+    """One half of the ellipsoid, cut at x = 0."""
     obj = ellipsoid(name)
     editable = bmesh.new()
     editable.from_mesh(obj.data)
@@ -65,14 +65,14 @@ def back():
 
 @pytest.fixture
 def whole(front, back):
-    """The target, which lies on both."""
+    """The target, which coincides with both halves."""
     obj = decimate("Whole")
     keep_nearest(obj)
     return obj
 
 
 def keep_nearest(obj):
-    """Keep the map by closest points of both on the target."""
+    """Store the map to closest points of both halves on the target."""
     bpy.context.view_layer.update()
     pair = joined_pair()
     found = closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Modifiers that are added to a source after it was matched: its own mesh is still what the match refers to."""
+"""Modifiers added to a source after matching: the match still refers to the source's own mesh."""
 
 import bpy
 import numpy as np
@@ -33,7 +33,7 @@ def dressed(source):
 
 
 def received(target):
-    """What the target got, in numbers."""
+    """The target's data as arrays."""
     keys = [point.co[:] for point in target.data.shape_keys.key_blocks["Long"].points]
     return weight_array(target, "Bone"), values(target.data, "UVMap"), np.array(keys)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
+"""Operators along a mesh's own symmetry: posed, and with different topology on its two sides."""
 
 import json
 from itertools import islice

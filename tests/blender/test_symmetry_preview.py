@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A symmetry, its sides and an asymmetry are seen by colours that lie over the object."""
+"""Colours over the object show a symmetry, its sides and asymmetries."""
 
 import re
 from dataclasses import replace
@@ -30,7 +30,7 @@ ANY = np.random.default_rng(0).permutation(len(X))
 
 
 def colors():
-    """What is shown on the one object that is coloured."""
+    """The colours of the single coloured object."""
     (one,) = overlay.overlays()
     return one.values
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A posed character, cut on one side only, against what its data is known to be: at rest both sides are alike."""
+"""A posed character with more edges on one side: mirrored data equals the truth, which is symmetric at rest."""
 
 import bpy
 import numpy as np
@@ -22,14 +22,14 @@ def character():
 
 @pytest.fixture(scope="module")
 def found(character):
-    """Its symmetries, in single precision as Blender keeps it."""
+    """Its symmetries, in Blender's single precision."""
     surface = character.surface
     return zo.detect_symmetry(surface.with_vertices(surface.vertices.astype(np.float32)))
 
 
 @pytest.fixture
 def body(character, found):
-    """The character as an object, whose symmetry is known."""
+    """The character as an object, with a known symmetry."""
     surface = character.surface
     obj = from_pydata("Lopsided", surface.vertices.tolist(), surface.triangles.tolist())
     stored_symmetry.write(obj, found, "X")
@@ -52,7 +52,7 @@ def test_marks_around_a_wrist_and_an_ankle_are_drawn_around_the_others(body, cha
     heaviest = np.asarray(character.truth.values.argmax(axis=1)).ravel()
 
     def cuffs(side):
-        """(e,) edges around the hand and around the foot of a side."""
+        """(e,) edges around the hand and the foot of a side."""
         limbs = [i for i, name in enumerate(labels) if name.endswith(side) and name.startswith(("hand", "foot"))]
         inside = np.isin(heaviest[surface.triangles], limbs).sum(axis=1) > 1
         return edges_between(body.data, inside)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Targets whose modifiers give them other vertices: the mesh itself is matched and written to."""
+"""Targets whose modifiers change the topology: the mesh itself is matched and written."""
 
 import bpy
 import numpy as np
@@ -88,7 +88,7 @@ def test_the_mesh_itself_is_read_where_modifiers_before_leave_it_and_nothing_els
 
 
 def test_bones_pose_the_mesh_behind_modifiers_that_add_vertices(target):
-    """Half a character, mirrored, made finer and posed: the half is where it is seen."""
+    """Half a character, mirrored, subdivided and posed: the half matches its visible position."""
     armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(armature)
     activate(armature)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several targets in one go."""
+"""Several targets at once."""
 
 import bpy
 import numpy as np

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Transferring data between two objects, along a match that is known to be true."""
+"""Transferring data between two objects along a true match."""
 
 import json
 from functools import partial
@@ -52,7 +52,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The source's shape with fewer triangles, in the same place, and the true match with it."""
+    """The source's shape with fewer triangles at the same place, and its true match."""
     obj = decimate()
     keep_true_match(obj, doubtful=10, notes=["A note."])
     return obj
@@ -277,7 +277,7 @@ def test_materials_are_remapped_by_identity_and_missing_slots_appended(source, t
 
 
 def dress(source):
-    """Give the source some of everything."""
+    """Add some data of every kind to the source."""
     for name in ("UV A", "UV B"):
         add_uv_map(source.data, name)
     set_weights(source, "Left", 1 - ramp(source))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every text of the interface has its translation, and no translation outlives its text.
+"""Every text of the interface has a translation, and no translation is unused.
 
-Labels and tooltips are those that Blender knows. Sentences are found in the code: the literals given to calls that
-make a Message, or that show text.
+Labels and tooltips come from Blender's registry. Sentences are found in the code: literal arguments of calls that
+create a Message or show text.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ FIELD = re.compile(r"\{[a-z_0-9]+(:[^{}]*)?\}")
 
 
 def of_properties(owner):
-    """Names and tooltips of what an operator or a group of settings has."""
+    """Names and tooltips of the properties of an operator or a group of settings."""
     found = set()
     for option in owner.properties:
         if option.identifier in ("rna_type", "name") or option.is_hidden:
@@ -69,7 +69,7 @@ def of_properties(owner):
 
 
 def registered():
-    """What Blender knows of the add-on: labels, names and tooltips."""
+    """The add-on's registered labels, names and tooltips."""
     found = {each.bl_label for each in (*panels.CLASSES, *menus.CLASSES, *presets.CLASSES) if hasattr(each, "bl_label")}
     for name in dir(bpy.ops.zoomout):
         operator = getattr(bpy.ops.zoomout, name).get_rna_type()
@@ -78,7 +78,7 @@ def registered():
 
 
 def drawn():
-    """Texts that panels and menus give to what they draw."""
+    """Literal texts drawn by panels and menus."""
     rooms = panels, operators
     paths = [path for room in rooms for path in Path(room.__file__).parent.rglob("*.py")]
     paths += [Path(module.__file__) for module in (menus, preferences, preview)]
@@ -95,7 +95,7 @@ def modules() -> Iterator[tuple[Path, ast.Module]]:
 
 
 def texts_of(node: ast.AST) -> Iterator[str]:
-    """A literal; or the texts that an f-string stands for whose only values are roles."""
+    """A literal, or all texts of an f-string whose only values are roles."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         yield node.value
     elif isinstance(node, ast.JoinedStr):
@@ -133,7 +133,7 @@ def name_of(call: ast.Call) -> str:
 
 
 def templates() -> set[str]:
-    """Texts with fields, and those that a Message is made of: of these none may be missing."""
+    """Texts with fields and texts of Messages, all of which need a translation."""
     found = set()
     for path, tree in modules():
         for node in ast.walk(tree):
@@ -145,7 +145,7 @@ def templates() -> set[str]:
 
 
 def shown() -> set[str]:
-    """Sentences without values that are shown, as errors, notes, reasons or stages."""
+    """Sentences without values that are shown as errors, notes, reasons or stages."""
     found = set()
     for path, tree in modules():
         in_core = CORE in path.parents

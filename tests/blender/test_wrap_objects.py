@@ -38,7 +38,7 @@ PLACE = Matrix.LocRotScale((3, -1, 2), Euler((0.5, 0, 0.3)), (2, 2, 2))
 
 @pytest.fixture
 def source():
-    """An ellipsoid with a bump, elsewhere, of twice the size."""
+    """An ellipsoid with a bump, moved and twice as large."""
     obj = ellipsoid("Source", 4)
     obj.matrix_world = PLACE
     bpy.context.view_layer.update()
@@ -72,7 +72,7 @@ def keep_match_by_direction(target, has_partner=None):
 
 
 def off(points, obj):
-    """(n,) distances of points from where an object is seen, over its extent."""
+    """(n,) distances of points from an evaluated object, relative to its extent."""
     triangles = np.array([list(face.vertices) for face in obj.data.polygons])
     vertices = visible_positions(obj).astype(float)
     triangle, weights = closest_points(points.astype(float), vertices, triangles)
@@ -81,7 +81,7 @@ def off(points, obj):
 
 
 def moved_to(obj, other):
-    """(n, 3) where an object is seen, were its origin that of another one."""
+    """(n, 3) evaluated positions of an object, moved to the origin of another one."""
     return visible_positions(obj) + np.array(other.matrix_world.translation - obj.matrix_world.translation)
 
 

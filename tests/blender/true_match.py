@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A match that is known to be true, for tests of what is done along it."""
+"""A true match, for tests of operators that use one."""
 
 import bpy
 import numpy as np
@@ -12,13 +12,13 @@ from zoomout_core.geometry.closest_points import closest_points
 
 
 def keep_true_match(target, still=None, doubtful=0, notes=()):
-    """Keep the map by closest points of "Source" on a target.
+    """Store the map to closest points of "Source" on a target.
 
     Args:
         target: the object.
-        still: (n, 3) where its vertices were in world space, if it was moved since.
-        doubtful: so many of its first vertices are of confidence 0.1, all others of 1.
-        notes: of the match.
+        still: (n, 3) earlier positions of its vertices in world space, if it has moved since.
+        doubtful: number of first vertices with confidence 0.1; all others have 1.
+        notes: notes of the match.
     """
     pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     points = pair.target.vertices if still is None else still

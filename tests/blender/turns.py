@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coroutines of the add-on at work as in a window, one turn after another."""
+"""Run the add-on's coroutines as in a window, one turn after another."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -12,7 +12,7 @@ STUCK = 600
 
 
 def turns(job: Job[Any]) -> Iterator[Progress]:
-    """Run a job to its end; yields wherever the window gets its turn, at each pause and at each computation."""
+    """Run a job to its end; yields at each pause and each computation, when the window gets its turn."""
     while True:
         if job._background is not None:
             assert job._background.wait(STUCK)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The zip that is tested, and where Blender installs it."""
+"""The tested zip, and its installation folder in Blender."""
 
 import os
 import tomllib

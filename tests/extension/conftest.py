@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tests of the installed zip, for environments of Blender and pytest alone: `tools/blender_versions.py` runs them.
+"""Tests of the installed zip, for environments with only Blender and pytest: `tools/blender_versions.py` runs them.
 
-`ZOOMOUT_EXTENSION` names the zip; without it there is nothing here to collect. Blender's own folders are empty ones.
+`ZOOMOUT_EXTENSION` names the zip; without it nothing is collected here. Blender's user folders are empty.
 """
 
 import importlib
@@ -34,12 +34,12 @@ if "ZOOMOUT_EXTENSION" in os.environ:
         exit_status = int(exitstatus)
 
     def pytest_unconfigure(config):
-        """End at once, for what Blender's own module does at its exit once classes were registered.
+        """End the process at once, to skip the exit of Blender's module after classes were registered.
 
-        That of 4.2 crashes if a class that has a function is still there, or was there and is one of properties:
-        `unregister_class` leaves such a class a reference too many, it keeps `bpy` alive past the end of Python, and
-        Blender frees its types only then. That of 4.5 hangs for the same reason while a class is there. Five lines
-        without this extension do it, and so does Blender's own Rigify; later versions end well.
+        The module of 4.2 crashes if a class with a function is still registered, or if a property group was registered:
+        `unregister_class` leaks a reference to such a class, which keeps `bpy` alive past the end of Python, and
+        Blender frees its types only then. The module of 4.5 hangs for the same reason while a class is registered. Five
+        lines without this extension reproduce it, and so does Blender's own Rigify; later versions exit normally.
         """
         shutil.rmtree(user_folder)
         sys.stdout.flush()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the installed extension can do beside a match and a transfer, once each: in Blender, on its own wheels."""
+"""All other features of the installed extension than a match and a transfer, once each, with its own wheels."""
 
 import doctest
 import importlib
@@ -49,7 +49,7 @@ def source(scene):
 
 @pytest.fixture
 def target(source):
-    """The same shape with fewer triangles, in the same place."""
+    """The same shape with fewer triangles at the same place."""
     obj = decimate("Target", 4)
     bpy.context.view_layer.update()
     activate(obj, source)
@@ -64,7 +64,7 @@ def matched(source, target):
 
 @pytest.fixture
 def symmetric(scene):
-    """A mesh whose left and right are mirror images, and which has no other symmetry."""
+    """A mesh with mirror symmetry and no other one."""
     obj = ellipsoid("Symmetric", 4, radii=(1, 0.7, 0.5))
     points = positions(ellipsoid("Plain", 4).data)
     directions = points / np.linalg.norm(points, axis=1)[:, None]

@@ -48,7 +48,7 @@ os._exit(0)
 
 @pytest.fixture
 def pair(installed):
-    """A source with data of all kinds, and its shape as the target, turned, its vertices in another order."""
+    """A source with all kinds of data, and its shape as the target, turned and with another order of vertices."""
     bpy.ops.wm.read_homefile(use_empty=True)
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     order = np.random.default_rng(0).permutation(len(target.data.vertices))
@@ -236,7 +236,7 @@ def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
 
 
 def traces():
-    """How often Blender knows of something of ours, by what it is."""
+    """The number of our registered items in Blender, by kind."""
     properties = [
         f"{kind.__name__}.{prop.identifier}"
         for kind in (bpy.types.Scene, bpy.types.Object, bpy.types.Mesh, bpy.types.WindowManager)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""pymeshlab and bpy live in one process only if bpy comes first, so here it comes first wherever it is installed.
+"""Import bpy before pymeshlab if it is installed; in the other order they cannot share a process.
 
-pytest runs this before it imports any test of this folder, whatever other folders it was given, and in which
+pytest runs this before it imports any test of this folder, independently of other folders and their
 order.
 """
 

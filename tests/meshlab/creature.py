@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The samples' character with five unlike limbs, whose poses and triangles vary while its rest positions are known.
+"""The samples' character with five different limbs, in various poses and meshes with known rest positions.
 
-Two meshes of it, remeshed on their own and posed differently, correspond by their rest positions.
+Two of its meshes, remeshed independently and posed differently, correspond by their rest positions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SOURCE_POSE, TARGET_POSE = CHARACTER_POSE, OTHER_POSE
 
 
 def creature(edge: float, pose: np.ndarray) -> Sample:
-    """The creature with triangles of an edge length, in a pose."""
+    """The posed creature with triangles of a given edge length."""
     return _make(edge, tuple(pose))
 
 
@@ -40,12 +40,12 @@ def _make(edge: float, pose: tuple[float, ...]) -> Sample:
 
 
 def rest_of(uv: np.ndarray) -> np.ndarray:
-    """(n, 2) x and y at rest of texture coordinates."""
+    """(n, 2) x and y at rest from texture coordinates."""
     return np.column_stack([10 * (uv[:, 0] % 0.5) - 2.5, 5 * uv[:, 1] - 2])
 
 
 def write_textured_obj(folder: Path, made: Sample) -> None:
-    """creature.obj, with its material file and the textures `front.bmp` and `back.png`."""
+    """Write creature.obj, with its material file and the textures `front.bmp` and `back.png`."""
     random = np.random.default_rng(0)
     for name, width in (("front.bmp", 16), ("back.png", 32)):
         Image.fromarray(random.integers(0, 255, (16, width, 3), dtype=np.uint8)).save(folder / name)

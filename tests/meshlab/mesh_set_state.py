@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All of a MeshSet that can be told from outside, so that a test can say that nothing has changed."""
+"""The observable state of a MeshSet, so that a test can assert that nothing has changed."""
 
 from __future__ import annotations
 

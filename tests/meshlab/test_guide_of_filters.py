@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What CONTRIBUTING.md says is true: the filter that it adds works."""
+"""The filter that CONTRIBUTING.md adds works."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`python -m meshlab_filter` from files to files."""
+"""`python -m meshlab_filter`, which reads and writes files."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ SIZE = 14.2**0.5
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A textured source with scalars in PLY, another in OBJ, and a target without anything."""
+    """A textured source with scalars in PLY, another in OBJ, and a target without data."""
     folder = tmp_path_factory.mktemp("files")
     source, target = creature(0.08, SOURCE_POSE), creature(0.1, TARGET_POSE)
     write_textured_obj(folder, source)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filters by their names; and what each does, and refuses."""
+"""Filters by their names, their results, and what they refuse."""
 
 import inspect
 
@@ -40,7 +40,7 @@ def pair(source, target):
 
 @pytest.fixture(scope="module")
 def found(source, target):
-    """A pair with a correspondence, the true vertices, and what the filter says; not to be changed."""
+    """A pair with a correspondence, the true vertices, and the filter's results; tests must not change it."""
     ms = pymeshlab.MeshSet()
     ms.add_mesh(source.mesh(v_scalar_array=source.rest[:, 0]), "source")
     ms.add_mesh(target.mesh(), "target")
@@ -212,7 +212,7 @@ def test_the_error_against_the_truth_is_the_distance_to_it(found, source, target
 
 
 def test_the_way_back_finds_what_is_off(found, target):
-    """The images of one limb's tip are swapped for others': going there and back shows it."""
+    """The images of one limb's tip are exchanged with another's, which the inverse map reveals."""
     copied = copy_of(found[0])
     mesh = copied.mesh(1)
     tip = target.rest[:, 1] > 1.5
@@ -273,7 +273,7 @@ def test_the_target_takes_on_the_shape_of_the_source(found, source, target):
 
 
 def test_normals_turn_with_the_surface(found, target):
-    """The pose turns the limbs: what arrives are the target's own normals, not the source's."""
+    """The pose turns the limbs: transferred normals are the target's own, not the source's."""
     copied = copy_of(found[0])
     turn = np.array([[0, -2.0, 0, 1], [2, 0, 0, 1 / 3], [0, 0, 2, 0], [0, 0, 0, 1]])
     away = pymeshlab.Mesh((target.vertices - turn[:3, 3]) @ np.linalg.inv(turn[:3, :3]).T, target.faces)

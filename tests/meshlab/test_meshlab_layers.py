@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a layer has survives the way to arrays and back."""
+"""A layer's data survives the conversion to arrays and back."""
 
 import subprocess
 import sys
@@ -21,7 +21,7 @@ TRANSFORM = np.array([[0, -2.0, 0, 1], [2, 0, 0, 1 / 3], [0, 0, -1, 0], [0, 0, 0
 
 @pytest.fixture
 def rich(tmp_path):
-    """A MeshSet with one mesh that has whatever a mesh can have; custom are 'heat' and 'flow'."""
+    """A MeshSet with one mesh that has all kinds of data, and the custom attributes 'heat' and 'flow'."""
     resting = creature(0.12, STRAIGHT)
     write_textured_obj(tmp_path, resting)
     ms = pymeshlab.MeshSet()

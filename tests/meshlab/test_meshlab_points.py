@@ -17,7 +17,7 @@ SOURCE, TARGET = creature(0.12, SOURCE_POSE), creature(0.14, TARGET_POSE)
 
 @pytest.fixture(scope="module")
 def clouds():
-    """Points as meshes 0 and 1, the correspondence of which is known to mesh 1, and the target's faces as mesh 2."""
+    """Points as meshes 0 and 1, with the correspondence stored on mesh 1, and the target's faces as mesh 2."""
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(SOURCE.vertices, v_scalar_array=SOURCE.rest[:, 0]), "source")
     ms.apply_filter("compute_selection_by_condition_per_vertex", condselect="q > 0.5")
@@ -46,7 +46,7 @@ def test_points_take_what_points_have(clouds):
 
 
 def test_points_and_faces_mix(clouds):
-    """Faces receive from points; points receive from faces what vertices have, and are told of the rest."""
+    """Faces receive from points; points receive the vertex data of faces, and a note on the rest."""
     ms, _ = clouds
     given = meshlab_filter.transfer_attributes_by_zoomout(ms, sourcemesh=0, targetmesh=2)
     made = given["mesh_id"]
@@ -81,7 +81,7 @@ def test_points_have_a_left_and_a_right():
 
 
 def test_normals_of_points_are_heeded_and_arrive(clouds):
-    """In the frame of all layers, of length one; and a cloud that is read and added is what it was."""
+    """Unit normals in the global frame; a cloud that is read and added is unchanged."""
     ms = pymeshlab.MeshSet()
     normals = np.random.default_rng(0).standard_normal((len(TARGET.vertices), 3))
     ms.add_mesh(pymeshlab.Mesh(TARGET.vertices, v_normals_matrix=normals), "points")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The recipes of docs/meshlab.md, run as they stand there, and the figures beside them."""
+"""The recipes of docs/meshlab.md, run verbatim, and their figures."""
 
 import re
 import shutil
@@ -37,7 +37,7 @@ def target():
 
 @pytest.fixture(scope="module")
 def sample_files(tmp_path_factory):
-    """The samples, made as the document says."""
+    """The samples, generated as the document says."""
     folder = tmp_path_factory.mktemp("work")
     (line,) = re.findall(r"^python -m meshlab_filter (samples .*)$", DOCUMENT, re.MULTILINE)
     with chdir(folder):
@@ -49,7 +49,7 @@ def sample_files(tmp_path_factory):
 
 @pytest.fixture
 def folder(sample_files, tmp_path, monkeypatch):
-    """A copy of the samples, where the recipes find their files."""
+    """A copy of the samples as the recipes' working folder."""
     shutil.copytree(sample_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -81,7 +81,7 @@ def test_texture_a_retopologised_scan(folder, target):
 
 
 def place_error(colors, places):
-    """Off by how much the places are that colours of `gradient` stand for, in thousandths of the size."""
+    """The error of the places encoded by colours of `gradient`, in thousandths of the size."""
     return 1000 * np.linalg.norm(rest_of(colors[:, :2]) - places[:, :2], axis=1) / SIZE
 
 
@@ -116,7 +116,7 @@ BACKGROUND = 255  # of blue, which is zero where an island is
 
 
 def paint_backgrounds(folder, source):
-    """Textures that say where they are, and leave no doubt where no island is."""
+    """Textures that encode positions, with a distinct background outside the islands."""
     upper, texture = samples.chart_of(source.rest[source.faces].mean(axis=1))
     uv = samples.coordinates(source.rest[source.faces.ravel()], np.repeat(upper, 3)).reshape(-1, 3, 2)
     for number, name in enumerate(samples.TEXTURES):
@@ -133,7 +133,7 @@ def paint_backgrounds(folder, source):
 
 
 def share_of_background(image, uv, faces):
-    """How many of 50 random places on each face (m, 3, 2) show some of the background, read between texels."""
+    """The share of 50 random points on each face (m, 3, 2) whose interpolated colour contains background."""
     image = np.asarray(image.convert("RGB"), dtype=float)[::-1, :, 2]
     weights = np.random.default_rng(0).dirichlet([1, 1, 1], (faces, 50))
     places = np.einsum("fqc,fcx->fqx", weights, uv).reshape(-1, 2) * image.shape[::-1] - 0.5
@@ -141,7 +141,7 @@ def share_of_background(image, uv, faces):
 
 
 def test_a_baked_texture_shows_nothing_from_beyond_islands(folder, source, target):
-    """MeshLab's does, wherever a face lies across a seam; the figure is that of the document."""
+    """MeshLab's own filter does, wherever a face crosses a seam; the figure is that of the document."""
     paint_backgrounds(folder, source)
     ms = run("Bake the texture anew")["ms"]
     uv = ms.mesh(1).wedge_tex_coord_matrix().reshape(-1, 3, 2)
@@ -249,7 +249,7 @@ def test_every_command_of_the_document_runs(folder, target):
 
 
 def test_transfer_is_several_times_as_exact_as_by_the_closest_point(folder, source, target):
-    """At another pose; the figures are those of the document's table."""
+    """In another pose; the figures are those of the document's table."""
     colors = np.column_stack([0.5 + source.rest / 6, np.ones(len(source.rest))])
     truth = 0.5 + target.rest / 6
     ms = pymeshlab.MeshSet()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What filters refuse, in a sentence that says what to do, and without a change to the MeshSet."""
+"""Filters refuse bad input in a sentence that says what to do, without changing the MeshSet."""
 
 import numpy as np
 import pymeshlab
@@ -152,7 +152,7 @@ def test_a_target_that_has_a_hidden_fault_is_refused_before_the_work(pair, shape
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, shapes, name, tmp_path, monkeypatch):
-    """Whatever the core is asked to do, it gives up."""
+    """All functions of the core fail."""
     if name == "transfer_texture_by_zoomout":
         pair = textured(tmp_path, *shapes)
     if name in BY_STORED:

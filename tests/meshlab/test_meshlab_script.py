@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filter scripts: saved by MeshLab, written by hand, and wrong."""
+"""Filter scripts: saved by MeshLab, written by hand, and invalid."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ SIZE = 14.2**0.5
 
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory):
-    """A source of which the vertices' quality is the rest position's x, and a target; as files."""
+    """Files of a source whose vertex quality is the rest position's x, and of a target."""
     folder = tmp_path_factory.mktemp("meshes")
     source, target = creature(0.12, SOURCE_POSE), creature(0.14, TARGET_POSE)
     for name, mesh in (("source", source.mesh(v_scalar_array=source.rest[:, 0])), ("target", target.mesh())):
@@ -70,7 +70,7 @@ DESKTOP = Path(__file__).with_name("desktop.mlx")
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_path, ending):
-    """Every kind of parameter with its description and tooltip, and the lines as Linux and as Windows end them."""
+    """Every kind of parameter with its description and tooltip, and line ends of Linux and Windows."""
     path = tmp_path / "desktop.mlx"
     path.write_text(DESKTOP.read_text(encoding="utf-8"), encoding="utf-8", newline=ending)
     made = loaded(meshes[1:])
@@ -97,7 +97,7 @@ def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_pa
 
 
 def test_lengths_in_percent_are_those_of_the_mesh(meshes, tmp_path):
-    """For filters by names of the menus and of Python, and for those of this project."""
+    """For filters named as in the menus and as in Python, and for this project's."""
     made = loaded(meshes[1:])
     made.apply_filter("meshing_surface_subdivision_midpoint", iterations=1, threshold=pymeshlab.PercentageValue(3))
     for name, iterations, threshold in (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Attributes reach the places of a mesh in another pose that they have on the source."""
+"""Attributes are transferred to corresponding points of a mesh in another pose."""
 
 import numpy as np
 import pymeshlab
@@ -52,7 +52,7 @@ def coarse_target():
 
 
 def mesh_set(source, target):
-    """Mesh 0 knows its rest positions as an attribute, and colours, scalars and selections that follow them."""
+    """Mesh 0 has its rest positions as an attribute, and colours, scalars and selections derived from them."""
     ms = pymeshlab.MeshSet()
     faces = source.rest[source.faces].mean(axis=1)
     ms.add_mesh(
@@ -172,7 +172,7 @@ def test_where_nothing_is_selected_on_the_source_nothing_is_on_the_target(coarse
 
 @pytest.fixture(scope="module")
 def rich(tmp_path_factory, coarse_source, coarse_target):
-    """Mesh 0 has all that a switch is about, and mesh 1 a correspondence."""
+    """Mesh 0 has data for every switch, and mesh 1 a correspondence."""
     folder = tmp_path_factory.mktemp("rich")
     write_textured_obj(folder, coarse_source)
     ms = pymeshlab.MeshSet()
@@ -257,7 +257,7 @@ def test_only_what_is_asked_for_replaces_what_the_target_has(source, target):
 
 
 def test_layers_are_compared_where_their_transforms_put_them(source, target):
-    """Their own coordinates are worlds apart; where they are shown, they lie over each other."""
+    """Their own coordinates are far apart, but their transforms move them over each other."""
     ms = pymeshlab.MeshSet()
     resting = creature(0.09, SOURCE_POSE)
     transform = np.array([[0, -1e-2, 0, 5], [1e-2, 0, 0, -3], [0, 0, 1e-2, 1], [0, 0, 0, 1]])
@@ -297,7 +297,7 @@ def textured(tmp_path_factory, source, target):
 
 
 def charts(ms, mesh_id):
-    """Of each face whether its corners lie in the upper chart (m, 3), and the name of its texture (m,)."""
+    """Whether each face's corners are in the upper chart (m, 3), and the name of its texture (m,)."""
     uv = ms.mesh(mesh_id).wedge_tex_coord_matrix().reshape(-1, 3, 2)
     ms.set_current_mesh(mesh_id)
     ms.apply_filter("generate_copy_of_current_mesh")
@@ -307,7 +307,7 @@ def charts(ms, mesh_id):
 
 
 def texture_names(ms):
-    """In order: by the widths of the images, which tell them apart."""
+    """The textures' names in order, identified by the widths of the images."""
     mesh = ms.current_mesh()
     name_of = {image.width(): name for name, image in mesh.textures().items()}
     return [name_of[mesh.texture(number).width()] for number in range(mesh.texture_number())]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Projects of MeshLab's desktop program, and a folder that it saves to."""
+"""Projects of MeshLab's desktop program, and a watched folder that it saves to."""
 
 import os
 import shutil
@@ -39,7 +39,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """What the desktop program's user has saved: a textured character, its retopology, and the project."""
+    """Files saved by the desktop program: a textured character, its retopology, and the project."""
     folder = tmp_path_factory.mktemp("saved")
     write_textured_obj(folder, creature(0.15, SOURCE_POSE))
     (folder / "creature.obj").rename(folder / "character.obj")
@@ -82,7 +82,7 @@ def test_a_project_that_is_written_is_read_the_same_and_opens_in_meshlab(folder)
 
 
 def test_meshes_lie_beside_a_project_that_was_saved_to_another_folder(folder):
-    """MeshLab 2022 leaves the paths as they were from the former folder."""
+    """MeshLab 2022 writes paths relative to the former folder."""
     text = (folder / "desktop.mlp").read_text().replace('filename="', 'filename="characters/')
     (folder / "desktop.mlp").write_text(text)
     assert [mesh.path for mesh in read_project(folder / "desktop.mlp")] == [
@@ -166,7 +166,7 @@ def test_what_is_saved_comes_back_beside_it_once(folder):
 
 @pytest.fixture
 def looks(tmp_path):
-    """A folder that is looked at, by `next`, for a script; and what was worked on, without the work."""
+    """A folder watched for a script, checked by `next`, and the list of inputs that would be processed."""
     (tmp_path / "merge.mlx").write_text(MERGE)
     worked = []
     (tmp_path / "in").mkdir()
@@ -227,7 +227,7 @@ def test_what_is_saved_while_it_is_worked_on_is_work_again(tmp_path):
 
 
 def test_a_file_that_has_stayed_as_it_was_is_not_tried_again(tmp_path, monkeypatch):
-    """Before MeshLab reads it; a broken one is, for the next time may go well."""
+    """The trial before reading is skipped; that of a broken file is repeated, since it may succeed later."""
     tried = []
     run = subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda command, **options: (tried.append(1), run(command, **options))[1])

@@ -18,7 +18,7 @@ DOWNLOAD = "  Downloading bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl (375.2
 
 @pytest.fixture
 def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The root of a project whose `.venv` has no Python yet."""
+    """The root of a project whose `.venv` has no Python."""
     folder = tmp_path / ".venv"
     (folder / "lib" / "python3.11" / "site-packages").mkdir(parents=True)
     monkeypatch.setattr(bootstrap, "ROOT", tmp_path)
@@ -30,7 +30,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def write_python(root: Path, script: str) -> None:
-    """Put a shell script in the place of the Python of `.venv`."""
+    """Write a shell script in place of the Python of `.venv`."""
     python = root / ".venv" / "python"
     python.write_text(f"#!/bin/sh\n{script}\n")
     python.chmod(0o755)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What goes into the extension's zips, and that it goes there alike each time."""
+"""The content of the extension's zips, and its reproducibility."""
 
 import re
 import tomllib
@@ -29,7 +29,7 @@ def test_every_pin_has_a_hash():
 
 
 def test_a_wheel_for_every_python_is_pinned_once():
-    """Blender installs all wheels that fit: of two versions of one it would take either."""
+    """Blender installs all compatible wheels: of two versions of one it would use either."""
     any_python = [
         next(
             pin for pin in extension.requirements(extension.LOCKS / f"{python}.txt") if pin.startswith("threadpoolctl")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The animation of the extension's page: its cut and its poses; to draw it takes minutes."""
+"""The animation of the extension's page: its timing and poses, without rendering, which takes minutes."""
 
 import bpy
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mutants: what is changed, what is left alone, and which tests are asked."""
+"""Mutation testing: changed and unchanged code, and the choice of tests."""
 
 from __future__ import annotations
 

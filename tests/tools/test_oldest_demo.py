@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo in the oldest Blender; to run it takes minutes, so this looks at which one it is, and at what it runs on."""
+"""The demo in the oldest Blender: its version and its wheels, without running it, which takes minutes."""
 
 import tomllib
 import zipfile

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The page of options is that of the table."""
+"""The page of options agrees with the table of options."""
 
 import option_page
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pictures of the panels in the guide: all can be taken again when the panels have changed."""
+"""The guide's pictures of panels: all can be taken again after a change of the panels."""
 
 import re
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is released leads to the project's address, where one is given."""
+"""Released files link to the project's address, if one is given."""
 
 from __future__ import annotations
 
