@@ -19,6 +19,8 @@ from blender_addon import api
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from zoomout_core.mesh.surface import MeshError
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 @pytest.fixture
 def pair(meshes: tuple[Path, Path]) -> Iterator[tuple[bpy.types.Object, bpy.types.Object]]:

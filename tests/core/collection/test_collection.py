@@ -30,6 +30,8 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.surface import MeshError, PointCloud
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 # Seeds and poses of four meshes of one creature.
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}

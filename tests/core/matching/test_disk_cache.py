@@ -20,6 +20,8 @@ from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.disk_cache import ShapeFolder
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 COUNT = 2500  # large enough to be decimated
 PROXY_VERTICES = 1000
 NUMBERS = {"k_final": 40, "proxy_vertices": PROXY_VERTICES}

@@ -31,6 +31,8 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, stage
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 SOURCE, TARGET = creature(260), creature(240, seed=1)
 TRUTH = true_vertex(SOURCE, TARGET)
 NOTHING = Constraints(None, np.zeros((0, 3)), [])

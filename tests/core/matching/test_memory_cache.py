@@ -17,6 +17,8 @@ from zoomout_core.matching.memory_cache import cached_analysis, cached_working_m
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 @pytest.fixture(autouse=True)
 def nothing_kept() -> Iterator[None]:

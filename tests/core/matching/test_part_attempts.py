@@ -24,6 +24,8 @@ from zoomout_core.matching.retry import attempt_part, retry
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 COUNT = 100
 PLACES = np.random.default_rng(1).standard_normal((COUNT, 3))
 THERE, ELSEWHERE = np.arange(COUNT), np.arange(COUNT)[::-1]

@@ -15,6 +15,8 @@ from zoomout_core.samples.creatures import at_rest
 from zoomout_core.samples.grids import ring_faces
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 # Centres of the bones' influence on the creature at rest.
 BONES = np.array(
     [[0, 0, 0], [0.8, 0.1, 0.35], [1.6, 0.1, 0.5], [0.3, 0, -0.9], [0.6, 0, -1.8], [0, 0, 1.2], [0, 1, -0.2]]

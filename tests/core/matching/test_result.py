@@ -13,6 +13,8 @@ from creatures import creature
 import zoomout_core as zo
 from zoomout_core.runtime.array_files import read_arrays
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 OPTIONS = {"k_final": 30, "samples": 120}
 
 

@@ -35,6 +35,8 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 # Directions and lengths of the fingers of the left hand; the body has a hand on each side.
 FINGERS, LENGTHS = (
     np.array([[1, 0, 0.3], [1, 0.3, 0.1], [1, 0.3, -0.25], [1, -0.35, -0.1]]),

@@ -22,6 +22,8 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_no
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis:
     return analyse(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices)
