@@ -17,7 +17,7 @@ from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.samples.implicit import distance, surface_net
 from zoomout_core.transfer import Attribute, Domain, Kind, cut_mesh
 
-SMALL = Size(cell=0.02, voxel=0.016, target_vertices=7000, width=320, samples=2)
+SMALL = Size(cell=0.025, voxel=0.02, target_vertices=4500, width=240, samples=1)
 
 
 @pytest.fixture(scope="module")
