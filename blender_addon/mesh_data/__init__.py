@@ -4,12 +4,12 @@
 Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
+from .animation import moves_by_itself, read_animation
 from .armatures import (
     Bones,
     armatures_of,
     bind_like,
     can_be_put,
-    moves_by_itself,
     place_beside,
     preserves_volume,
     read_bones,
@@ -184,6 +184,7 @@ __all__ = [
     "preserves_volume",
     "raycast_surface_point",
     "read_active_layers",
+    "read_animation",
     "read_bones",
     "read_custom_normals",
     "read_faces",

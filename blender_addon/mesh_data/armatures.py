@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from bpy.types import AnimData, ArmatureModifier, FCurve, Object, bpy_prop_array
+from bpy.types import ArmatureModifier, Object, bpy_prop_array
 from mathutils import Euler, Matrix, Quaternion, Vector
 
 from zoomout_core.arrays import Floats, Integers
@@ -123,28 +123,6 @@ def can_be_put(source: Object, target: Object) -> bool:
         before.restore()
         bpy.context.view_layer.update()
     return bool((np.abs(found - wanted) <= ROUNDING * np.abs(wanted).max()).all())
-
-
-def moves_by_itself(obj: Object) -> bool:
-    """Whether an action or NLA tracks of an object animate its location, rotation or scale."""
-    animation = obj.animation_data
-    if animation is None:
-        return False
-    tracked = any(strip.action for track in animation.nla_tracks for strip in track.strips)
-    return tracked or any(curve.data_path.removeprefix("delta_") in OF_PLACE for curve in _curves(animation))
-
-
-def _curves(animation: AnimData) -> list[FCurve]:
-    """The curves of the action of an object."""
-    action = animation.action
-    if action is None:
-        return []
-    if not hasattr(action, "layers"):  # before Blender 4.4
-        return list(action.fcurves)
-    if animation.action_slot is None:
-        return []
-    bags = (strip.channelbag(animation.action_slot) for layer in action.layers for strip in layer.strips)
-    return [curve for bag in bags if bag is not None for curve in bag.fcurves]
 
 
 def unbind(obj: Object) -> None:

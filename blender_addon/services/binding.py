@@ -22,7 +22,7 @@ from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
 from zoomout_core.transfer.skinning import skinning_matrices
-from zoomout_core.transfer.stretch import check_weights, extreme_poses
+from zoomout_core.transfer.stretch import check_weights, distinct_poses, extreme_poses
 from zoomout_core.transfer.unpose import Rest, unpose
 
 from .. import mesh_data
@@ -66,12 +66,14 @@ class _Rigged:
         rest: their surface at rest, in world space.
         bones: bones of the first source's armatures.
         weights: (n_s, b) weights of these bones.
+        poses: (f, b, 3, 4) transforms of these bones in frames of the armatures' animation.
         preserves_volume: whether the armatures preserve volume.
     """
 
     rest: zo.Surface
     bones: Bones
     weights: csr_array
+    poses: Floats
     preserves_volume: bool
 
 
@@ -198,13 +200,13 @@ async def prepare_binding(
 def _check_weights(
     job: TransferJob, posed: PosedTarget, rigged: _Rigged, rest: Rest, own: csr_array, weights: WeightAdapter
 ) -> tuple[Booleans, tuple[str, ...]]:
-    """Turn the bones to extremes, and smooth the transferred weights where these would tear the target.
+    """Turn the bones to extremes, play their animation, and smooth weights that would tear the target.
 
     Returns:
         (n_t,) vertices that stretch too far still, and sentences for the user.
     """
     target, bones = job.pair.target.with_vertices(rest.positions), rigged.bones
-    poses = extreme_poses(bones.heads, bones.parents)
+    poses = np.concatenate([extreme_poses(bones.heads, bones.parents), distinct_poses(rigged.poses, bones.heads)])
     checked = check_weights(rigged.rest, rigged.weights, target, own, posed.mapped.surface_map, poses)
     notes = []
     if checked.smoothed.any():
@@ -280,7 +282,8 @@ def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
     source = find_mesh(context, pair.source_name)
     bones = mesh_data.read_bones(source)
     rest = pair.source.with_vertices(read_sources_at_rest(context, pair))
-    return _Rigged(rest, bones, _columns([weights], bones), mesh_data.preserves_volume(source))
+    poses = mesh_data.read_animation(source)
+    return _Rigged(rest, bones, _columns([weights], bones), poses, mesh_data.preserves_volume(source))
 
 
 def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:

@@ -22,11 +22,11 @@ from rigged import (
     truth,
     visible_positions,
 )
-from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, snapshot, weight_array
+from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, snapshot, snapshot_file, weight_array
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import api, jobs
+from blender_addon import api, jobs, mesh_data
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.select_faults import select_stretched
 from blender_addon.services.transfer import summary
@@ -521,6 +521,51 @@ def test_weights_that_would_tear_the_mesh_are_smoothed_before_they_are_written(m
     sums = sum(weight_array(target, bone) for bone in BONES)
     np.testing.assert_allclose(sums, 1, atol=1e-3)
     assert select_stretched(bpy.context, target).startswith("Stretched: no vertices of 'Target'")
+
+
+def animate(armature, **places):
+    """Key the location of bones at frames 1 and 11, and leave the current frame in between."""
+    for name, place in places.items():
+        bone = armature.pose.bones[name]
+        for frame, factor in ((1, 0), (11, 1)):
+            bone.location = [factor * x for x in place]
+            bone.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(3)
+
+
+@pytest.mark.parametrize("animated", [False, True])
+def test_weights_that_would_tear_the_mesh_in_an_animation_are_smoothed(monkeypatch, animated):
+    monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(angle=0))  # only the animation moves bones
+    monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
+    source, armature = source_and_rig()
+    target, at_rest = pose_target(source, armature, {})
+    wrong_at(target, at_rest, 0.4)
+    if animated:
+        animate(armature, Upper=(2, 0, 0))
+    report = bind(source, target, shape="keep_shape")
+    assert any("were smoothed" in note for note in report["notes"]) == animated
+
+
+def test_reading_an_animation_changes_nothing_and_includes_constraints_and_strips():
+    source, armature = source_and_rig()
+    assert mesh_data.read_animation(source).shape == (0, 3, 3, 4)
+    follow = armature.pose.bones["Upper"].constraints.new("COPY_LOCATION")
+    follow.target, follow.subtarget = armature, "Lower"
+    animate(armature, Lower=(2, 0, 0))
+    before, pose = snapshot_file(), [bone.matrix.copy() for bone in armature.pose.bones]
+    poses = mesh_data.read_animation(source)
+    assert snapshot_file() == before
+    assert [bone.matrix for bone in armature.pose.bones] == pose
+    assert bpy.context.scene.frame_current == 3
+    assert len(bpy.data.scenes) == 1
+    assert len(poses) == 11
+    np.testing.assert_allclose(poses[0, :2], [np.eye(3, 4)] * 2, atol=1e-6)
+    np.testing.assert_allclose(poses[-1, :, :, 3], [[2, 0, 0], [2, 0, 0], [2, 0, -4]], atol=1e-6)
+    action = armature.animation_data.action
+    track = armature.animation_data.nla_tracks.new()
+    track.strips.new("Strip", 21, action)
+    armature.animation_data.action = None
+    assert len(mesh_data.read_animation(source)) == 11
 
 
 def test_what_stretches_still_is_reported_and_selected(monkeypatch):

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.spatial.distance import pdist, squareform
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -36,6 +37,7 @@ class StretchTuning(Tuning, set_by="everywhere"):
         min_length: and is longer in a pose than this fraction of the surface's size.
         rings: edges around a stretched one within which weights are filled in.
         rounds: maximum number of times that they are, as long as fewer edges are stretched.
+        frames: maximum number of frames of an animation that are played.
     """
 
     angle: float = tuned(30.0, "degrees", 0, 180)
@@ -44,6 +46,7 @@ class StretchTuning(Tuning, set_by="everywhere"):
     min_length: float = tuned(0.02, "1", 0, 1)
     rings: int = tuned(4, "edges", 0, 100)
     rounds: int = tuned(2, "rounds", 0, 10)
+    frames: int = tuned(12, "frames", 1, 1000)
 
 
 STRETCH = StretchTuning()
@@ -142,6 +145,24 @@ def extreme_poses(heads: Floats, parents: Integers) -> Floats:
             transforms[bone] = own if above is None else _compose(above, own)
         poses.append(transforms)
     return np.array(poses)
+
+
+def distinct_poses(poses: Floats, heads: Floats) -> Floats:
+    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move the bones.
+
+    Args:
+        poses: transforms of bones from rest.
+        heads: (b, 3) the place that each bone turns about, at rest.
+    """
+    if not len(poses):
+        return poses
+    corners = heads[:, None] + np.ptp(heads, axis=0).max() * np.vstack([np.zeros(3), np.eye(3)])
+    moved = np.einsum("fbxy,bcy->fbcx", poses[..., :3], corners) + poses[:, :, None, :, 3]
+    apart = squareform(pdist(moved.reshape(len(poses), -1)))
+    chosen = [int(apart.sum(axis=0).argmax())]
+    while len(chosen) < min(len(poses), STRETCH.frames):
+        chosen.append(int(apart[chosen].min(axis=0).argmax()))
+    return np.asarray(poses[np.sort(chosen)])
 
 
 def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:

@@ -10,7 +10,15 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.transfer.stretch import STRETCH, check_weights, extreme_poses, play, smooth_weights, stretched_edges
+from zoomout_core.transfer.stretch import (
+    STRETCH,
+    check_weights,
+    distinct_poses,
+    extreme_poses,
+    play,
+    smooth_weights,
+    stretched_edges,
+)
 
 HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
 SOURCE, TARGET = tube(20, 61), tube(15, 47, turned=0.4)
@@ -47,6 +55,18 @@ def test_bones_may_come_in_any_order() -> None:
     order = np.array([2, 0, 1])
     parents = np.array([{-1: -1, 0: 1, 1: 2}[PARENTS[bone]] for bone in order])
     np.testing.assert_allclose(extreme_poses(HEADS[order], parents), POSES[:, order])
+
+
+def test_the_most_different_frames_of_an_animation_are_played() -> None:
+    turns = np.concatenate([np.full(90, 0.01), [1.0, 2.0, -1.0]])
+    frames = np.array([extreme_poses(HEADS, PARENTS)[0]] * len(turns))
+    frames[:, 2] = np.eye(3, 4)
+    frames[:, 2, 0, 3] = turns
+    chosen = distinct_poses(frames, HEADS)
+    assert len(chosen) == STRETCH.frames
+    assert set(chosen[:, 2, 0, 3]) == set(turns)
+    np.testing.assert_array_equal(distinct_poses(frames[:3], HEADS), frames[:3])
+    assert distinct_poses(frames[:0], HEADS).shape == (0, 3, 3, 4)
 
 
 def test_a_surface_without_weights_does_not_stretch() -> None:

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Animation of objects and of the armatures that deform them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from bpy.types import AnimData, FCurve, Object
+
+from zoomout_core.arrays import Floats
+
+from .armatures import OF_PLACE, armatures_of, read_bones
+from .matrices import world_matrix
+
+# Maximum number of frames that are evaluated.
+FRAMES = 48
+
+
+def moves_by_itself(obj: Object) -> bool:
+    """Whether an action or NLA tracks of an object animate its location, rotation or scale."""
+    animation = obj.animation_data
+    if animation is None:
+        return False
+    tracked = any(strip.action for track in animation.nla_tracks for strip in track.strips)
+    return tracked or any(curve.data_path.removeprefix("delta_") in OF_PLACE for curve in _curves(animation))
+
+
+def _curves(animation: AnimData) -> list[FCurve]:
+    """The curves of the action of an object."""
+    action = animation.action
+    if action is None:
+        return []
+    if not hasattr(action, "layers"):  # before Blender 4.4
+        return list(action.fcurves)
+    if animation.action_slot is None:
+        return []
+    bags = (strip.channelbag(animation.action_slot) for layer in action.layers for strip in layer.strips)
+    return [curve for bag in bags if bag is not None for curve in bag.fcurves]
+
+
+def read_animation(obj: Object) -> Floats:
+    """(f, b, 3, 4) transforms of the deforming bones of an object in frames of its armatures' animation.
+
+    They lead from rest to the pose, in world space; bones are in the order of `read_bones`. Empty without animation.
+    The frames are evaluated in a temporary scene, so that the current frame and all poses stay as they are.
+    """
+    bones, armatures = read_bones(obj), armatures_of(obj)
+    spans = [span for armature in armatures for span in _spans(armature.animation_data)]
+    if not spans:
+        return np.empty((0, len(bones.names), 3, 4))
+    first, last = min(start for start, _ in spans), max(end for _, end in spans)
+    scene = bpy.data.scenes.new("Frames")
+    try:
+        for armature in armatures:
+            scene.collection.objects.link(armature)
+        poses = []
+        for frame in np.unique(np.linspace(first, last, FRAMES).round().astype(int)):
+            scene.frame_set(int(frame))
+            poses.append(_transforms(armatures, bones.names, scene.view_layers[0].depsgraph))
+    finally:
+        bpy.data.scenes.remove(scene)
+    return np.array(poses)
+
+
+def _spans(animation: AnimData | None) -> list[tuple[float, float]]:
+    """First and last frames of an object's action and of its NLA strips."""
+    if animation is None:
+        return []
+    strips = [strip for track in animation.nla_tracks if not track.mute for strip in track.strips]
+    spans = [(strip.frame_start, strip.frame_end) for strip in strips]
+    return [*spans, tuple(animation.action.frame_range)] if _curves(animation) else spans
+
+
+def _transforms(armatures: Sequence[Object], names: Sequence[str], depsgraph: bpy.types.Depsgraph) -> Floats:
+    """(b, 3, 4) transforms of bones, of the first armature that has each, from rest to an evaluated pose."""
+    found = {}
+    for armature in armatures:
+        world, posed = world_matrix(armature), armature.evaluated_get(depsgraph).pose.bones
+        for bone in armature.data.bones:
+            if bone.use_deform and bone.name not in found:
+                pose, rest = np.array(posed[bone.name].matrix), np.array(bone.matrix_local)
+                found[bone.name] = (world @ pose @ np.linalg.inv(world @ rest))[:3]
+    return np.array([found[name] for name in names])
