@@ -152,7 +152,7 @@ async def prepare_dress(
             "target": target_name,
             "objects": made,
             "left_out": left_out,
-            "notes": [*dressed.notes, *fitting.notes, *notes],
+            "notes": [*dressed.notes, *_notes_on_stretch(fitting.worn, dressed), *fitting.notes, *notes],
         }
 
     return write
@@ -288,6 +288,19 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
     return moved, dressed
+
+
+def _notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[str]:
+    """A sentence for each copy that is stretched somewhere."""
+    return [
+        message(
+            "{count} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
+            count=int(stretched.sum()),
+            name=each.name,
+        )
+        for each, stretched in zip(worn, dressed.stretched, strict=True)
+        if stretched.any()
+    ]
 
 
 def _part(surface: zo.Surface, shape: Floats, kept: np.ndarray) -> tuple[zo.Surface, Floats]:

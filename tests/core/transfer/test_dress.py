@@ -226,6 +226,18 @@ def test_points_that_nothing_connects_follow_the_body() -> None:
     assert abs(off_egg(found[None])[0] - 0.1) < 0.03
 
 
+def test_vertices_that_are_stretched_more_than_the_body_are_marked() -> None:
+    shape = EGG.vertices.copy()
+    patch = np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1) < 0.25
+    shape[patch] += TURN.apply([0.8, 0, 0]) * SIZE  # as if a match sent the patch to another place
+    shirt = shell(1.06)
+    carried = carry(BODY, shape, EGG, [shirt], stiffness=0)
+    stretched = carried.stretched[0]
+    assert stretched.any()
+    assert (np.linalg.norm(shirt.vertices[stretched] - [0, 0, 1.06], axis=1) < 0.6).all()
+    assert not carry(BODY, EGG.vertices, EGG, [shirt], stiffness=0).stretched[0].any()
+
+
 def test_what_is_wrong_is_said() -> None:
     shirt = shell(1.06)
     with pytest.raises(ValueError, match="There is nothing to fit"):

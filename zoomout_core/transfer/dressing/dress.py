@@ -14,13 +14,13 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.mesh.triangles import area_normals, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import Barrier, SidedSurface, push_out, push_out_rigidly
@@ -49,11 +49,15 @@ class DressTuning(Tuning, set_by="dress"):
         softest: length over which they keep their form at stiffness zero.
         stiffest: the same at stiffness one.
         near: distance from the skin at which they follow it half as much.
+        times: an edge is stretched if it grows by more than this multiple of the growth of the body there,
+        min_length: and is longer than this.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
     stiffest: float = tuned(0.1, "at unit area", 1e-6, 10)
     near: float = tuned(0.03, "at unit area", 1e-6, 1)
+    times: float = tuned(2.0, "1", 1, 100)
+    min_length: float = tuned(0.01, "at unit area", 0, 1)
 
 
 DRESS = DressTuning()
@@ -67,6 +71,7 @@ class Dressed:
         vertices: for each object (n, 3) positions of its vertices, in the target's frame and unit.
         turns: for each object (n, 3, 3) matrices that take small differences of positions from the source to the
             target.
+        stretched: for each object (n,) vertices at edges that are stretched much more than the body.
         notes: sentences for the user.
 
     Example:
@@ -77,6 +82,7 @@ class Dressed:
 
     vertices: tuple[Floats, ...]
     turns: tuple[Floats, ...]
+    stretched: tuple[Booleans, ...]
     notes: tuple[str, ...]
 
 
@@ -177,7 +183,7 @@ def _carry(
         fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
         advance(0.2 + 0.3 * number / len(carried))
     stuck = 0
-    found: dict[int, tuple[Floats, Floats]] = {}
+    found: dict[int, tuple[Floats, Floats, Booleans]] = {}
     # From the skin outwards: each layer is a barrier for those above it.
     order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
     for done, number in enumerate(order, start=1):
@@ -191,9 +197,9 @@ def _carry(
                 Barrier(SidedSurface(fit.form.rest, triangles), SidedSurface(positions, triangles), is_layer=True)
             )
         advance(0.5 + 0.5 * done / len(order))
+    vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
     notes = (message("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
-    vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
-    return Dressed(vertices, turns, notes)
+    return Dressed(vertices, turns, stretched, notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,17 +256,18 @@ class _Fit:
         positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, gap, soft)
         return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
 
-    def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats]:
+    def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats, Booleans]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
 
-        Unconnected vertices only follow the body.
+        And (n_v,) which of them are stretched. Unconnected vertices only follow the body.
         """
         number = self.form.number
         found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
+        stretched = _stretched_points(self.form, self.motion, positions)[number] & (number >= 0)
         if len(alone):
             motion = following.motion(self.form.places[alone])
             found[alone], turns[alone] = motion.images, motion.turns
-        return following.unit_after * found, following.unit_after / following.unit * turns
+        return following.unit_after * found, following.unit_after / following.unit * turns, stretched
 
 
 def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
@@ -269,6 +276,18 @@ def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
     pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
     gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
     return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
+
+
+def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:
+    """(n,) points at edges that grow far more than the body does there."""
+    found = np.zeros(len(form.rest), dtype=bool)
+    if not len(form.triangles):
+        return found
+    edges, _ = unique_edges(form.triangles)
+    before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (form.rest, positions))
+    allowed = DRESS.times * np.maximum(motion.growth[edges].max(axis=1), 1) * before
+    found[edges[(after > allowed) & (after > DRESS.min_length)]] = True
+    return found
 
 
 def _sided_surface(surface: Surface, unit: float) -> SidedSurface:
