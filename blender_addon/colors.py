@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.colors import BAD_TO_GOOD, confidence_colors, place_colors
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.colors import BAD_TO_GOOD, MET, confidence_colors, place_colors
 from zoomout_core.symmetry.self_map import SelfMap
 
 # Colours of the right side, the middle and the left side.
@@ -55,3 +55,8 @@ def pair_colors(symmetry: SelfMap, order: int) -> Floats:
 def side_colors(side: Integers) -> Floats:
     """(n, 3) colours of sides (n,): 1 is left, -1 right, 0 the middle."""
     return np.asarray(SIDES[side + 1])
+
+
+def stretched_colors(stretched: Booleans) -> Floats:
+    """(n, 3) colours of vertices (n,) that stretch, and of all others."""
+    return np.where(stretched[:, None], BAD_TO_GOOD[0], MET)

@@ -4,7 +4,7 @@
 Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
-from .animation import moves_by_itself, read_animation
+from .animation import HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
 from .armatures import (
     Bones,
     armatures_of,
@@ -138,6 +138,7 @@ __all__ = [
     "EvaluatedObject",
     "Faces",
     "Fingerprint",
+    "HeldPose",
     "JoinedLayer",
     "Layer",
     "MeshFacts",
@@ -167,6 +168,7 @@ __all__ = [
     "evaluated_mesh",
     "extent",
     "fits",
+    "follow_constraints",
     "inspect_mesh",
     "is_cage",
     "is_flat",
@@ -224,6 +226,7 @@ __all__ = [
     "surface_point_in_face",
     "surface_point_of_vertex",
     "to_object",
+    "turn_bones",
     "unbind",
     "untransferable_data",
     "update_weights",

@@ -3,19 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import bpy
 import numpy as np
 from bpy.types import AnimData, FCurve, Object
+from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats
 
-from .armatures import OF_PLACE, armatures_of, read_bones
+from .armatures import OF_PLACE, armatures_of, copy_value, read_bones
 from .matrices import world_matrix
 
 # Maximum number of frames that are evaluated.
 FRAMES = 48
+# The properties of a bone in a pose that its matrix depends on.
+CHANNELS = ("location", "rotation_mode", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 
 def moves_by_itself(obj: Object) -> bool:
@@ -62,6 +65,44 @@ def read_animation(obj: Object) -> Floats:
     finally:
         bpy.data.scenes.remove(scene)
     return np.array(poses)
+
+
+class HeldPose:
+    """The pose of armatures, to turn their bones and to restore it."""
+
+    def __init__(self, armatures: Sequence[Object]) -> None:
+        self._channels = [
+            (bone, {name: copy_value(getattr(bone, name)) for name in CHANNELS})
+            for armature in armatures
+            for bone in armature.pose.bones
+        ]
+
+    def restore(self) -> None:
+        """Restore the pose."""
+        for bone, channels in self._channels:
+            for name, value in channels.items():
+                setattr(bone, name, value)
+
+
+def turn_bones(armatures: Sequence[Object], turns: Mapping[str, Floats]) -> None:
+    """Turn bones from rest; all others are at rest.
+
+    Args:
+        armatures: the armatures.
+        turns: rotation vectors (3,) by the names of bones, in radians about the axes of the world.
+    """
+    for armature in armatures:
+        to_armature = np.linalg.inv(world_matrix(armature))[:3, :3]
+        for bone in armature.pose.bones:
+            axis = bone.bone.matrix_local.to_3x3().inverted() @ Vector(to_armature @ turns.get(bone.name, np.zeros(3)))
+            angle = float(np.linalg.norm(turns.get(bone.name, np.zeros(3))))
+            bone.matrix_basis = Matrix.Rotation(angle, 4, axis) if angle else Matrix()
+
+
+def follow_constraints(armatures: Sequence[Object]) -> bool:
+    """Whether constraints move all deforming bones of armatures, so that these cannot be turned."""
+    bones = [bone for armature in armatures for bone in armature.pose.bones if bone.bone.use_deform]
+    return all(any(one.enabled and one.influence > 0 for one in bone.constraints) for bone in bones)
 
 
 def _spans(animation: AnimData | None) -> list[tuple[float, float]]:

@@ -103,7 +103,7 @@ def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
 def hang_like(source: Object, target: Object) -> None:
     """Give an object the parent and the transform of another one."""
     for name in (*OF_PARENT, *OF_PLACE, *DELTAS):
-        setattr(target, name, _copy(getattr(source, name)))
+        setattr(target, name, copy_value(getattr(source, name)))
 
 
 def place_beside(source: Object, target: Object) -> Floats:
@@ -224,7 +224,7 @@ class Place:
 
     def __init__(self, obj: Object) -> None:
         self._obj = obj
-        self._own = {name: _copy(getattr(obj, name)) for name in (*OF_PARENT, *OF_PLACE, *DELTAS)}
+        self._own = {name: copy_value(getattr(obj, name)) for name in (*OF_PARENT, *OF_PLACE, *DELTAS)}
         self._children = [(child, child.matrix_parent_inverse.copy()) for child in obj.children]
 
     def restore(self) -> None:
@@ -235,7 +235,7 @@ class Place:
             child.matrix_parent_inverse = inverse
 
 
-def _copy(value: object) -> object:
+def copy_value(value: object) -> object:
     """A copy of a property's value, which does not change with the property."""
     if isinstance(value, (Matrix, Vector, Euler, Quaternion)):
         return value.copy()

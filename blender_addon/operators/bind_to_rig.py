@@ -12,6 +12,7 @@ from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BlendOptions
 from ..scene.selection import sources_of_targets
+from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
 from ..services.transfer import prepare_transfer, summary
 from ..viewport import preview
@@ -55,5 +56,7 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
 
         outcome = await each_target(list(source_of), work)
         preview.clear_passing()
+        if self.hide_source:
+            hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())

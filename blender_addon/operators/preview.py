@@ -14,11 +14,11 @@ from ..scene.stored_pair import read_stored_match
 from ..services import previews
 from ..translations import translated
 from ..viewport import preview
-from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
+from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY
 from .modal_operator import ModalOperator
 
 # Asymmetry has options, and therefore a separate operator.
-KINDS = {name: kind for name, kind in (OF_MATCH | OF_SYMMETRY).items() if name != ASYMMETRY}
+KINDS = {name: kind for name, kind in (OF_MATCH | OF_BINDING | OF_SYMMETRY).items() if name != ASYMMETRY}
 
 
 class ZOOMOUT_OT_preview(ModalOperator):
@@ -46,6 +46,9 @@ class ZOOMOUT_OT_preview(ModalOperator):
         if self.kind in OF_SYMMETRY:
             preview.show(await previews.of_symmetry(context, name, self.kind))
             return message("Showing the symmetry of '{name}'", name=name)
+        if self.kind in OF_BINDING:
+            preview.show(previews.of_binding(context.active_object))
+            return message("Showing the binding of '{name}'", name=name)
         pair, match = await read_stored_match(context, name)
         made = await previews.of_match(context, pair, match, self.kind)
         check_not_edited(context, pair)

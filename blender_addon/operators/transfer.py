@@ -14,6 +14,7 @@ from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
+from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
 from ..services.transfer import prepare_transfer, summary
 from ..storage import stored_match
@@ -65,6 +66,8 @@ class ZOOMOUT_OT_transfer(
 
         outcome = await each_target(list(source_of), work)
         preview.clear_passing()
+        if self.hide_source:
+            hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())
 

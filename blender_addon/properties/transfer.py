@@ -242,6 +242,16 @@ class BindOptions:
         options=ONCE,
     )
 
+    hide_source: BoolProperty(
+        name="Hide Source",
+        description=(
+            "Hide the source in the viewport after binding, because both meshes are at the same place then; its eye "
+            "icon in the Outliner shows it again"
+        ),
+        default=True,
+        options=ONCE,
+    )
+
     def how_to_bind(self) -> Binding:
         """The chosen binding."""
         return Binding(self.binding.lower(), self.replace_binding)

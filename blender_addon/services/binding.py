@@ -6,7 +6,7 @@ The armature and its animation are not changed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -253,6 +253,18 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
     context.view_layer.update()
     if bound.shape == "rest_pose":
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
+
+
+def hide_sources(context: Context, reports: Iterable[Mapping[str, Any]]) -> None:
+    """Hide the sources of bound targets, which are at the same place.
+
+    Args:
+        context: Blender's.
+        reports: reports of transfers.
+    """
+    for report in reports:
+        for name in (report["source"], *report["others"]) if report["bound"] else ():
+            find_mesh(context, name).hide_set(True)
 
 
 def keep_match(context: Context, pair: ObjectPair, match: stored_match.Match, settings: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from ..colors import (
     blend_colors,
     pair_colors,
     side_colors,
+    stretched_colors,
 )
 from ..jobs import compute, pause, run
 from ..mesh_data import (
@@ -35,12 +36,24 @@ from ..mesh_data import (
 from ..mesh_data.arrays import hash_of
 from ..scene.pair import evaluated_sources, find_mesh
 from ..scene.stored_pair import read_stored_match
-from ..storage import stored_symmetry
+from ..storage import stored_report, stored_symmetry
 from ..storage.stored_candidates import CandidateList
 from ..storage.stored_match import Match
 from ..viewport import overlay, preview
 from ..viewport.overlay import Overlay
-from ..viewport.preview import ASYMMETRY, CONFIDENCE, OF_MATCH, OF_SYMMETRY, PAIRS, PLACES, SIDES, Preview
+from ..viewport.preview import (
+    ASYMMETRY,
+    CONFIDENCE,
+    OF_BINDING,
+    OF_MATCH,
+    OF_SYMMETRY,
+    PAIRS,
+    PLACES,
+    SIDES,
+    STRETCHED,
+    Preview,
+)
+from .select_faults import read_stretched
 
 
 async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) -> Preview:
@@ -156,6 +169,15 @@ async def of_symmetry(context: Context, name: str, kind: str) -> Preview:
         return bare.with_colors(await compute(colors))
 
 
+def of_binding(obj: Object) -> Preview:
+    """The preview of the vertices that the check of a binding found to stretch.
+
+    Raises:
+        MeshError: the object was not bound, or its vertices were edited since.
+    """
+    return _of_mesh(obj, STRETCHED).with_colors(stretched_colors(read_stretched(obj)))
+
+
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
     """The preview of the asymmetry of an object's mesh, from values (n,); red means `most` and above."""
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
@@ -164,7 +186,7 @@ def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Previ
 def follow_symmetry(context: Context, obj: Object) -> None:
     """Update the preview of an object's symmetry, after another one was stored or chosen."""
     before = preview.preview_of(obj)
-    if before is None or before.kind in OF_MATCH:
+    if before is None or before.kind not in OF_SYMMETRY:
         return
     if before.kind == ASYMMETRY:
         preview.outdate(before)
@@ -196,6 +218,8 @@ def follow_undo(context: Context) -> None:
 async def _again(context: Context, obj: Object, kind: str) -> Preview:
     if kind in OF_SYMMETRY:
         return await of_symmetry(context, obj.name, kind)
+    if kind in OF_BINDING:
+        return of_binding(obj)
     pair, match = await read_stored_match(context, obj.name)
     return await of_match(context, pair, match, kind)
 
@@ -203,10 +227,13 @@ async def _again(context: Context, obj: Object, kind: str) -> Preview:
 def _of_mesh(obj: Object, kind: str) -> Preview:
     """A preview of an object's present own mesh, still without colours."""
     uncolored = Overlay(obj.session_uid, np.empty((0, 3)), content_hash(obj.data))
-    return Preview(kind, obj.session_uid, OF_SYMMETRY[kind].legend, (uncolored,), _stored_hash(obj.data, kind))
+    legend = (OF_SYMMETRY | OF_BINDING)[kind].legend
+    return Preview(kind, obj.session_uid, legend, (uncolored,), _stored_hash(obj.data, kind))
 
 
 def _stored_hash(mesh: Mesh, kind: str) -> str:
-    """A hash of the match or the symmetry stored on a mesh."""
+    """A hash of the match, the symmetry or the report stored on a mesh."""
+    if kind in OF_BINDING:
+        return hash_of(str(mesh.get(stored_report.PROPERTY)))
     names = MATCH_ATTRIBUTES[:1] if kind in OF_MATCH else stored_symmetry.chosen_attributes(mesh)
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in names if name in mesh.attributes))

@@ -71,11 +71,21 @@ def select_stretched(context: Context, target: Object) -> str:
         MeshError: the target was not bound, or its vertices were edited since; nothing was selected.
     """
     obj = find_mesh(context, target.name)
-    stretched = stretched_vertices(obj)
-    if stretched is None:
-        raise zo.MeshError("'{target}' was not bound yet, or was edited since: bind it to a rig.", target=obj.name)
+    stretched = read_stretched(obj)
     share = mesh_data.read_surface_at_rest(obj).share_of_area(stretched)
     return message("Stretched: {selected}", selected=_select_vertices(obj, stretched, share))
+
+
+def read_stretched(target: Object) -> Booleans:
+    """(n,) the vertices that stretch when the bones of the target's rig turn.
+
+    Raises:
+        MeshError: the target was not bound, or its vertices were edited since.
+    """
+    stretched = stretched_vertices(target)
+    if stretched is None:
+        raise zo.MeshError("'{target}' was not bound yet, or was edited since: bind it to a rig.", target=target.name)
+    return stretched
 
 
 def stretched_vertices(target: Object) -> Booleans | None:

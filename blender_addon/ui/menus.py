@@ -24,12 +24,13 @@ from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from ..operators.test_poses import ZOOMOUT_OT_test_poses
 from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..operators.wrap import ZOOMOUT_OT_wrap
 from ..services.symmetry.detect import summary
 from ..storage import stored_symmetry
 from ..translations import translated
-from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
+from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY, Kind
 
 EXTENSION = "ZoomOut Transfer"
 
@@ -44,6 +45,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_match_collections,
             ZOOMOUT_OT_transfer,
             ZOOMOUT_OT_bind_to_rig,
+            ZOOMOUT_OT_test_poses,
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,
@@ -52,7 +54,7 @@ class ZOOMOUT_MT_object(Menu):
         layout.separator()
         layout.operator(ZOOMOUT_OT_swap_match_sides.bl_idname)
         layout.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next Candidate")
-        _show(layout, OF_MATCH)
+        _show(layout, OF_MATCH | OF_BINDING)
         layout.operator(ZOOMOUT_OT_clear_preview.bl_idname)
         layout.separator()
         _operators(layout, select_faults.CLASSES)

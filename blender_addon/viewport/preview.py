@@ -20,6 +20,7 @@ from .overlay import Overlay
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
+STRETCHED = "STRETCHED"
 OUTDATED = "Hidden: a mesh was changed"
 LOST = "Hidden: the modifiers leave no faces to color"
 HIDDEN = "Hidden in this mode; shown in Object Mode"
@@ -51,6 +52,13 @@ OF_MATCH = {
         "Same color, same point",
     ),
     CHECKER: Kind("UV Checker", "Preview the source's active UV map on the target", "Preview of the source's UVs"),
+}
+OF_BINDING = {
+    STRETCHED: Kind(
+        "Stretched",
+        "Show where the bones of the rig stretch the mesh far more than the source",
+        "Red stretches far more than the source",
+    )
 }
 OF_SYMMETRY = {
     PAIRS: Kind(

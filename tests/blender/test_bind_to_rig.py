@@ -28,9 +28,11 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, jobs, mesh_data
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.select_faults import select_stretched
+from blender_addon.services import previews
+from blender_addon.services.select_faults import select_stretched, stretched_vertices
 from blender_addon.services.transfer import summary
-from blender_addon.storage import stored_match
+from blender_addon.storage import stored_match, stored_report
+from blender_addon.viewport import preview
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.transfer import stretch, weights
 
@@ -582,6 +584,35 @@ def test_what_stretches_still_is_reported_and_selected(monkeypatch):
     target.data.vertices.foreach_get("select", chosen)
     assert chosen[patch].any()
     assert not chosen[at_rest[:, 2] > 3].any()
+
+
+def test_what_stretches_is_shown_by_colors_and_follows_undo(monkeypatch):
+    monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(rounds=0))
+    monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
+    source, armature = source_and_rig()
+    target, at_rest = pose_target(source, armature, {})
+    wrong_at(target, at_rest, 0.4)
+    bind(source, target, shape="keep_shape")
+    activate(target)
+    assert bpy.ops.zoomout.preview(kind="STRETCHED") == {"FINISHED"}
+    (shown,) = preview.current().overlays
+    red = shown.values[:, 0] > shown.values[:, 1] + 0.3
+    np.testing.assert_array_equal(red, stretched_vertices(target))
+    stored_report.remove(target.data)
+    previews.follow_undo(bpy.context)
+    assert preview.current() is None
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_the_source_is_hidden_after_binding_if_that_is_chosen(hidden):
+    source, armature = source_and_rig()
+    target, _ = pose_target(source, armature)
+    second, _ = pose_target(source, armature, name="Second")
+    activate(target, source)
+    assert bpy.ops.zoomout.bind_to_rig(source="Source", hide_source=hidden) == {"FINISHED"}
+    assert source.hide_get() == hidden
+    activate(second)
+    assert bpy.ops.zoomout.bind_to_rig(source="Source", hide_source=hidden) == {"FINISHED"}
 
 
 def test_stretched_vertices_of_a_mesh_that_was_not_bound_cannot_be_selected(source, target):

@@ -66,7 +66,7 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert buttons()["Match"]
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
-    below = "Bind to Rig", "Wrap", "Dress", "Blending", "Groups and Attributes", "Topology"
+    below = "Blending", "Groups and Attributes", "Topology", "Bind to Rig", "Check Binding", "Wrap", "Dress"
     of_match = "Landmarks", "Hints", "Collections", "Advanced"
     assert names == ["Match", *of_match, "Transfer", *below, "Symmetry"]
 

@@ -121,30 +121,40 @@ def check_weights(
     return CheckedWeights(weights, smoothed, at_edges)
 
 
-def extreme_poses(heads: Floats, parents: Integers) -> Floats:
-    """(f, b, 3, 4) transforms of bones from the rest pose to poses in which each is turned against its parent.
+def extreme_turns(parents: Integers) -> Floats:
+    """(f, b, 3) rotation vectors of bones against their parents, in radians about the axes of the world at rest.
 
     In half of the poses all bones turn in the same sense, in the others every second one along a chain turns back.
+
+    Args:
+        parents: (b,) the number of each bone's parent, -1 for none.
+    """
+    depth = np.zeros(len(parents), dtype=np.int64)
+    for bone in _parents_first(parents):
+        depth[bone] = 0 if parents[bone] < 0 else depth[parents[bone]] + 1
+    turns = []
+    for axis, sign, alternating in product(np.eye(3), (1.0, -1.0), (False, True)):
+        sense = np.where(alternating & (depth % 2 == 1), -sign, sign)
+        turns.append(np.radians(STRETCH.angle) * sense[:, None] * axis)
+    return np.array(turns)
+
+
+def extreme_poses(heads: Floats, parents: Integers) -> Floats:
+    """(f, b, 3, 4) transforms of bones from the rest pose to the poses of `extreme_turns`.
 
     Args:
         heads: (b, 3) the place that each bone turns about, at rest.
         parents: (b,) the number of each bone's parent, -1 for none.
     """
-    depth = [0] * len(parents)
-    order = _parents_first(parents)
-    for bone in order:
-        depth[bone] = 0 if parents[bone] < 0 else depth[parents[bone]] + 1
-    poses = []
-    for axis, sign, alternating in product(np.eye(3), (1.0, -1.0), (False, True)):
-        transforms = np.zeros((len(parents), 3, 4))
-        for bone in order:
-            sense = -sign if alternating and depth[bone] % 2 else sign
-            turn = Rotation.from_rotvec(sense * np.radians(STRETCH.angle) * axis).as_matrix()
-            own = np.column_stack([turn, heads[bone] - turn @ heads[bone]])
+    turns = extreme_turns(parents)
+    poses = np.zeros((*turns.shape[:2], 3, 4))
+    matrices = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(*turns.shape, 3)
+    for transforms, of_bones in zip(poses, matrices, strict=True):
+        for bone in _parents_first(parents):
+            own = np.column_stack([of_bones[bone], heads[bone] - of_bones[bone] @ heads[bone]])
             above = None if parents[bone] < 0 else transforms[parents[bone]]
             transforms[bone] = own if above is None else _compose(above, own)
-        poses.append(transforms)
-    return np.array(poses)
+    return poses
 
 
 def distinct_poses(poses: Floats, heads: Floats) -> Floats:

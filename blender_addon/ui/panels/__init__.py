@@ -2,6 +2,7 @@
 """The sidebar of the 3D view."""
 
 from . import symmetry
+from .binding import ZOOMOUT_PT_binding, ZOOMOUT_PT_binding_check
 from .collections import ZOOMOUT_PT_collections
 from .dress import ZOOMOUT_PT_dress
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
@@ -9,7 +10,7 @@ from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
 from .transfer import ZOOMOUT_PT_report, ZOOMOUT_PT_transfer
-from .transfer_options import ZOOMOUT_PT_binding, ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
+from .transfer_options import ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
 from .wrap import ZOOMOUT_PT_wrap
 
 # In the order of registration: a panel before its subpanels, whose order is in `bl_order`.
@@ -23,11 +24,12 @@ CLASSES = (
     ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
-    ZOOMOUT_PT_binding,
-    ZOOMOUT_PT_wrap,
-    ZOOMOUT_PT_dress,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,
+    ZOOMOUT_PT_binding,
+    ZOOMOUT_PT_binding_check,
+    ZOOMOUT_PT_wrap,
+    ZOOMOUT_PT_dress,
     *symmetry.CLASSES,
 )

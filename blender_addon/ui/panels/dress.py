@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subpanel of the transfer: dressing the target with the source's clothes."""
+"""The panel of dressing the target with the source's clothes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from ...operators.dress import ZOOMOUT_OT_dress
 from ...properties.dress import DressOptions
 from ...scene.selection import match_source
 from .sidebar import SidebarPanel, split_properties
-from .transfer import ZOOMOUT_PT_transfer
 
 
 class ZOOMOUT_PT_dress(SidebarPanel, Panel):
     bl_label = "Dress"
-    bl_parent_id = ZOOMOUT_PT_transfer.__name__
     bl_options = {"DEFAULT_CLOSED"}
-    bl_order = 8
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subpanel of the transfer: wrapping one mesh onto the other."""
+"""The panel of wrapping one mesh onto the other."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from ...operators.wrap import ZOOMOUT_OT_wrap
 from ...properties.wrap import WrapOptions
 from ...services.preflight import likely_source
 from .sidebar import SidebarPanel, split_properties
-from .transfer import ZOOMOUT_PT_transfer
 
 
 class ZOOMOUT_PT_wrap(SidebarPanel, Panel):
     bl_label = "Wrap"
-    bl_parent_id = ZOOMOUT_PT_transfer.__name__
     bl_options = {"DEFAULT_CLOSED"}
-    bl_order = 7
 
     def draw(self, context: Context) -> None:
         layout, settings, target = self.layout, context.scene.zoomout, context.active_object

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Play the poses of *Bind to Rig*'s check in the viewport, and restore the pose at the end."""
+
+from __future__ import annotations
+
+from time import monotonic
+
+import numpy as np
+from bpy.types import Context, Event, Operator, Timer
+
+from zoomout_core.messages import message
+from zoomout_core.transfer.stretch import extreme_turns
+
+from ..mesh_data import HeldPose, armatures_of, follow_constraints, read_bones, turn_bones
+from ..translations import reported, translated
+from . import modal
+
+# Seconds of each pose, from rest and back, and between two steps.
+SECONDS, STEP = 1.0, 0.04
+# Events that end the operator, and those that only turn the view.
+ENDING = ("ESC", "RET", "LEFTMOUSE", "RIGHTMOUSE")
+OF_VIEW = ("MIDDLEMOUSE", "MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION")
+
+
+class ZOOMOUT_OT_test_poses(Operator):
+    bl_idname = "zoomout.test_poses"
+    bl_label = "Test Poses"
+    bl_description = (
+        "Turn the bones of the active mesh's armature to extremes, as Bind to Rig does before it writes anything. A "
+        "click or ESC ends it and restores the pose"
+    )
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active mesh has an armature whose bones can be turned."""
+        reason = _obstacle(context)
+        if reason:
+            cls.poll_message_set(translated(reason).removesuffix("."))
+        return not reason
+
+    def invoke(self, context: Context, event: Event) -> set[str]:
+        """Start to play."""
+        if not modal.can_begin(context.window):
+            self.report({"ERROR"}, reported("Test poses need a 3D viewport: move the mouse over one, and try again"))
+            return {"CANCELLED"}
+        self._armatures = armatures_of(context.active_object)
+        self._bones = read_bones(context.active_object)
+        self._turns = extreme_turns(self._bones.parents)
+        self._held = HeldPose(self._armatures)
+        self._begun = monotonic()
+        self._timer: Timer = context.window_manager.event_timer_add(STEP, window=context.window)
+        modal.begin(context, self)
+        self._play(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: Context, event: Event) -> set[str]:
+        """Play, or end; only events of the view pass through, so that nothing else is done meanwhile."""
+        if event.type in ENDING and event.value == "PRESS":
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type == "TIMER":
+            self._play(context)
+        return {"PASS_THROUGH"} if event.type in (*OF_VIEW, "TIMER") else {"RUNNING_MODAL"}
+
+    def cancel(self, context: Context) -> None:
+        """Restore the pose; Blender calls this when a file is loaded or the window closes."""
+        modal.end(self)
+        self._held.restore()
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+
+    def _play(self, context: Context) -> None:
+        """Turn the bones as far as the time says."""
+        time = (monotonic() - self._begun) / SECONDS
+        pose = int(time) % len(self._turns)
+        share = np.sin(np.pi * (time % 1)) ** 2
+        turn_bones(self._armatures, dict(zip(self._bones.names, share * self._turns[pose], strict=True)))
+        text = message("Test pose {number} of {count}  |  Click or ESC: end", number=pose + 1, count=len(self._turns))
+        context.workspace.status_text_set(translated(text))
+
+
+def _obstacle(context: Context) -> str:
+    """Why no poses can be tested, or nothing."""
+    obj = context.active_object
+    armatures = armatures_of(obj) if obj is not None and obj.type == "MESH" else []
+    if not armatures:
+        return "Bind this mesh to a rig first"
+    if context.mode != "OBJECT":
+        return "Switch to Object Mode first"
+    if follow_constraints(armatures):
+        return message(
+            "Constraints move all deform bones of '{armature}': pose its control bones instead",
+            armature=armatures[0].name,
+        )
+    return ""

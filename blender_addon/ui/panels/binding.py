@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel of binding a mesh to the source's armature, and of checking the result."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from ...mesh_data import armatures_of
+from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
+from ...operators.select_faults import ZOOMOUT_OT_select_stretched
+from ...operators.test_poses import ZOOMOUT_OT_test_poses
+from ...properties.transfer import BindOptions
+from ...services.preflight import likely_source
+from ...viewport.preview import OF_BINDING
+from .sidebar import SidebarPanel, preview_buttons, split_properties
+
+
+class ZOOMOUT_PT_binding(SidebarPanel, Panel):
+    bl_label = "Bind to Rig"
+
+    def draw_header(self, context: Context) -> None:
+        self.layout.prop(context.scene.zoomout, "bind", text="")
+
+    def draw(self, context: Context) -> None:
+        split_properties(self.layout)
+        for name in BindOptions.__annotations__:
+            self.layout.prop(context.scene.zoomout, name)
+        source = likely_source(context) if context.active_object else None
+        row = self.layout.row()
+        row.enabled = source is not None and bool(armatures_of(source))
+        row.operator(ZOOMOUT_OT_bind_to_rig.bl_idname, icon="ARMATURE_DATA")
+
+
+class ZOOMOUT_PT_binding_check(SidebarPanel, Panel):
+    bl_label = "Check Binding"
+    bl_parent_id = ZOOMOUT_PT_binding.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        layout = self.layout
+        layout.operator(ZOOMOUT_OT_test_poses.bl_idname, icon="POSE_HLT")
+        layout.operator(ZOOMOUT_OT_select_stretched.bl_idname, icon="RESTRICT_SELECT_OFF")
+        enabled = ZOOMOUT_OT_select_stretched.poll(context)
+        preview_buttons(context, layout, OF_BINDING, enabled)
