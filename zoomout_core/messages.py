@@ -2,9 +2,9 @@
 """Translatable sentences for the user, which keep their template and its values.
 
 A template is English text with named fields, such as "'{name}' has only {count} vertices.". It is the key of a
-translation, so it must be a literal in a call of `message` or `plural`. A word that takes another article or ending in
-other languages is not a field; each needs its own template. For this an f-string may fill in a `{role}` such as
-"source" or "target" at once, and has doubled braces around fields.
+translation, so it must be a literal in a call of `message`, `warning` or `plural`. A word that takes another article or
+ending in other languages is not a field; each needs its own template. For this an f-string may fill in a `{role}` such
+as "source" or "target" at once, and has doubled braces around fields.
 """
 
 from __future__ import annotations
@@ -26,15 +26,17 @@ class Message(str):
     Attributes:
         template: text with named fields.
         values: values of these fields. Messages among them are translated; other text, such as a name, is not.
+        is_warning: whether the user should check or do something, rather than only know it.
     """
 
     template: str
     values: dict[str, Any]
+    is_warning: bool
 
-    def __new__(cls, template: str, values: dict[str, Any]) -> Message:
+    def __new__(cls, template: str, values: dict[str, Any], is_warning: bool = False) -> Message:
         values = {name: _storable(value) for name, value in values.items()}
         made = super().__new__(cls, template.format(**values))
-        made.template, made.values = template, values
+        made.template, made.values, made.is_warning = template, values, is_warning
         return made
 
     def __str__(self) -> str:
@@ -42,12 +44,22 @@ class Message(str):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Message, (self.template, self.values)
+        return Message, (self.template, self.values, self.is_warning)
 
 
 def message(template: str, **values: Any) -> Message:
     """Make a Message: "{name}" in its template is replaced by the value `name`, optionally formatted: "{share:.0%}"."""
     return Message(template, values)
+
+
+def warning(template: str, **values: Any) -> Message:
+    """Make a Message as `message` does, about something that the user should check or do."""
+    return Message(template, values, is_warning=True)
+
+
+def is_warning(text: str) -> bool:
+    """Whether text is a Message about something that the user should check or do."""
+    return isinstance(text, Message) and text.is_warning
 
 
 def plural(count: int, one: str, several: str) -> Message:
@@ -74,7 +86,7 @@ def enumeration(items: Iterable[str], separator: str = ", ") -> Message:
 def to_json(value: Any) -> Any:
     """Convert a value for `json.dumps`; Messages keep their parts, also in lists, tuples and dictionaries."""
     if isinstance(value, Message):
-        return {MESSAGE: [value.template, to_json(value.values)]}
+        return {MESSAGE: [value.template, to_json(value.values), *([True] if value.is_warning else [])]}
     if isinstance(value, dict):
         if any(isinstance(key, Message) for key in value):
             return {ITEMS: [[to_json(key), to_json(each)] for key, each in value.items()]}
@@ -99,15 +111,15 @@ def from_json(stored: Any) -> Any:
     return {key: from_json(each) for key, each in stored.items()}
 
 
-def _check(template: object, values: object) -> Message:
+def _check(template: object, values: object, is_warning: object = False) -> Message:
     """Check a stored Message, which may be damaged or malicious."""
-    if not isinstance(template, str) or not isinstance(values, dict):
+    if not isinstance(template, str) or not isinstance(values, dict) or not isinstance(is_warning, bool):
         raise ValueError("This is no message.")
     for _, field, form, conversion in Formatter().parse(template):
         known = field is None or (field in values and not conversion)
         if not known or len(form or "") > MAX_FORMAT_LENGTH or "{" in (form or ""):
             raise ValueError("This is the template of no message.")
-    return Message(template, values)
+    return Message(template, values, is_warning)
 
 
 def _storable(value: Any) -> Any:

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import message
+from zoomout_core.messages import message, warning
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.stretch import smooth_weights
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
@@ -84,7 +84,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     if weights.values.nnz == 0:
         remarks.notes.append(
-            message(
+            warning(
                 "After its modifiers, '{source}' has no weights, so its vertex groups are transferred empty.",
                 source=request.source.name,
             )
@@ -93,7 +93,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     hidden = [name for name in labels if name in target.data.attributes]
     if hidden:
         remarks.notes.append(
-            message(
+            warning(
                 "'{target}' has attributes with the same names as vertex groups ({names}): rename them, "
                 "because modifiers may confuse the two.",
                 target=target.name,
@@ -136,7 +136,7 @@ def _deforming_groups(
     skin = sum_to_one(weights.values[rows])
     name = request.source.name
     remarks.notes.append(
-        message(
+        warning(
             "No armature has bones named like the vertex groups of '{name}': they sum to one on "
             "every vertex, and were treated as bone weights.",
             name=name,

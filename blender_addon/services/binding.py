@@ -17,7 +17,7 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.messages import message
+from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
@@ -219,7 +219,7 @@ def _check_weights(
         )
     if checked.stretched.any():
         notes.append(
-            message(
+            warning(
                 "{count} vertices stretch far more than the source does when bones turn: Select Stretched shows them.",
                 count=int(checked.stretched.sum()),
             )

@@ -14,7 +14,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.messages import message, sentences
+from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
 
@@ -227,7 +227,7 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
         onto = onto.with_vertices(mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data)))
     elif armatures:
         notes.append(
-            message(
+            warning(
                 "'{target}' is not bound to the armature of '{source}': bind it, so that these objects "
                 "follow the bones.",
                 target=target.name,
@@ -235,7 +235,7 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
             )
         )
     notes.extend(
-        message(
+        warning(
             "The particle hair of '{name}' was not copied: convert it to curves, and dress '{target}' with them.",
             name=each.name,
             target=target.name,
@@ -293,7 +293,7 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
 def _notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[str]:
     """A sentence for each copy that is stretched somewhere."""
     return [
-        message(
+        warning(
             "{count} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
             count=int(stretched.sum()),
             name=each.name,

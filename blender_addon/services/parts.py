@@ -10,7 +10,7 @@ import numpy as np
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.messages import enumeration, message
+from zoomout_core.messages import enumeration, message, warning
 
 from ..mesh_data import EvaluatedObject, ObjectPair
 from ..scene.pair import evaluated_sources
@@ -65,7 +65,7 @@ def notes_on_parts(result: zo.MatchResult, names: Sequence[str]) -> tuple[str, .
     )
     if silent:
         quoted = enumeration(f"'{name}'" for name in silent[:LISTED])
-        notes.append(message("Nothing arrives from {parts}.", parts=quoted))
+        notes.append(warning("Nothing arrives from {parts}.", parts=quoted))
     return tuple(notes)
 
 

@@ -13,7 +13,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.verdict import RED
-from zoomout_core.messages import as_message, enumeration, message, plural
+from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
@@ -253,7 +253,7 @@ def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any])
         return []
     labels = enumeration(as_message(option_label(name)) for name in unused)
     return [
-        message(
+        warning(
             "The existing match was used: to apply the changed settings ({settings}), match again.", settings=labels
         )
     ]
@@ -285,7 +285,7 @@ def _write_report(
     written: dict[str, list[str]] = {kind: [] for kind in DATA}
     for one in adapters:
         written[one.kind].extend(one.names)
-    shared = message(
+    shared = warning(
         "The mesh '{mesh}' is shared by {users} objects, which all received the data.",
         mesh=target.data.name,
         users=users,

@@ -14,7 +14,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.messages import message, sentences
+from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import reverse_match
 
@@ -276,7 +276,7 @@ def _write(
     notes: tuple[str, ...] = ()
     shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
     if len(shown) > given.is_cage:
-        notes = (message("The modifiers of '{name}' also deform its new shape.", name=obj.name),)
+        notes = (warning("The modifiers of '{name}' also deform its new shape.", name=obj.name),)
     if wrapping.result == "mesh":
         mesh_data.move_vertices(obj.data, shape - mesh_data.read_rest_positions(obj.data))
         obj.data.update()

@@ -3,6 +3,7 @@
 
 import json
 from functools import partial
+from itertools import pairwise
 from time import perf_counter
 from types import SimpleNamespace
 
@@ -25,6 +26,7 @@ from blender_addon.ui import panels
 from blender_addon.ui.panels import result
 from blender_addon.viewport import preview
 from zoomout_core.matching.verdict import judge
+from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import Progress
 
 
@@ -120,6 +122,17 @@ def test_other_candidates_are_at_most_as_likely_as_the_first_one_leaves_them():
     assert words(0.99, 0.6, 0.0) == ["Certain", "Unlikely", "Unlikely"]
     assert words(0.55, 0.4, 0.05) == ["Likely", "Possible", "Unlikely"]
     assert words(0.02, 0.01) == ["Unlikely", "Unlikely"]
+
+
+def test_a_report_lists_what_was_skipped_then_warnings_then_notes(source, target):
+    transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
+    notes = [message("A note"), warning("A warning"), "Plain text"]
+    stored_report.write(target, transfer_report(target) | {"notes": notes, "skipped": {"Mask": "it is locked"}})
+    everything = drawn()
+    marks = {text: mark for (_, text, _), (kind, mark, _) in pairwise(everything) if kind == "mark"}
+    listed = "Mask: skipped, it is locked", "A warning", "A note", "Plain text"
+    assert [text for _, text, _ in everything if text in listed] == list(listed)
+    assert [marks[text] for text in listed] == ["CANCEL", "ERROR", "DOT", "DOT"]
 
 
 def test_the_report_bears_the_mark_of_its_verdict(source, target):

@@ -31,7 +31,16 @@ NAMES = {"ZoomOut", menus.EXTENSION, "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
 # What is printed in English: the command lines, the demo, and functions for scripts.
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
-TEMPLATES = {"LandmarkError", "MeshError", "NotEnoughMemoryError", "as_message", "message", "plural", "sentences"}
+TEMPLATES = {
+    "LandmarkError",
+    "MeshError",
+    "NotEnoughMemoryError",
+    "as_message",
+    "message",
+    "plural",
+    "sentences",
+    "warning",
+}
 SHOWING = {"Finding", "poll_message_set", "reported", "status_text_set", "translated"}
 # Modules of the core whose stages and plain errors the add-on does not run into.
 OF_CORE = (
@@ -129,7 +138,8 @@ def words_of(text: str) -> str:
 
 
 def name_of(call: ast.Call) -> str:
-    return getattr(call.func, "attr", getattr(call.func, "id", ""))
+    attribute = getattr(call.func, "attr", "")
+    return "" if attribute == "warning" else attribute or getattr(call.func, "id", "")  # a logger's warning
 
 
 def templates() -> set[str]:

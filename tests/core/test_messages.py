@@ -18,10 +18,12 @@ from zoomout_core.messages import (
     as_message,
     enumeration,
     from_json,
+    is_warning,
     message,
     plural,
     sentences,
     to_json,
+    warning,
 )
 
 LEFT_OUT = message("'{name}' was left out: {reason}", name="A", reason=message("{share:.0%} is missing", share=0.25))
@@ -57,6 +59,22 @@ def test_it_is_its_english_text() -> None:
 )
 def test_its_parts_survive(passed) -> None:
     assert parts(passed(LEFT_OUT)) == parts(LEFT_OUT)
+
+
+@pytest.mark.parametrize(
+    "passed",
+    [
+        copy.deepcopy,
+        lambda text: pickle.loads(pickle.dumps(text)),
+        lambda text: from_json(json.loads(json.dumps(to_json(text)))),
+    ],
+)
+def test_warnings_stay_warnings(passed) -> None:  # type: ignore[no-untyped-def]
+    note, warns = message("{count} are hidden", count=2), warning("{count} are torn: check these", count=3)
+    assert warns == "3 are torn: check these"
+    assert is_warning(passed(warns))
+    assert not is_warning(passed(note))
+    assert not is_warning("plain text")
 
 
 def test_values_are_those_that_json_holds() -> None:

@@ -12,7 +12,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.messages import message
+from zoomout_core.messages import warning
 
 UNSURE = (
     "This map is correct with a probability of only {certainty:.0%}: check whether sides are swapped, and if so, "
@@ -66,7 +66,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
             "reconstructed surface.",
         ),
     )
-    return tuple(text for true, text in notes if true)
+    return tuple(warning(text) for true, text in notes if true)
 
 
 def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
@@ -75,7 +75,7 @@ def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
     if coarse < MAX_ROUNDING:
         return ()
     return (
-        message(
+        warning(
             f"The {role} is so far from its origin that its coordinates are rounded by {{share:.0%}} of an edge "
             "length: move it to the origin in the program that created it.",
             share=coarse,
@@ -92,15 +92,15 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         placed: the part of the target's area that has a counterpart.
         folded: the part of it that the map flips.
     """
-    notes: tuple[str, ...] = (message(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
+    notes: tuple[str, ...] = (warning(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
     if certainty >= SURE_CERTAINTY:
         return notes
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
-        return (message(TURNED, turns=turns, certainty=certainty), *notes)
+        return (warning(TURNED, turns=turns, certainty=certainty), *notes)
     doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
-    return (message(doubt, certainty=certainty), *notes)
+    return (warning(doubt, certainty=certainty), *notes)
 
 
 def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
@@ -118,4 +118,4 @@ def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
         ),
     )
     shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
-    return tuple(message(text, share=share) for share, text in shares if share > MAX_UNMATCHED_SHARE)
+    return tuple(warning(text, share=share) for share, text in shares if share > MAX_UNMATCHED_SHARE)

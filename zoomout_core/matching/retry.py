@@ -29,7 +29,7 @@ from zoomout_core.matching.partial.region import REGION, is_small
 from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_unknown_scale, times_as_large
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank, with_others
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, with_turned
-from zoomout_core.messages import message
+from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion, stage
 
 
@@ -44,14 +44,14 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
     """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
     if options.partial == "auto" and may_be_part(first.pair):
         if too_coarse(first.pair):
-            first = replace(first, pair=_with_note(first.pair, TOO_COARSE))
+            first = replace(first, pair=_with_note(first.pair, warning(TOO_COARSE)))
         else:
             with portion(0.0, 0.7):
                 second = attempt_part(first, known)
             if second is not first:
                 return second
             if units_differ(first.pair):
-                first = replace(first, pair=_with_note(first.pair, OTHER_UNITS))
+                first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
     if options.initial == "auto" and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         with portion(0.7, 1.0):
             return _with_more_guesses(first, known, options)

@@ -25,7 +25,7 @@ from ...translations import translated
 from ...viewport import preview
 from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
-from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
+from .sidebar import PICTURE, SidebarPanel, draw_notes, preview_buttons, sentences, show_findings
 
 # From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
@@ -106,7 +106,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
                 )
                 sentences(context, layout, [without], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
-        sentences(context, layout, stored["notes"], "DOT")
+        draw_notes(context, layout, stored["notes"])
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from bpy.types import Context, Object, UILayout
 
 from zoomout_core.matching.verdict import AMBER, GREEN, RED
-from zoomout_core.messages import message
+from zoomout_core.messages import is_warning, message
 
 from ...operators import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
@@ -54,6 +54,12 @@ def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: st
         broken = textwrap.wrap(translated(text), letters)
         for number, line in enumerate(broken + [""] * (lines - len(broken))):
             column.label(text=line, translate=False, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
+
+
+def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None:
+    """Draw notes on a result, first those that ask the user to check or do something."""
+    for warns, icon in ((True, "ERROR"), (False, "DOT")):
+        sentences(context, layout, [note for note in notes if is_warning(note) == warns], icon)
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:

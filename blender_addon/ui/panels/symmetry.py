@@ -21,6 +21,7 @@ from ..thumbnails import icon_of_symmetry
 from .sidebar import (
     PICTURE,
     SidebarPanel,
+    draw_notes,
     help_button,
     main_button,
     preview_buttons,
@@ -173,7 +174,7 @@ def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any])
     candidate = stored["candidates"][stored["chosen"]]
     if candidate["sides"]:
         layout.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
-    sentences(context, layout, candidate["notes"], "DOT")
+    draw_notes(context, layout, candidate["notes"])
 
 
 def _description(context: Context) -> dict[str, Any] | None:

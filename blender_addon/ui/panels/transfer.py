@@ -23,6 +23,7 @@ from .sidebar import (
     VERDICT_ICONS,
     SidebarPanel,
     count_text,
+    draw_notes,
     help_button,
     main_button,
     sentences,
@@ -83,7 +84,8 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
             message("{name}: skipped, {reason}", name=name, reason=as_message(reason))
             for name, reason in report["skipped"].items()
         ]
-        sentences(context, self.layout, [*skipped, *report["notes"]], "DOT")
+        sentences(context, self.layout, skipped, "CANCEL")
+        draw_notes(context, self.layout, report["notes"])
 
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:

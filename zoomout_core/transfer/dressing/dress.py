@@ -21,7 +21,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
-from zoomout_core.messages import message
+from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import Barrier, SidedSurface, push_out, push_out_rigidly
 from zoomout_core.transfer.dressing.following import Following, Motion
@@ -198,7 +198,7 @@ def _carry(
             )
         advance(0.5 + 0.5 * done / len(order))
     vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
-    notes = (message("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
+    notes = (warning("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     return Dressed(vertices, turns, stretched, notes)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.messages import message
+from zoomout_core.messages import warning
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import Chart, signed_areas
@@ -30,7 +30,7 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
         (stretched, faces, "{layer}: {count} of {total} faces have strongly stretched UVs."),
         (missing, islands, "{layer}: {count} of {total} UV islands of the source received no face."),
     )
-    return tuple(message(text, layer=name, count=count, total=total) for count, total, text in told if count)
+    return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in told if count)
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
