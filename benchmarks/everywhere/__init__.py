@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps in the small, where artists look first: lost parts, limbs of the other side, torn edges, and the verdict."""
+"""Maps in the small, where artists look first: lost parts, wrong limbs, torn edges, and the verdict."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from time import perf_counter
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, Case, cases
+from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case, cases
 from benchmarks.everywhere.measures import Row, is_wrong, measure
 from benchmarks.everywhere.pictures import draw
 from benchmarks.tables import Tables
@@ -18,7 +18,7 @@ from zoomout_core.matching.verdict import AMBER, GREEN, RED
 
 # Number of the worst cases of each kind that are drawn.
 WORST = 4
-KINDS = SKIN, LEGS, OTHER
+KINDS = SKIN, LEGS, TOUCH, OTHER
 BASELINE = "DT "
 
 
@@ -70,7 +70,7 @@ def _nearest(case: Case) -> zo.SurfaceMap:
 
 
 def _badness(row: Row) -> float:
-    return (1 - (row["part"] or 1)) + (row["side"] or 0) + 10 * row["torn"]
+    return (1 - (row["part"] or 1)) + (row["limb"] or 0) + 10 * row["torn"]
 
 
 def _sum_up(kind: str, rows: list[Row]) -> Row:
@@ -84,7 +84,7 @@ def _sum_up(kind: str, rows: list[Row]) -> Row:
         "least part": min(values("part"), default=None),
         "lost": sum(values("lost")),
         "visible": sum(values("visible")),
-        "most side": max(values("side"), default=None),
+        "most limb": max(values("limb"), default=None),
         "most torn": max(values("torn"), default=None),
         "wrong": sum(row["wrong"] for row in rows),
         **{level: levels.count(level) for level in (GREEN, AMBER, RED)},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Local errors of a map: parts, sides and torn edges."""
+"""Local errors of a map: parts, limbs and torn edges."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Row: TypeAlias = dict[str, Any]
 
 # An edge is torn if its image is longer than this multiple of the median ratio, and than this fraction of the height.
 TORN_RATIO, TORN_LENGTH = 5.0, 0.02
-# A map is wrong in the small if less arrives from the right part, more on the other side, or more edges are torn.
-RIGHT_PART, WRONG_SIDE, TORN = 0.97, 0.01, 0.01
+# A map is wrong in the small if less arrives from the right part, more on another limb, or more edges are torn.
+RIGHT_PART, WRONG_LIMB, TORN = 0.97, 0.01, 0.01
 # A part counts as visible if it is this share of the target's area, and as lost if less of that receives from it.
 VISIBLE, LOST = 0.001, 0.5
 
@@ -26,32 +26,33 @@ def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
     """The figures of a map; None if the truth of the case does not include them.
 
     `part`: share of the target's area that receives from the right part; `lost`: how many of `visible` parts are;
-    `side`: share of limb vertices that are mapped to the other side; `torn`: share of edges.
+    `limb`: share of limb vertices that are mapped to another limb; `torn`: share of edges.
     """
     arrived = case.source_part[surface_map.vertex]
     known = case.target_part >= 0
     areas = vertex_areas(case.target.vertices, case.target.triangles)
     lost, visible = count_lost(case.target_part, arrived, areas)
-    sided = (case.target_side != 0) & np.isin(case.target_side, case.source_side)
+    on_limb = (case.target_limb != 0) & np.isin(case.target_limb, case.source_limb)
     return {
         "part": float(areas[known & (arrived == case.target_part)].sum() / areas[known].sum()) if known.any() else None,
         "lost": lost if known.any() else None,
         "visible": visible if known.any() else None,
-        "side": float(np.mean(wrong_side(case, surface_map)[sided])) if sided.any() else None,
+        "limb": float(np.mean(wrong_limb(case, surface_map)[on_limb])) if on_limb.any() else None,
         "torn": float(torn_edges(case, surface_map).mean()),
     }
 
 
 def is_wrong(figures: Row) -> bool:
-    """Whether a map is unusable by its figures: a visible part is lost, sides are exchanged, or edges are torn."""
-    part, side = figures["part"], figures["side"]
+    """Whether a map is unusable by its figures: a visible part is lost, limbs are exchanged, or edges are torn."""
+    part, limb = figures["part"], figures["limb"]
     lost = part is not None and (part < RIGHT_PART or figures["lost"] > 0)
-    return lost or (side is not None and side > WRONG_SIDE) or figures["torn"] > TORN
+    return lost or (limb is not None and limb > WRONG_LIMB) or figures["torn"] > TORN
 
 
-def wrong_side(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
-    """(n_t,) which target vertices on a limb are mapped to a limb of the other side."""
-    return (case.target_side != 0) & (case.source_side[surface_map.vertex] == -case.target_side)
+def wrong_limb(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
+    """(n_t,) which target vertices on a limb are mapped to another limb."""
+    limb = case.source_limb[surface_map.vertex]
+    return (case.target_limb != 0) & (limb != 0) & (limb != case.target_limb)
 
 
 def torn_edges(case: Case, surface_map: zo.SurfaceMap) -> Booleans:

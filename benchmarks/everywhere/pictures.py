@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import zoomout_core as zo
-from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, Case
-from benchmarks.everywhere.measures import Row, torn_edges, wrong_side
+from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case
+from benchmarks.everywhere.measures import Row, torn_edges, wrong_limb
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.colors import place_colors
 from zoomout_core.mesh.triangles import unique_edges
@@ -21,7 +21,7 @@ from zoomout_core.plotting import draw_triangles
 CELL = 14.0, 3.2  # inches
 GAP = 1.1  # between the middles of views, whose longest extent is one
 RIGHT, WRONG = np.array([0.75, 0.75, 0.75]), np.array([0.9, 0.1, 0.1])
-PANELS = "source by place", "target by its images' places", "wrong part, side or torn: red"
+PANELS = "source by place", "target by its images' places", "wrong part, limb or torn: red"
 
 
 def draw(path: Path, entries: Sequence[tuple[Row, Case, zo.SurfaceMap]]) -> None:
@@ -37,7 +37,7 @@ def draw(path: Path, entries: Sequence[tuple[Row, Case, zo.SurfaceMap]]) -> None
 
 
 def _caption(row: Row) -> str:
-    figures = (f"{name} {row[name]:.2%}" for name in ("part", "side", "torn") if row[name] is not None)
+    figures = (f"{name} {row[name]:.2%}" for name in ("part", "limb", "torn") if row[name] is not None)
     return f"{row['case']}: {', '.join(figures)}, certainty {row['certainty']:.0%}, {row['verdict']}"
 
 
@@ -60,8 +60,8 @@ def _add(axes: Axes, case: Case, surface_map: zo.SurfaceMap) -> None:
 
 
 def _wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
-    """(n_t,) vertices with a wrong part or side, or at a torn edge."""
-    wrong = wrong_side(case, surface_map)
+    """(n_t,) vertices with a wrong part or limb, or at a torn edge."""
+    wrong = wrong_limb(case, surface_map)
     edges, _ = unique_edges(case.target.triangles)
     wrong[edges[torn_edges(case, surface_map)]] = True
     return wrong | ((case.target_part >= 0) & (case.source_part[surface_map.vertex] != case.target_part))
@@ -69,7 +69,7 @@ def _wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
 
 def _upward(case: Case, is_source: bool) -> int:
     """The up axis: y for MakeHuman bodies, z for game characters."""
-    return {SKIN: 2, LEGS: 1, OTHER: 2 if is_source else 1}[case.kind]
+    return {SKIN: 2, LEGS: 1, TOUCH: 1, OTHER: 2 if is_source else 1}[case.kind]
 
 
 def _views(vertices: Floats, upward: int) -> tuple[Floats, Floats]:

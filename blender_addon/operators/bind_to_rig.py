@@ -10,7 +10,7 @@ from bpy.types import Context
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
-from ..properties.transfer import BLENDING, NAMING, BindOptions, BlendOptions
+from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, BlendOptions
 from ..scene.selection import sources_of_targets
 from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
@@ -19,7 +19,7 @@ from ..viewport import preview
 from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, ModalOperator):
+class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, BindView, ModalOperator):
     bl_idname = "zoomout.bind_to_rig"
     bl_label = "Bind to Rig"
     bl_description = (
@@ -31,7 +31,7 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
     def draw(self, context: Context) -> None:
         """Draw the options that can be adjusted without matching again."""
         self.layout.use_property_split = True
-        for names in (BindOptions.__annotations__, BLENDING, NAMING):
+        for names in ((*BindOptions.__annotations__, *BindView.__annotations__), BLENDING, NAMING):
             column = self.layout.box().column()
             for name in names:
                 column.prop(self, name)

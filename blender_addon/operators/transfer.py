@@ -12,7 +12,7 @@ import zoomout_core as zo
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
-from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BlendOptions, TransferOptions
+from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
@@ -23,7 +23,15 @@ from .modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_transfer(
-    SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, BindChoice, BindOptions, ModalOperator
+    SourceName,
+    OwnSources,
+    MatchOptions,
+    TransferOptions,
+    BlendOptions,
+    BindChoice,
+    BindOptions,
+    BindView,
+    ModalOperator,
 ):
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
@@ -40,7 +48,8 @@ class ZOOMOUT_OT_transfer(
         column = self.layout.column(heading="Data")
         for name in TransferOptions.__annotations__:
             column.prop(self, name)
-        for names in (BLENDING, NAMING, (*BindChoice.__annotations__, *BindOptions.__annotations__)):
+        binding = (*BindChoice.__annotations__, *BindOptions.__annotations__, *BindView.__annotations__)
+        for names in (BLENDING, NAMING, binding):
             column = self.layout.box().column()
             for name in names:
                 column.prop(self, name)

@@ -14,7 +14,7 @@ from bl_ui.utils import PresetPanel
 from bpy.types import Operator, Panel
 
 from ..properties.match import MatchOptions
-from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 
 # Where Blender looks for a folder `presets`.
 HOME = str(Path(__file__).parent.parent)
@@ -57,7 +57,7 @@ class ZOOMOUT_OT_add_transfer_preset(SettingsPreset, Operator):
     preset_subdir = ZOOMOUT_PT_transfer_presets.preset_subdir
     preset_values = tuple(
         f"settings.{name}"
-        for group in (TransferOptions, BlendOptions, BindChoice, BindOptions)
+        for group in (TransferOptions, BlendOptions, BindChoice, BindOptions, BindView)
         for name in group.__annotations__
     )
 

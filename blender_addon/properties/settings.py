@@ -13,7 +13,7 @@ from .landmarks import LandmarkSettings
 from .match import MatchOptions, RedoOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
-from .transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from .transfer import BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 from .wrap import WrapOptions
 
 
@@ -54,6 +54,7 @@ class ZOOMOUT_PG_settings(
     BlendOptions,
     BindChoice,
     BindOptions,
+    BindView,
     WrapOptions,
     DressOptions,
     DressCollection,

@@ -242,6 +242,14 @@ class BindOptions:
         options=ONCE,
     )
 
+    def how_to_bind(self) -> Binding:
+        """The chosen binding."""
+        return Binding(self.binding.lower(), self.replace_binding)
+
+
+class BindView:
+    """What is visible after binding."""
+
     hide_source: BoolProperty(
         name="Hide Source",
         description=(
@@ -251,7 +259,3 @@ class BindOptions:
         default=True,
         options=ONCE,
     )
-
-    def how_to_bind(self) -> Binding:
-        """The chosen binding."""
-        return Binding(self.binding.lower(), self.replace_binding)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 
-from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 
 # An installed zip has HTML pages in the package; a checkout has their Markdown beside it.
 PACKAGE = Path(__file__).parents[1]
@@ -25,7 +25,7 @@ PLACES = (
     ("bpy.ops.zoomout.wrap*", GUIDE),
     *(
         (f"bpy.types.zoomout_pg_settings.{name}", RULES)
-        for group in (TransferOptions, BlendOptions, BindChoice, BindOptions)
+        for group in (TransferOptions, BlendOptions, BindChoice, BindOptions, BindView)
         for name in group.__annotations__
     ),
     ("bpy.ops.zoomout.*", GUIDE),

@@ -8,7 +8,7 @@ import pytest
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import SKIN, Case
-from benchmarks.everywhere.measures import is_wrong, measure, torn_edges, wrong_side
+from benchmarks.everywhere.measures import is_wrong, measure, torn_edges, wrong_limb
 from zoomout_core.samples import grids
 
 ROWS, COLUMNS = 9, 41
@@ -16,12 +16,12 @@ ROWS, COLUMNS = 9, 41
 
 @pytest.fixture
 def case() -> Case:
-    """A strip matched to itself: its left third is one part, its halves are its sides."""
+    """A strip matched to itself: its left third is one part, its halves are two limbs."""
     grid = grids.grid(np.linspace(0, 2, COLUMNS), np.linspace(0, 0.4, ROWS))
     vertices, strip = grid.vertices, zo.Surface(grid.vertices, grid.triangles)
     part = (vertices[:, 0] > 0.66).astype(np.int64)
-    side = np.sign(vertices[:, 0] - 1).astype(np.int64)
-    return Case(SKIN, "strip", strip, strip, part, part, side, side)
+    limb = np.sign(vertices[:, 0] - 1).astype(np.int64)
+    return Case(SKIN, "strip", strip, strip, part, part, limb, limb)
 
 
 def image(case: Case, vertex: np.ndarray) -> zo.SurfaceMap:
@@ -30,7 +30,7 @@ def image(case: Case, vertex: np.ndarray) -> zo.SurfaceMap:
 
 def test_the_true_map_is_right_everywhere(case: Case) -> None:
     figures = measure(case, image(case, np.arange(ROWS * COLUMNS)))
-    assert figures == {"part": 1.0, "lost": 0, "visible": 2, "side": 0.0, "torn": 0.0}
+    assert figures == {"part": 1.0, "lost": 0, "visible": 2, "limb": 0.0, "torn": 0.0}
     assert not is_wrong(figures)
 
 
@@ -43,13 +43,13 @@ def test_a_part_that_lands_elsewhere_is_lost(case: Case) -> None:
     assert is_wrong(figures)
 
 
-def test_vertices_on_the_other_side_and_edges_across_are_counted(case: Case) -> None:
+def test_vertices_on_another_limb_and_edges_across_are_counted(case: Case) -> None:
     vertex = np.arange(ROWS * COLUMNS)
     moved = 5 * ROWS + ROWS // 2
     vertex[moved] = 35 * ROWS + ROWS // 2
     surface_map = image(case, vertex)
-    np.testing.assert_array_equal(np.flatnonzero(wrong_side(case, surface_map)), [moved])
+    np.testing.assert_array_equal(np.flatnonzero(wrong_limb(case, surface_map)), [moved])
     assert torn_edges(case, surface_map).sum() == 6  # all edges of a vertex of a grid
     figures = measure(case, surface_map)
-    assert figures["side"] == pytest.approx(1 / np.count_nonzero(case.target_side))
+    assert figures["limb"] == pytest.approx(1 / np.count_nonzero(case.target_limb))
     assert is_wrong({**figures, "torn": 0.02})

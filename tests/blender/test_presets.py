@@ -8,7 +8,7 @@ import pytest
 
 from blender_addon import presets
 from blender_addon.properties.match import MatchOptions
-from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from blender_addon.properties.transfer import BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def changed(group):
 
 @pytest.mark.parametrize(
     ("what", "groups"),
-    [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions, BindChoice, BindOptions])],
+    [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions, BindChoice, BindOptions, BindView])],
 )
 def test_options_are_kept_by_name_and_come_back(folder, what, groups):
     settings = bpy.context.scene.zoomout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find where a finished map tears the target apart, and fill these places in from their surroundings.
+"""Repair a finished map: match wrong branches anew, find where it tears the target apart, and fill these places in.
 
 A map that is right as a whole may still send a patch of the target to another limb, finger or lip, where the source's
 surfaces face each other. Closest points cannot tell the two sides apart, but geodesic distances can: the images of two
@@ -24,6 +24,7 @@ from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.branches import exchange_branches
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES, MAX_GEODESIC_DISTANCE
 from zoomout_core.mesh.surface import Surface
@@ -97,12 +98,24 @@ class _Images:
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
-    """Fill in the places at which a map is torn; exact landmarks keep their images.
+    """Match branches anew that are on the wrong branch, and fill in the places at which a map is torn.
+
+    Exact landmarks keep their images.
 
     Args:
         pair: the surfaces, and the source's geodesic distances.
         surface_map: from the target to the source.
     """
+    exchanged = exchange_branches(pair, surface_map)
+    first = _fill_torn(pair, *exchanged)
+    if not exchanged.unsettled.any():
+        return first
+    second = _fill_torn(pair, *exchange_branches(pair, first.surface_map))  # at new bases, branches may be wrong still
+    return second._replace(filled=first.filled | second.filled)
+
+
+def _fill_torn(pair: Pair, surface_map: SurfaceMap, unsettled: Booleans) -> Repair:
+    """Fill in the places at which a map is torn, and further vertices (n_t,)."""
     source, target = pair.source, pair.target
     mesh, vertex_of = target.working, target.working.vertex_of
     used = np.flatnonzero(vertex_of >= 0)
@@ -124,7 +137,7 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
     edges, _ = unique_edges(mesh.triangles)
     own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     torn, limit = _torn(images.features, edges, own)
-    filled = _to_fill(mesh, edges, torn) & ~fixed
+    filled = (_to_fill(mesh, edges, torn) | unsettled[member]) & ~fixed
     if filled.any():
         images = _fill(images, filled, edges, mesh.component, source.working, corners)
         torn, _ = _torn(images.features, edges, own, limit)

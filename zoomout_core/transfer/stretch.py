@@ -146,15 +146,24 @@ def extreme_poses(heads: Floats, parents: Integers) -> Floats:
         heads: (b, 3) the place that each bone turns about, at rest.
         parents: (b,) the number of each bone's parent, -1 for none.
     """
-    turns = extreme_turns(parents)
-    poses = np.zeros((*turns.shape[:2], 3, 4))
-    matrices = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(*turns.shape, 3)
-    for transforms, of_bones in zip(poses, matrices, strict=True):
-        for bone in _parents_first(parents):
-            own = np.column_stack([of_bones[bone], heads[bone] - of_bones[bone] @ heads[bone]])
-            above = None if parents[bone] < 0 else transforms[parents[bone]]
-            transforms[bone] = own if above is None else _compose(above, own)
-    return poses
+    return np.array([pose_of_turns(turns, heads, parents) for turns in extreme_turns(parents)])
+
+
+def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
+    """(b, 3, 4) transforms of bones from the rest pose to one in which each is turned against its parent.
+
+    Args:
+        turns: (b, 3) rotation vectors, in radians about the axes of the world at rest.
+        heads: (b, 3) the place that each bone turns about, at rest.
+        parents: (b,) the number of each bone's parent, -1 for none.
+    """
+    transforms = np.zeros((len(parents), 3, 4))
+    matrices = Rotation.from_rotvec(turns).as_matrix()
+    for bone in _parents_first(parents):
+        own = np.column_stack([matrices[bone], heads[bone] - matrices[bone] @ heads[bone]])
+        above = None if parents[bone] < 0 else transforms[parents[bone]]
+        transforms[bone] = own if above is None else _compose(above, own)
+    return transforms
 
 
 def distinct_poses(poses: Floats, heads: Floats) -> Floats:

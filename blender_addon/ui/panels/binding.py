@@ -9,7 +9,7 @@ from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ...operators.select_faults import ZOOMOUT_OT_select_stretched
 from ...operators.test_poses import ZOOMOUT_OT_test_poses
-from ...properties.transfer import BindOptions
+from ...properties.transfer import BindOptions, BindView
 from ...services.preflight import likely_source
 from ...viewport.preview import OF_BINDING
 from .sidebar import SidebarPanel, preview_buttons, split_properties
@@ -23,7 +23,7 @@ class ZOOMOUT_PT_binding(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         split_properties(self.layout)
-        for name in BindOptions.__annotations__:
+        for name in (*BindOptions.__annotations__, *BindView.__annotations__):
             self.layout.prop(context.scene.zoomout, name)
         source = likely_source(context) if context.active_object else None
         row = self.layout.row()

@@ -240,7 +240,7 @@ def _lesser_extremities(shape: ShapeAnalysis) -> Extremities:
 
 def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
     average = _average_distance(shape)
-    vertices, persistence = _maxima(shape)
+    vertices, persistence = maxima(shape)
     count = int(np.clip((persistence > least).sum(), EXTREMITIES.min_count, EXTREMITIES.max_count))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(landmark_features(shape, vertices), average[vertices], persistence)
@@ -248,12 +248,12 @@ def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
 
 def has_extremities(shape: ShapeAnalysis) -> bool:
     """Whether enough tips have a high persistence."""
-    _, persistence = _maxima(shape)
+    _, persistence = maxima(shape)
     return int((persistence > EXTREMITIES.persistence).sum()) >= EXTREMITIES.min_count
 
 
 @once_per_argument
-def _maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
+def maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
     return _persistent_maxima(_average_distance(shape), shape.mesh)
 
 
