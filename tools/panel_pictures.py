@@ -155,7 +155,6 @@ def binding() -> Story:
     yield from begin(scan, hero)
     call(bpy.ops.zoomout.match)
     call(bpy.ops.zoomout.bind_to_rig)
-    hero.hide_set(True)
     bpy.context.scene.zoomout.source = hero
     rig.show_in_front, rig.data.display_type = True, "STICK"
     set_pose(rig, RAISED)
@@ -228,9 +227,9 @@ STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "light": (light, set(), set()),
     "parts": (parts, set(), {"ZOOMOUT_PT_transfer"}),
     "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
-    "binding": (binding, {"ZOOMOUT_PT_binding"}, {"ZOOMOUT_PT_match"}),
-    "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match"}),
-    "dressing": (dressing, {"ZOOMOUT_PT_dress"}, {"ZOOMOUT_PT_match"}),
+    "binding": (binding, {"ZOOMOUT_PT_binding_check"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
+    "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
+    "dressing": (dressing, {"ZOOMOUT_PT_dress"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
 }
 
