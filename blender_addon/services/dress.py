@@ -27,7 +27,7 @@ from ..storage import stored_match
 from .binding import read_sources_at_rest
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import make_match
+from .made_match import is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.
@@ -90,7 +90,8 @@ def dress(
         target: the body to dress; it is matched if necessary.
         accessories: meshes, and hair curves.
         dressing: how to dress the target.
-        match_options: options of `match_objects`, for a new match.
+        match_options: options of `match_objects`, for a new match; with `force=True` it is used even if it is
+            probably wrong.
 
     Returns:
         A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
@@ -111,6 +112,7 @@ async def prepare_dress(
     things: Sequence[str],
     dressing: Dressing,
     adjusted: bool = False,
+    force: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -122,6 +124,7 @@ async def prepare_dress(
         things: names of the worn objects.
         dressing: how to dress the target.
         adjusted: whether this repeats the last operation with other settings, and may reuse its undone match.
+        force: whether to use a new match that is probably wrong; else only the match is stored.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -135,6 +138,8 @@ async def prepare_dress(
         begin = MATCHING
         with portion(0, begin):
             match, made_with = await make_match(context, pair, adjusted, match_options)
+        if not adjusted and not force and is_probably_wrong(match):
+            return partial(store_and_stop, context, pair, match, made_with)
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):

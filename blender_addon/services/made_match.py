@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The match that a transfer, a wrap or a dress makes if none is stored."""
+"""The match that a transfer, a wrap or a dress makes if none is stored, and the stop if it is probably wrong."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn, TypeGuard
 
+import bpy
 from bpy.types import Context
 
+import zoomout_core as zo
+from zoomout_core.matching.verdict import RED
+
 from ..mesh_data import ObjectPair
+from ..scene.pair import writing
 from ..storage.stored_match import Match
-from .candidates import cache_made_match, last_made_match
+from ..translations import translated
+from .candidates import cache_made_match, last_made_match, store_match
 from .constraints import match_pair, settings_to_store
 
 
@@ -29,3 +35,40 @@ async def make_match(
     match = made or await match_pair(context, pair, **match_options)
     cache_made_match(pair, match)
     return match, settings
+
+
+def is_probably_wrong(match: Match) -> TypeGuard[zo.MatchResult]:
+    """Whether the verdict on a match is red."""
+    return isinstance(match, zo.MatchResult) and match.verdict.level == RED
+
+
+def store_and_stop(
+    context: Context, pair: ObjectPair, match: zo.MatchResult, settings: dict[str, Any], undo_step: bool = False
+) -> NoReturn:
+    """Store a match that is probably wrong, so that the user can look at it, and do nothing else.
+
+    Args:
+        context: Blender's.
+        pair: the matched objects.
+        match: the match.
+        settings: the options that it was made with.
+        undo_step: whether to push an undo step.
+
+    Raises:
+        MeshError: always; the message says how to go on.
+    """
+    with writing(context, pair) as (_, target):
+        store_match(target.data, match, pair, settings)
+    if undo_step:
+        push_match()
+    raise zo.MeshError(
+        "{reason} {advice} '{target}' was matched but not changed: to use this match all the same, start again.",
+        reason=match.verdict.sentence,
+        advice=match.verdict.advice,
+        target=pair.target_name,
+    )
+
+
+def push_match() -> None:
+    """Push an undo step with the new match."""
+    bpy.ops.ed.undo_push(message=translated("Match"))

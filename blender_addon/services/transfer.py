@@ -8,11 +8,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import bpy
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.verdict import RED
 from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
@@ -45,12 +43,11 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
-from ..translations import translated
 from .binding import Bound, check_binding, keep_match, prepare_binding, write_bound
 from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
-from .made_match import make_match
+from .made_match import is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -176,9 +173,8 @@ async def prepare_transfer(
     else:
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
-    verdict = match.verdict if isinstance(match, zo.MatchResult) else None
-    if stored is None and not adjusted and not force and verdict is not None and verdict.level == RED:
-        return partial(_store_and_stop, context, pair, match, made_with, verdict, undo_step)
+    if stored is None and not adjusted and not force and is_probably_wrong(match):
+        return partial(store_and_stop, context, pair, match, made_with, undo_step)
     job = TransferJob(match, pair, remarks, settings, blend)
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
@@ -198,7 +194,7 @@ async def prepare_transfer(
             if stored is None:
                 store_match(target.data, match, pair, made_with)
                 if undo_step:
-                    _push_match()
+                    push_match()
             for one in adapters:
                 if one.kind != "shape":
                     one.write(target)
@@ -214,36 +210,6 @@ async def prepare_transfer(
             return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
 
     return write
-
-
-def _push_match() -> None:
-    """Push an undo step with the new match."""
-    bpy.ops.ed.undo_push(message=translated("Match"))
-
-
-def _store_and_stop(
-    context: Context,
-    pair: ObjectPair,
-    match: stored_match.Match,
-    settings: dict[str, Any],
-    verdict: zo.Verdict,
-    undo_step: bool,
-) -> dict[str, Any]:
-    """Store a match that is probably wrong, so that the user can look at it.
-
-    Raises:
-        MeshError: always; the message says how to go on.
-    """
-    with writing(context, pair) as (_, target):
-        store_match(target.data, match, pair, settings)
-    if undo_step:
-        _push_match()
-    raise zo.MeshError(
-        "{reason} {advice} Nothing was transferred to '{target}': to transfer along this match, start again.",
-        reason=verdict.sentence,
-        advice=verdict.advice,
-        target=pair.target_name,
-    )
 
 
 def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:

@@ -29,7 +29,7 @@ from ..storage import stored_match
 from . import previews
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import make_match
+from .made_match import is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.
@@ -92,7 +92,8 @@ def wrap(
         source: the source; it is read after its modifiers.
         target: the target; it is matched if necessary.
         wrapping: how to wrap; a shape key of the target with the source's shape, when not given.
-        match_options: options of `match_objects`, for a new match.
+        match_options: options of `match_objects`, for a new match; with `force=True` it is used even if it is
+            probably wrong.
 
     Returns:
         A report: `wrapped` is the name of the wrapped object, `shape` of the one whose shape it gets; `object` and
@@ -111,6 +112,7 @@ async def prepare_wrap(
     target_name: str,
     wrapping: Wrapping,
     adjusted: bool = False,
+    force: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`wrap` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -121,6 +123,7 @@ async def prepare_wrap(
         target_name: name of the target.
         wrapping: how to wrap.
         adjusted: whether this repeats the last wrap with other settings, and may reuse its undone match.
+        force: whether to use a new match that is probably wrong; else only the match is stored.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -133,6 +136,8 @@ async def prepare_wrap(
         begin = MATCHING
         with portion(0, begin):
             match, made_with = await make_match(context, pair, adjusted, match_options)
+        if not adjusted and not force and is_probably_wrong(match):
+            return partial(store_and_stop, context, pair, match, made_with)
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):

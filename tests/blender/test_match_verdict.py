@@ -12,7 +12,7 @@ from scenes import activate, add_uv_map, ellipsoid, link, new_material, snapshot
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import cli, jobs
+from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
 from blender_addon.services.parts import name_components, notes_on_parts
@@ -45,13 +45,29 @@ def test_a_damaged_verdict_is_not_known(damaged):
 
 def test_a_new_match_that_is_probably_wrong_stops_the_transfer_once(source, target, wrong):
     add_uv_map(source.data, "Layout")
-    with pytest.raises(zo.MeshError, match="Nothing was transferred to 'Target'"):
+    with pytest.raises(zo.MeshError, match="'Target' was matched but not changed"):
         transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
     assert "Layout" not in target.data.uv_layers
     assert stored_match.verdict_of(stored_match.description(target.data)).level == RED
     report = transfer_objects(bpy.context, source, target, ["uv_maps"])
     assert report["written"]["uv_maps"] == ["Layout"]
     assert report["verdict"]["level"] == RED
+
+
+@pytest.mark.parametrize("operate", ["wrap", "dress"])
+def test_it_stops_a_wrap_and_a_dress_once_too(source, target, wrong, operate):
+    worn = ellipsoid("Shirt", 3)
+    worn.scale = (1.2,) * 3
+    bpy.context.view_layer.update()
+    given = ([worn],) if operate == "dress" else ()
+    before = set(bpy.data.objects)
+    with pytest.raises(zo.MeshError, match="'Target' was matched but not changed"):
+        getattr(api, operate)(bpy.context, source, target, *given, k_final=30)
+    assert target.data.shape_keys is None
+    assert set(bpy.data.objects) == before
+    assert getattr(api, operate)(bpy.context, source, target, *given)
+    stored_match.remove(target.data)
+    assert getattr(api, operate)(bpy.context, source, target, *given, k_final=30, force=True)
 
 
 def test_force_transfers_all_the_same(source, target, wrong, tmp_path):
