@@ -6,15 +6,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from bpy.types import Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Kind
+from zoomout_core.transfer.uv.chart import uv_seams
 
 from .. import mesh_data
 from ..mesh_data import ActiveLayers, Layer, Role
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
+
+# Seams are visibly jagged if they are longer than the source's by this factor, and their edges than this fraction of
+# the extent.
+JAGGED, COARSE = 1.1, 0.015
 
 
 @dataclass
@@ -44,7 +51,8 @@ class LayerAdapter:
         return [self.layer.attribute.name]
 
     def transfer(self, job: TransferJob) -> None:
-        attribute, options = self.layer.attribute, dict[str, Any]()
+        attribute = original = self.layer.attribute
+        options = dict[str, Any]()
         if self.at_rest is not None:
             options = dict(zip(("source", "target"), self.at_rest, strict=True))
             if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
@@ -52,6 +60,7 @@ class LayerAdapter:
         attribute = job.transfer(attribute, f"'{attribute.name}'", **options)
         self.layer = replace(self.layer, attribute=job.blend_values(attribute, self.present, lacking=self.lacking))
         if self.layer.role is Role.UV_MAP:
+            job.remarks.add(_note_on_seams(self.layer.attribute, original, job))
             job.uv_maps[attribute.name] = self.layer.attribute
 
     def write(self, target: Object) -> None:
@@ -101,6 +110,29 @@ def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attrib
     ):
         return None
     return mesh_data.read_layer(mesh, name, layer.role, layer.turning).attribute
+
+
+def _note_on_seams(uv: Attribute, original: Attribute, job: TransferJob) -> list[str]:
+    """Suggest *Cut Along Seams* if the islands of a UV map (c, 2) end at long edges that zigzag along the source's."""
+    source, target = job.pair.source, job.pair.target
+    (before, _), (length, size) = (_seam_lengths(*each) for each in ((source, original), (target, uv)))
+    scale = np.sqrt(target.area / source.area)
+    if not len(length) or length.sum() < JAGGED * scale * before.sum() or length.mean() < COARSE * size:
+        return []
+    return [
+        message(
+            "{layer}: UV islands of '{target}' end at its own edges, which zigzag: Cut Along Seams before the transfer "
+            "makes their borders exact.",
+            layer=uv.name,
+            target=job.pair.target_name,
+        )
+    ]
+
+
+def _seam_lengths(surface: zo.Surface, uv: Attribute) -> tuple[Floats, float]:
+    """(s,) lengths of the seams of a UV map, and the extent of the surface."""
+    ends = surface.vertices[surface.edges[uv_seams(surface, uv.values)]]
+    return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), float(np.ptp(surface.vertices, axis=0).max())
 
 
 def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remarks) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 from scenes import add_attribute, decimate, ellipsoid, from_pydata, positions, set_weights, values, weight_array
 from true_match import keep_true_match
 
@@ -57,6 +58,25 @@ def test_islands_arrive_whole_and_end_at_the_seam(source, target):
     reach = 0.02
     assert (height[upper] > -reach).mean() > 0.995
     assert (height[~upper] < reach).mean() > 0.995
+
+
+@pytest.mark.parametrize(("angle", "count"), [(45, 16), (0, 16), (45, 100)])
+def test_it_is_suggested_where_borders_zigzag_along_long_edges(angle, count):
+    source = plane("Source", 32)
+    corners = np.empty(len(source.data.loops), np.int32)
+    source.data.loops.foreach_get("vertex_index", corners)
+    right = np.repeat(positions(source.data)[corners, 0].reshape(-1, 4).mean(axis=1) > 0, 4)
+    uv = positions(source.data)[corners, :2] / 8 + 0.25 + 0.5 * right[:, None]
+    source.data.uv_layers.new(name="Atlas").data.foreach_set("uv", np.ascontiguousarray(uv, np.float32).ravel())
+    target = plane("Target", count)
+    target.data.transform(Matrix.Rotation(np.radians(angle), 4, "Z") @ Matrix.Scale(0.7, 4))
+    keep_true_match(target)
+    notes = transfer_objects(bpy.context, source, target, ("uv_maps",))["notes"]
+    suggestion = (
+        "Atlas: UV islands of 'Target' end at its own edges, which zigzag: Cut Along Seams before the transfer makes "
+        "their borders exact."
+    )
+    assert (suggestion in notes) == (angle == 45 and count == 16)
 
 
 def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target):
