@@ -255,18 +255,34 @@ def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, ta
     assert buttons()["Match and Transfer"]
 
 
+def test_the_rows_of_objects_do_not_depend_on_the_selection(source, target):
+    def rows():
+        everything = drawn()
+        names = [text for kind, text, _ in everything if kind == "prop"]
+        start = next(i for i, each in enumerate(everything) if each[:2] == ("prop", "source"))
+        return next(i for i, each in enumerate(everything) if each[:2] == ("prop", "initial")) - start, names[:2]
+
+    third = ellipsoid("Third", 4)
+    found = []
+    for chosen in ((target, source), (target, third, source), (target,), (source, target)):
+        activate(*chosen)
+        bpy.context.view_layer.update()
+        found.append(rows())
+    assert all(each == found[0] for each in found)
+
+
 def test_buttons_say_how_many_targets_there_are(source, target):
     bpy.context.scene.zoomout.source = source
     third = ellipsoid("Third", 4)
     activate(target, third, source)
     bpy.context.view_layer.update()
-    assert "Third (selected)" in texts()
+    assert "Target and 1 more" in texts()
     assert buttons()["Match 2 Targets"]
     assert buttons()["Match and Transfer to 2 Targets"]
     fourth = ellipsoid("Fourth", 4)
     activate(target, third, fourth, source)
     bpy.context.view_layer.update()
-    assert "2 more (selected)" in texts()
+    assert "Target and 2 more" in texts()
     assert buttons()["Match 3 Targets"]
     third.data.clear_geometry()
     bpy.context.view_layer.update()

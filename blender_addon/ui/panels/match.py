@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bpy.types import Context, Panel, UILayout
+from bpy.types import Context, Object, Panel, UILayout
 
 from zoomout_core.matching.verdict import RED
 from zoomout_core.messages import message
@@ -43,14 +43,11 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         column.prop(settings, "source")
         is_mesh = target is not None and target.type == "MESH"
         source = likely_source(context) if is_mesh else None
-        if settings.source is None and source:
-            how = "{name} (selected)" if source.select_get() and source != target else "{name} (matched)"
-            _object_row(column, "", translated(message(how, name=source.name)))
-        _object_row(column, "Target", translated(message("{name} (active)", name=target.name)) if is_mesh else "")
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
-        if others:
-            names = others[0].name if len(others) == 1 else message("{count} more", count=len(others))
-            _object_row(column, "", translated(message("{name} (selected)", name=names)))
+        # The number of rows does not depend on the selection, so that no button moves.
+        if settings.source is None:
+            _object_row(column, "", _describe_source(source, target))
+        _object_row(column, "Target", _describe_targets(target if is_mesh else None, len(others)))
         layout.prop(settings, "initial")
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
@@ -84,6 +81,23 @@ def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) ->
     sentences(context, box, [verdict.sentence], VERDICT_ICONS[verdict.level])
     if verdict.advice:
         sentences(context, box, [verdict.advice], "BLANK1")
+
+
+def _describe_source(source: Object | None, target: Object | None) -> str:
+    """The source that was not chosen in the panel, and how it was found; empty if there is none."""
+    if source is None:
+        return ""
+    how = "{name} (selected)" if source.select_get() and source != target else "{name} (matched)"
+    return translated(message(how, name=source.name))
+
+
+def _describe_targets(target: Object | None, others: int) -> str:
+    """The active target, and the number of other selected ones; empty if there is none."""
+    if target is None:
+        return ""
+    if not others:
+        return translated(message("{name} (active)", name=target.name))
+    return translated(message("{name} and {count} more", name=target.name, count=others))
 
 
 def _object_row(layout: UILayout, label: str, text: str) -> None:
