@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case, cases
-from benchmarks.everywhere.measures import Row, is_wrong, measure
+from benchmarks.everywhere.measures import Row, is_wrong, measure, measure_binding
 from benchmarks.everywhere.pictures import draw
 from benchmarks.tables import Tables
 from zoomout_core.geometry.closest_points import closest_points
@@ -25,9 +25,9 @@ BASELINE = "DT "
 def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
     """Match each case without hints, and measure the worst places of the map.
 
-    `rows`, for each case: the figures of `measure`, those of Blender's Data Transfer (DT), certainty, verdict, whether
-    the map is wrong, and seconds of a cold match. `summary`: the worst of each kind, and the number of verdicts
-    that are green on a wrong map, or red on a right one.
+    `rows`, for each case: the figures of `measure`, those of Blender's Data Transfer (DT), those of `measure_binding`,
+    certainty, verdict, whether the map is wrong, and seconds of a cold match. `summary`: the worst of each kind, and
+    the number of verdicts that are green on a wrong map, or red on a right one.
 
     Args:
         data: the folder of the sets, including characters and clothes.
@@ -48,6 +48,7 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
             "case": case.name,
             **figures,
             **baseline,
+            **measure_binding(case, result.surface_map),
             "certainty": result.certainty,
             "verdict": result.verdict.level,
             "wrong": is_wrong(figures),
@@ -86,6 +87,8 @@ def _sum_up(kind: str, rows: list[Row]) -> Row:
         "visible": sum(values("visible")),
         "most limb": max(values("limb"), default=None),
         "most torn": max(values("torn"), default=None),
+        "most stretched": max(values("stretched"), default=None),
+        "most islands": max(values("islands"), default=None),
         "wrong": sum(row["wrong"] for row in rows),
         **{level: levels.count(level) for level in (GREEN, AMBER, RED)},
         "green but wrong": sum(row["wrong"] and row["verdict"] == GREEN for row in rows),

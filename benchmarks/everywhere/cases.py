@@ -17,17 +17,18 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from types import ModuleType
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from benchmarks.characters.cases import FEW_PARTS, is_broken, spread, surface_of
 from benchmarks.characters.game import Body, Character, one_skin, read_character
 from benchmarks.characters.skeleton import limbs_of
-from benchmarks.everywhere.touching import POSES, arms_and_legs, feet_together, number_limbs
-from zoomout_core.arrays import Integers
+from benchmarks.everywhere.touching import POSES, Bodies, arms_and_legs, feet_together, number_limbs
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import unique_edges
 
@@ -53,6 +54,22 @@ CHARACTERS = (
 BUILDS = ("woman", "heavy_man", "child")
 
 
+class Rig(NamedTuple):
+    """The bones that move a source.
+
+    Attributes:
+        rest: (n_s, 3) the source's vertices at rest.
+        weights: (n_s, b) skin weights.
+        heads: (b, 3) the place that each bone turns about, at rest.
+        parents: (b,) the number of each bone's parent, -1 for none.
+    """
+
+    rest: Floats
+    weights: csr_array
+    heads: Floats
+    parents: Integers
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A pair of shapes with true parts and limbs.
@@ -66,6 +83,7 @@ class Case:
         target_part: (n_t,) the part that each target vertex should receive from; -1 near a border or if unknown.
         source_limb: (n_s,) the number of the limb that each source vertex belongs to, 0 for none or if unknown.
         target_limb: (n_t,) the same for the target.
+        rig: the source's rig, if the target is at rest.
     """
 
     kind: str
@@ -76,6 +94,7 @@ class Case:
     target_part: Integers
     source_limb: Integers
     target_limb: Integers
+    rig: Rig | None = None
 
 
 Maker: TypeAlias = Callable[[], Case | None]
@@ -128,6 +147,7 @@ def _skin(path: Path, posed: bool) -> Case | None:
         _outer_part(skin, body, source.components, voxel),
         _limbs_of_body(character, character.rest),
         _limbs_of_body(character, skin),
+        None if posed else _rig_of_body(character, character.rest),
     )
 
 
@@ -161,6 +181,7 @@ def _legs(clothes: ModuleType, build: str, onto: str, topology: str) -> Case:
         zo.Surface(other.vertices(onto), other.polygons),
         arms_and_legs(posed),
         arms_and_legs(other),
+        _rig_of_bodies(posed, build),
     )
 
 
@@ -172,7 +193,8 @@ def _touching(clothes: ModuleType, pose: str, build: str, onto: str, topology: s
         (f"{onto} ({topology})", zo.Surface(other.vertices(onto), other.polygons), limbs(other)),
     ]
     (from_name, source, source_limb), (to_name, target, target_limb) = sides if is_source else sides[::-1]
-    return _of_bodies(TOUCH, f"{from_name} to {to_name}", source, target, source_limb, target_limb)
+    rig = _rig_of_bodies(posed, build) if is_source else None
+    return _of_bodies(TOUCH, f"{from_name} to {to_name}", source, target, source_limb, target_limb, rig)
 
 
 def _other(clothes: ModuleType, path: Path, build: str) -> Case | None:
@@ -186,15 +208,34 @@ def _other(clothes: ModuleType, path: Path, build: str) -> Case | None:
     name = f"{character.pack} {character.name} as one skin to {build}"
     bodies = clothes.Bodies()
     target = zo.Surface(bodies.vertices(build), bodies.polygons)
-    return _of_bodies(OTHER, name, surface_of(skin), target, _limbs_of_body(character, skin), arms_and_legs(bodies))
+    limbs, rig = _limbs_of_body(character, skin), _rig_of_body(character, skin)
+    return _of_bodies(OTHER, name, surface_of(skin), target, limbs, arms_and_legs(bodies), rig)
 
 
 def _of_bodies(
-    kind: str, name: str, source: zo.Surface, target: zo.Surface, source_limb: Integers, target_limb: Integers
+    kind: str,
+    name: str,
+    source: zo.Surface,
+    target: zo.Surface,
+    source_limb: Integers,
+    target_limb: Integers,
+    rig: Rig | None,
 ) -> Case:
     """A case without known parts."""
     unknown = np.full(len(target.vertices), -1)
-    return Case(kind, name, source, target, source.components, unknown, source_limb, target_limb)
+    return Case(kind, name, source, target, source.components, unknown, source_limb, target_limb, rig)
+
+
+def _rig_of_bodies(bodies: Bodies, build: str) -> Rig:
+    names = bodies.bone_names
+    parents = np.array([names.index(parent) if parent else -1 for parent in bodies.bone_parents])
+    return Rig(bodies.vertices(build), csr_array(bodies.weights), bodies.heads(build), parents)
+
+
+def _rig_of_body(character: Character, body: Body) -> Rig:
+    skeleton = character.skeleton
+    weights = csr_array(body.weights.astype(np.float64))
+    return Rig(body.vertices, weights, skeleton.head, skeleton.parent)
 
 
 def _limbs_of_body(character: Character, body: Body) -> Integers:

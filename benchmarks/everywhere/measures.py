@@ -6,11 +6,15 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import Case
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+from zoomout_core.transfer.stretch import check_weights, extreme_poses, play, stretched_edges
+from zoomout_core.transfer.weight_islands import find_islands
 
 Row: TypeAlias = dict[str, Any]
 
@@ -40,6 +44,32 @@ def measure(case: Case, surface_map: zo.SurfaceMap) -> Row:
         "limb": float(np.mean(wrong_limb(case, surface_map)[on_limb])) if on_limb.any() else None,
         "torn": float(torn_edges(case, surface_map).mean()),
     }
+
+
+def measure_binding(case: Case, surface_map: zo.SurfaceMap) -> Row:
+    """The figures of a target that is bound to the source's rig along a map; None if there is no rig.
+
+    `stretched`: share of edges that grow over twice as much as the source does when bones turn to extremes, after the
+    check of *Bind to Rig*; `unchecked`: before it; `islands`: share of the vertices on islands of a bone.
+    """
+    if case.rig is None:
+        return {"stretched": None, "unchecked": None, "islands": None}
+    rest, weights, heads, parents = case.rig
+    source = case.source.with_vertices(rest)
+    labels = tuple(map(str, range(weights.shape[1])))
+    attribute = zo.Attribute("skin", zo.Domain.POINT, zo.Kind.WEIGHT, weights, labels)
+    carried = zo.transfer(attribute, surface_map, case.source, case.target)
+    placed = procrustes(case.target.vertices, surface_map.interpolate(rest))(case.target.vertices)
+    target = case.target.with_vertices(placed)
+    poses = extreme_poses(heads, parents)
+    played, size = play(source, weights, poses), float(np.ptp(placed, axis=0).max())
+
+    def stretched(tried: csr_array) -> float:
+        return float(stretched_edges(played, play(target, tried, poses), surface_map, size).mean())
+
+    checked = check_weights(source, weights, target, carried.values, surface_map, poses).weights
+    islands = find_islands(surface_map, source, weights, target, checked)
+    return {"stretched": stretched(checked), "unchecked": stretched(carried.values), "islands": (islands >= 0).mean()}
 
 
 def is_wrong(figures: Row) -> bool:

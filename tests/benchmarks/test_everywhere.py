@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from benchmarks.everywhere.cases import SKIN, Case
-from benchmarks.everywhere.measures import is_wrong, measure, torn_edges, wrong_limb
+from benchmarks.everywhere.cases import SKIN, Case, Rig
+from benchmarks.everywhere.measures import is_wrong, measure, measure_binding, torn_edges, wrong_limb
 from zoomout_core.samples import grids
 
 ROWS, COLUMNS = 9, 41
@@ -41,6 +44,23 @@ def test_a_part_that_lands_elsewhere_is_lost(case: Case) -> None:
     assert (figures["lost"], figures["visible"]) == (1, 2)
     assert 0.6 < figures["part"] < 0.7
     assert is_wrong(figures)
+
+
+def test_a_binding_is_played_and_checked(case: Case) -> None:
+    assert measure_binding(case, image(case, np.arange(ROWS * COLUMNS))) == dict.fromkeys(
+        ("stretched", "unchecked", "islands")
+    )
+    along = np.clip(case.source.vertices[:, :1] - 0.5, 0, 1)
+    heads = np.array([[0, 0, 0], [1, 0.2, 0.0]])
+    rig = Rig(case.source.vertices, csr_array(np.hstack([1 - along, along])), heads, np.array([-1, 0]))
+    rigged = replace(case, rig=rig)
+    right = np.arange(ROWS * COLUMNS)
+    assert measure_binding(rigged, image(rigged, right)) == {"stretched": 0, "unchecked": 0, "islands": 0}
+    patch = case.target.vertices[:, 0] < 0.35  # too large to be filled in as an island
+    wrong = np.where(patch, np.argmax(case.source.vertices[:, 0]), right)
+    found = measure_binding(rigged, image(rigged, wrong))
+    assert 0 < found["unchecked"] < 0.1
+    assert found["stretched"] <= found["unchecked"]
 
 
 def test_vertices_on_another_limb_and_edges_across_are_counted(case: Case) -> None:
