@@ -29,7 +29,7 @@ SOURCES = {
     "descriptors": descriptor_hypotheses,
     "signs": sign_hypotheses,
 }
-# A criterion with these scores adds nothing to the total.
+# With these scores, a criterion contributes nothing to the total.
 NEUTRAL = {
     "commutativity": {"commutativity": 1.0},
     "frequency": {"frequency": 1.0},
@@ -47,7 +47,7 @@ def maps_without(result: MatchResult) -> dict[str, Integers]:
         result: of an automatic match without landmarks.
     """
     best = {"all": result.candidates[0], **_with_other_hypotheses(result.pair), **_with_other_scores(result)}
-    maps: dict[int, Integers] = {}  # mostly it is the same candidate: one map for each
+    maps: dict[int, Integers] = {}  # mostly the same candidate wins, so each map is computed once
     for candidate in best.values():
         if id(candidate.functional_map) not in maps:
             maps[id(candidate.functional_map)] = vertex_map(candidate, result.pair)

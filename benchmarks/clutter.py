@@ -35,16 +35,16 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
 SCENES = 6
-# The scene is made of voxels, this many along its longest extent, and thinned to so many vertices.
+# Number of voxels along a scene's longest extent, and number of vertices after decimation.
 RESOLUTION, VERTICES = 160, 6000
-# Share of the animal's longest extent that the cut leaves, and how many voxels deep the clutter sinks into it.
+# Fraction of the animal's longest extent that the cut leaves, and depth of the clutter in it, in voxels.
 KEPT, DEPTH = 0.7, 2.0
-# A place of the animal is in the scene when a vertex lies within so many edges of the scene.
+# A place of the animal is in the scene if a vertex of the scene is within this number of edge lengths.
 SEEN = 1.0
-# Sparse matches that LMH and ZoomOut are given, and standard deviation of the Gaussians around them, over the root of
+# Number of sparse matches given to LMH and ZoomOut, and standard deviation of their Gaussians, relative to the root of
 # the model's area.
 MATCHES, SPREAD = 12, 0.15
-# Sizes of functional maps in localised bases: those that grow, and LMH's, which does not.
+# Sizes of functional maps in localised bases: increasing ones, and the fixed one of LMH.
 K_INITIAL, K_FINAL, STEP, K_FIXED = 20, 100, 5, 50
 GREY = 0.75
 # Scenes in the figure.
@@ -281,7 +281,7 @@ def union_and_cut(animal: Surface, clutter: Surface) -> Surface:
     triangles = np.vstack([animal.triangles, clutter.triangles + len(points)])
     vertices, triangles = voxel_remesh(vertices, triangles, RESOLUTION)
     vertices, triangles, _ = decimate(vertices, triangles, VERTICES)
-    # Beyond the plane nothing is seen; of pieces the largest stays.
+    # Everything beyond the plane is removed; the largest piece is kept.
     triangles = triangles[(vertices[triangles, along] < limit).all(axis=1)]
     piece = connected_components(edge_graph(vertices, triangles), directed=False)[1]
     largest = np.bincount(piece[triangles[:, 0]]).argmax()

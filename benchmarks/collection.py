@@ -26,9 +26,9 @@ from zoomout_core.maps.surface_map import read_vertex_map
 
 SETS = ("faust_r", "tosca_r", "tosca_nonisometric", "smal_r")
 NEIGHBOURS = 4
-# Errors, times 1000, from which on a map is wrong as a whole: near to isometric shapes, and others.
+# Errors, times 1000, above which a map is wrong as a whole: for nearly isometric shapes, and for others.
 WRONG, WRONG_IF_FAR = 80, 130
-# Shares of the pairs that are given a wrong candidate first, and how often that is drawn.
+# Shares of pairs that get a wrong candidate first, and number of random draws.
 SHARES, DRAWS = (0.1, 0.2, 0.3), 3
 
 

@@ -18,7 +18,7 @@ from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Engine, OnDask, Task, local_engine
 from zoomout_core.runtime.threads import set_threads
 
-# Seconds that a stand-in for a pair sleeps, and how many of them: as many as a pair of 5,000 vertices takes.
+# Seconds that a simulated pair sleeps, as long as a pair of 5,000 vertices takes, and number of pairs.
 NAP, NAPS = 2.0, 20
 # Shapes of the large plan, and pairs of each.
 PLANNED, NEIGHBOURS = 10_000, 4

@@ -38,18 +38,18 @@ from zoomout_core.matching.notes import SURE_CERTAINTY
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"
-# Published maps that others refine: their names end so.
+# Suffixes of published maps that are inputs of refinement.
 INITIAL = ("ini", "ini_direct")
 # Mean error times 1000 above which a pair counts as failed.
 ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
-# A vertex of this confidence is trusted, and rightly so if its error times 1000 is below the other.
+# A vertex of at least this confidence is trusted, which is right if its error times 1000 is below the second number.
 TRUSTED, CLOSE = 0.5, 50
 # Classes of certainty in the table of calibration.
 CERTAINTIES = (0.0, 0.5, 0.8, SURE_CERTAINTY, 1.0)
 WORST = 10
-# Kinds of parts of which the shapes are other species.
+# Kinds of parts whose shapes are of different species.
 OTHER_SPECIES = ("both cut, other species",)
-# Known places at which the map of a part is measured.
+# Number of known places at which the map of a part is measured.
 PART_PLACES = 500
 # Published mean errors times 1000 on SHREC'16: PFM's, and those of trained methods.
 PUBLISHED_ON_PARTS = {"cuts": (97, "20 to 33"), "holes": (232, "91")}
@@ -234,7 +234,7 @@ def _trust(confidence: Floats, error: Floats) -> Record:
     known = np.isfinite(error)
     confidence, error = confidence[known], error[known]
     trusted = confidence >= TRUSTED
-    varied = np.ptp(confidence) > 0 and np.ptp(error) > 0  # else there is no rank
+    varied = np.ptp(confidence) > 0 and np.ptp(error) > 0  # otherwise there is no rank
     return {
         "rank correlation": float(spearmanr(1 - confidence, error).statistic) if varied else None,
         "trusted and right %": float(100 * (error[trusted] < CLOSE).mean()) if trusted.any() else None,

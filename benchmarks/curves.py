@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from zoomout_core import plotting
 from zoomout_core.arrays import Floats
 
-# Errors times 1000 at which cumulative curves are taken.
+# Errors times 1000 at which cumulative curves are sampled.
 THRESHOLDS = np.arange(0.0, 251, 5)
 PANEL = 6.0, 5.0  # inches
-# Letters of a legend to an inch, and those that a line's key takes the place of.
+# Letters of a legend per inch, and the width of a line's key in letters.
 LETTERS, KEY = 13, 8
 
 

@@ -19,17 +19,17 @@ from zoomout_core.mesh.surface import Surface
 
 Item = TypeVar("Item")
 
-# In a set with this file, the places of each shape that correspond to those of any other.
+# In sets with this file: corresponding places of all shapes.
 CORRESPONDENCE = "correspondence.npz"
-# In a set with this file, it has for each vertex the nearest vertex of a common template.
+# In sets with this file: the nearest vertex of a common template for each vertex.
 TEMPLATE = "template_vertex.npz"
-# In a set with this file, pairs NAME_source and NAME_target of which one, or both, lack pieces.
+# In sets with this file: pairs NAME_source and NAME_target, one or both of which lack pieces.
 TRUTH = "truth.npz"
-# How the names of these pairs begin, and what is missing.
+# Prefixes of the names of these pairs, and the kinds of missing pieces.
 PARTS = {"cut": "cuts", "holes": "holes", "pfarm": "missing pieces", "both_partial": "both cut, other species"}
-# Largest number of known places at which a map is measured.
+# Maximum number of known places at which a map is measured.
 MAX_PLACES = 1000
-# Where only a class of error is asked for, fewer do.
+# Fewer are enough to classify an error.
 FEW_PLACES = 200
 
 

@@ -22,7 +22,7 @@ def with_flipped_edges(surface: Surface, share: float, seed: int) -> Surface:
         seed: of the choice.
     """
     vertices, triangles = surface.vertices, surface.triangles.copy()
-    # For each side, by its vertices in the order of the winding, its triangle.
+    # The triangle of each directed edge.
     sides = {(int(t[i]), int(t[i - 2])): number for number, t in enumerate(triangles) for i in range(3)}
     edges, _ = unique_edges(triangles)
     left = round(share * len(edges))

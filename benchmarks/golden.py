@@ -20,10 +20,10 @@ from benchmarks.golden_cases import CASES, Case
 from benchmarks.tables import Record, Tables
 
 THREADS = 1, 8
-# What names a record, and what may differ from run to run.
+# Fields that identify a record, and fields that may differ between runs.
 CASE, COUNT, SECONDS = "case", "threads", "seconds"
 NOT_COMPARED = {CASE, COUNT, SECONDS}
-# The field of a case that raised.
+# The field of a case that raised an error.
 ERROR = "error"
 
 
@@ -77,7 +77,7 @@ def _records(cases: Iterable[Case], data: Path) -> Iterator[Record]:
                 start = perf_counter()
                 try:
                     fields: dict[str, Any] = case.fields(data)
-                except Exception as error:  # the outcome of some cases, and to be the same in the others too
+                except Exception as error:  # some cases expect an error, and others must raise the same one
                     fields = {ERROR: f"{type(error).__name__}: {error}"}
                 yield {CASE: case.name, COUNT: threads, SECONDS: perf_counter() - start} | fields
     finally:

@@ -24,10 +24,10 @@ from zoomout_core.samples.spheres import outward_hull
 Fields: TypeAlias = dict[str, Any]
 Shape: TypeAlias = zo.Surface | zo.PointCloud
 
-# Hexadecimal digits that are kept of a hash.
+# Number of hexadecimal digits of a stored hash.
 DIGITS = 16
 FAST: dict[str, Any] = {"k_final": 60, "samples": 500, "proxy_vertices": 2000}
-# Vertices of generated shapes.
+# Number of vertices of generated shapes.
 USUAL, SMALL, TINY = 2500, 1000, 150
 
 

@@ -26,9 +26,9 @@ from zoomout_core.spectral.sampling import farthest_points
 START = "WKSini_direct"
 SIZES = (2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 50)
 FINAL, SAMPLES = 120, 500
-# A map grows by one function up to this size, since a small one says nothing of many functions; then by five.
+# A map grows by one function up to this size, because a small map cannot predict many functions; then by five.
 SLOWLY = 20
-# Noise is added to true maps of this size, of these standard deviations, so often over all pairs.
+# Size of true maps to which noise is added, its standard deviations, and number of samples over all pairs.
 NOISY_SIZE, NOISES, DRAWS = 4, (0.0, 0.2, 0.4, 0.8), 100
 PAIRS = 10
 

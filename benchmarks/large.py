@@ -24,13 +24,13 @@ from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 
-# Target and source; meshes of one class share their vertex order, so that the identity is the truth.
+# Target and source; meshes of one class have the same vertex order, so the identity is the truth.
 PAIRS = (("horse0", "horse6"), ("michael0", "michael10"), ("horse10", "horse14"))
 SET = "tosca_full"
 K_FINAL, STEP, SAMPLES = 120, 5, 500
-# Where RHM takes more than two minutes: it is left out of shapes with more vertices.
+# Maximum number of vertices for RHM, which takes more than two minutes beyond.
 MAX_FOR_RHM = 25_000
-# Error times 1000 that is drawn black.
+# Error times 1000 that is shown black.
 BLACK = 150
 # Melzi et al. 2019: mean errors and seconds on 15 shapes of FARM, of up to 50,000 vertices.
 PUBLISHED: dict[str, tuple[float, float | None]] = {

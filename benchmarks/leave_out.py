@@ -31,11 +31,11 @@ from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.hypotheses import guess
 from zoomout_core.matching.notes import SURE_CERTAINTY
 
-# Mean error, over the square root of the source's area, from which a map counts as wrong.
+# Mean error, relative to the square root of the source's area, above which a map counts as wrong.
 LIMIT = 0.08
-# Known places at which the map of a part is measured.
+# Number of known places at which the map of a part is measured.
 PLACES = 300
-# Vertices of the two meshes of a thing or solid. They differ, for remeshers give nearly the same mesh for every seed.
+# Numbers of vertices of the two meshes of a thing or solid; with equal ones, remeshing gives nearly the same mesh.
 SOURCE_VERTICES, TARGET_VERTICES = 2500, 2000
 
 
@@ -164,7 +164,7 @@ def _made_twice(of_set: str, name: str, make: Callable[[int, int], zo.Surface]) 
 
 def _round(data: Path, most: int | None) -> Iterator[Case]:
     """Solids and things with rotational symmetries; only one of these maps counts as right."""
-    from benchmarks.generate.things import THINGS, thing  # only where Blender is there to build them
+    from benchmarks.generate.things import THINGS, thing  # only if Blender is installed to build them
 
     for name, radius in evenly([("cube", made.CUBE), ("icosahedron", made.ICOSAHEDRON), ("gear", made.gear)], most):
         yield from _made_twice("solids", name, partial(made.round_shape, radius))

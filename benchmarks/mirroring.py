@@ -23,7 +23,7 @@ def weight_rows() -> list[dict[str, Any]]:
     Error: the part of a vertex's weight in wrong groups, over all vertices of the right side; mean and 95th
     percentile over all poses, and the share of vertices with an error of a tenth or more.
     """
-    from benchmarks.generate.lopsided import lopsided_characters  # only where Blender is there to build them
+    from benchmarks.generate.lopsided import lopsided_characters  # only if Blender is installed to build them
 
     errors: dict[str, list[Floats]] = {}
     for character in lopsided_characters(POSES, seed=0):

@@ -14,7 +14,7 @@ from benchmarks.pictures import Picture, draw
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import Surface
 
-# A symmetry of these things is a rigid motion; a map that is farther from one, over the root of the area, is wrong.
+# Symmetries of these things are rigid; maps with a larger distance, relative to the root of the area, are wrong.
 RIGID = 0.015
 
 
@@ -69,7 +69,7 @@ def draw_symmetries(path: Path, surface: Surface, most: int) -> None:
 
 def things() -> Iterator[tuple[str, Surface, int]]:
     """Name, surface and number of symmetries of each thing."""
-    from benchmarks.generate.things import THINGS, thing  # only where Blender is there to build them
+    from benchmarks.generate.things import THINGS, thing  # only if Blender is installed to build them
 
     for name, (_, count) in THINGS.items():
         yield name, thing(name), count

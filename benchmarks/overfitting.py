@@ -25,7 +25,7 @@ from zoomout_core.maps.nearest import nearest
 SIZES = list(range(10, 121, 10))
 START, STEP = 20, 5
 FITTED, REFINED, TRUE = "fitted", f"ZoomOut from {START}", "true"
-# Sets of nearly isometric shapes, and the largest number of pairs of each.
+# Sets of nearly isometric shapes, and maximum number of pairs of each.
 SETS, MAX_PAIRS = ("faust_r", "tosca_r"), 3
 
 
@@ -63,7 +63,7 @@ def _of_pair(pair: PairOfMeshes) -> list[Record]:
         zo.orientation_operators(pair.source, bases[0], signatures[0], max(SIZES)),
         zo.orientation_operators(pair.target, bases[1], signatures[1], max(SIZES)),
     )
-    # The true correspondence, taken from where it is known to the vertices near.
+    # The true correspondence, extended from known places to nearby vertices.
     true = pair.source_vertex[nearest(pair.target.vertices, pair.target.vertices[pair.target_vertex])]
     fits = {}
     records = []

@@ -225,7 +225,7 @@ def _make(section: Section, data: Path, pairs: int | None, folder: Path) -> Reco
     try:
         made = section.run(data, pairs, figure)
         tables = {name: rows for name, rows in made.items() if rows and name != NOT_SHOWN}
-    except Exception as error:  # a run of an hour goes on without this section, which the page names
+    except Exception as error:  # the page names the section, and the long run goes on
         traceback.print_exc()
         failed = f"{type(error).__name__}: {error}"
     if not failed and not tables.get("rows"):

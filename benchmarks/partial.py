@@ -25,21 +25,21 @@ from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import vertex_areas
 
-# What is missing on the pairs that are measured.
+# Kinds of missing pieces that are measured.
 KINDS = ("cuts", "holes", "missing pieces")
-# Size of PFM's functional map, that of the whole's functions that ZoomOut begins and ends with, and its step.
+# Size of PFM's functional map, initial and final number of the whole's functions for ZoomOut, and its step.
 K, K_INITIAL, STEP = 100, 20, 4
 # More functions are computed of the part than are used of the whole: as low as the whole's last one may be up to these.
 K_BASIS = 110
-# Radius of the SHOT descriptors, over the root of the source's area.
+# Radius of the SHOT descriptors, relative to the square root of the source's area.
 RADIUS = 0.09
-# Known places at which a map is measured, and the mean error times 1000 above which it counts as wrong.
+# Number of known places at which a map is measured, and mean error times 1000 above which it counts as wrong.
 PLACES, LIMIT = 500, 80
-# How many times as large as it is the target is made where units are to differ: in millimetres for inches.
+# Factor by which the target is scaled if units are to differ: inches to millimetres.
 ANOTHER_UNIT = 25.4
-# Pairs of a kind on which slow methods are measured.
+# Number of pairs of each kind for slow methods.
 FEW = 3
-# Melzi et al. 2019: seconds on SHREC'16 cuts. Its errors are shown as curves, without numbers.
+# Melzi et al. 2019: seconds on SHREC'16 cuts. The paper shows errors only as curves.
 PUBLISHED_SECONDS = {"PFM": 70.0, "ZoomOut": 6.0}
 
 

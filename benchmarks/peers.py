@@ -17,7 +17,7 @@ from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.spectral.sampling import farthest_points
 
-# Meshes of one class share their vertex order, so the identity is the truth.
+# Meshes of one class have the same vertex order, so the identity is the truth.
 PAIRS = (("horse0", "horse6"), ("michael0", "michael10"))
 K_INITIAL, K_FINAL, STEP, SAMPLES = 20, 200, 5, 1000
 REPEATS = 3

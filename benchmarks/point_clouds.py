@@ -30,15 +30,15 @@ from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
 
-# Points that are drawn from a mesh.
+# Number of points drawn from a mesh.
 POINTS = 8000
-# Sets whose meshes points are drawn from: their names begin so.
+# Prefixes of the sets from whose meshes points are drawn.
 SAMPLED = "tosca"
-# A pair takes a third of a minute in each direction: in the page of all tables no more of each set are matched.
+# Pairs of each set on the page of all tables; a pair takes 20 s in each direction.
 PAPER_PAIRS = 5
 K_FINAL, STEP, SAMPLES = 120, 5, 500
 MATCH = "zo.match, nothing given"
-# Mean errors; the paper has no seconds.
+# Mean errors; the paper has no times.
 PUBLISHED: dict[str, tuple[float, float | None]] = {
     "initial": (51.0, None),
     "ICP20": (31.4, None),

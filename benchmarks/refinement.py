@@ -30,24 +30,24 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
 from zoomout_core.mesh.surface import Surface
 
-# Sizes of functional maps in the paper: the one that growth ends at, and the fixed one.
+# Sizes of functional maps in the paper: the final one, and the fixed one.
 K_FINAL, STEP, K_FIXED = 120, 5, 50
 SAMPLES = 500
-# Published initial maps, from wave kernel signatures with a term that keeps the orientation, and with one that reverses
-# it. Where a set has the latter alone, the former are fitted: the mirrored ones of FAUST exchange some limbs and leave
-# others, from which hardly a map recovers.
+# Published initial maps, from wave kernel signatures with a term that preserves the orientation, or with one that
+# reverses it. If a set has only the latter, the former are fitted: the mirrored ones of FAUST exchange only some limbs,
+# from which almost no map recovers.
 START, MIRRORED_START = "WKSini_direct", "WKSini_symm"
-# Published maps that are measured as they are.
+# Published maps that are measured without refinement.
 SHIPPED = ("BIM", "PMF_hk", "WKSini_direct_BCICP")
 CORE, MATCH = "zo.zoomout, samples", "zo.match, nothing given"
 # Mean error times 1000 above which a pair counts as failed.
 ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
-# The share of edges that is flipped.
+# Share of flipped edges.
 FLIPPED = 0.125
 # Kinds of meshes of one surface that are refined from one to the other: others have loose parts, or 14,000 vertices, of
 # which BCICP and RHM take minutes a pair.
 KINDS = ("dense", "iso")
-# A pair takes half a minute: in the page of all tables no more of each set are refined.
+# Pairs of each set on the page of all tables; a pair takes 30 s.
 PAPER_PAIRS = 4
 # Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps; mean
 # errors after random flips of edges, from two landmarks; and on FAUST and SCAPE resampled, from learned descriptors.

@@ -25,11 +25,11 @@ REPEATS = 3
 PAIR = "michael0", "michael10"
 DECIMATED = 5000, 13_000
 SUBDIVIDED = 0, 1, 2
-# Larger meshes take their eigenfunctions from stand-ins.
+# Larger meshes compute eigenfunctions on proxies.
 MAX_FOR_FULL_BASIS = 250_000
 FUNCTIONS = 50, 100, 200, 400
 SAMPLES = 500, 1000, 2000, 4000
-# Growth is also fitted to meshes from this size on, where reading and carrying over outweigh the rest.
+# Growth is also fitted to meshes of at least this size, on which reading and extending the map dominate.
 LARGE = 50_000
 
 

@@ -23,12 +23,12 @@ from blender_addon.demo.target import POSE, clear_pose, posed_copy, remeshed, se
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 
-# Of the scene: the character's edges and the voxels of the scan, in metres, and how many vertices the scan has.
+# Edge length of the character and voxel size of the scan, in metres, and number of the scan's vertices.
 CELL, VOXEL, VERTICES = 0.0134, 0.0125, 14000
-# How far the scan stands beside the character, in metres, and between keyframes, in frames.
+# Distance of the scan from the character in metres, and of keyframes in frames.
 ASIDE, APART = 1.6, 10
 OTHER_POSE = {name: (-0.7 * x, -0.7 * y, -0.7 * z) for name, (x, y, z) in POSE.items()}
-# Frames, on keyframes and between them, in which the target is compared with the source.
+# Frames in which the target is compared with the source, on and between keyframes.
 FRAMES = (1, 1 + APART // 2, 1 + APART, 1 + APART + APART // 2, 1 + 2 * APART)
 
 Row = dict[str, Any]
@@ -95,7 +95,7 @@ def run() -> dict[str, list[Row]]:
     rows: list[Row] = []
     presses: list[Row] = []
     with registered():
-        _press(bind(make_scene()), "")  # the first work of a process takes longer
+        _press(bind(make_scene()), "")  # the first operation of a process takes longer
     for name, way in WAYS.items():
         with registered():
             zo.forget_shapes()

@@ -31,13 +31,13 @@ from zoomout_core.symmetry.detect import energies
 from zoomout_core.symmetry.self_map import main_shape
 
 FOLDER = "self_symmetry"
-# Sizes of the functional maps: by one while they say little, then by five.
+# Sizes of the functional maps: steps of one while they are small, then of five.
 SIZE = 5
 SIZES = (*range(6, 21), *range(25, 101, 5))
 SAMPLES = 500
-# Rows of each shape that the table shows.
+# Number of rows of each shape in the table.
 SHOWN = 5
-# Maps whose images are nearer than this in the mean, over the root of the area, are one.
+# Maps are equal if the mean distance of their images, relative to the root of the area, is smaller than this.
 SAME = 0.05
 
 

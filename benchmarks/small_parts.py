@@ -20,11 +20,11 @@ from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
-# Mean error times 1000 from which a map counts as wrong, and known places at which it is measured.
+# Mean error times 1000 above which a map counts as wrong, and number of known places at which it is measured.
 LIMIT, PLACES = 40, 150
-# Pairs of each limb, if no number is given; of their shapes and sizes the first is seeded by this.
+# Default number of pairs of each limb, and first random seed of their shapes and sizes.
 PAIRS, SEED = 6, 7
-# A limb is cut off at its radius times a factor between these.
+# Range of factors of a limb's radius for the cut.
 FACTORS = 0.9, 1.15
 
 
@@ -96,7 +96,7 @@ def cut_limb(surface: Surface, tip: int, radius: float) -> tuple[Surface, Intege
     near = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=[tip])[0] < radius
     inside = surface.triangles[near[surface.triangles].all(axis=1)]
     left, kept = Surface(surface.vertices, inside), np.unique(inside)
-    # What is near along edges may hang together at the rim in single vertices only.
+    # At the rim, geodesically close triangles may be connected only by single vertices.
     kept = kept[left.components[kept] == left.components[tip]]
     number = np.full(len(surface.vertices), -1)
     number[kept] = np.arange(len(kept))

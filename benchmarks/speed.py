@@ -28,10 +28,10 @@ from zoomout_core.mesh.surface import Surface
 Record = dict[str, Any]
 
 REPEATS = 3
-# The peer: sizes of its maps, its samples, and the largest meshes that it ends on within ten minutes.
+# The peer: sizes of its maps, number of samples, and the largest meshes that it finishes within ten minutes.
 K_INITIAL, K_FINAL, STEP, SAMPLES = 20, 200, 5, 1000
 MAX_FOR_PEER = 60_000
-# Subdivided meshes get noise of this part of their mean edge, so that the two do not share their spectra exactly.
+# Noise of subdivided meshes relative to their mean edge, so that the spectra are not exactly equal.
 NOISE = 0.05
 
 
@@ -91,7 +91,7 @@ def sized_pairs(data: Path) -> Iterator[SizedPair]:
     if (data / "tosca_r").is_dir():
         pair = load_pair(data / "tosca_r", "horse0", "horse6")
         yield SizedPair("horse0 horse6, remeshed", pair.target, pair.source, pair.target_vertex, pair.source_vertex)
-    # Meshes of one class share their vertex order, so the identity is the truth.
+    # Meshes of one class have the same vertex order, so the identity is the truth.
     for names, levels in ((("horse0", "horse6"), 0), *((("michael0", "michael10"), level) for level in range(3))):
         paths = [data / "tosca_full" / f"{name}.off" for name in names]
         if all(path.is_file() for path in paths):

@@ -11,13 +11,13 @@ from benchmarks.datasets import PairOfMeshes
 from zoomout_core.arrays import Integers
 from zoomout_core.mesh.surface import Surface
 
-# Size of fitted functional maps, and eigenfunctions that their signatures are made of.
+# Size of fitted functional maps, and number of eigenfunctions in their signatures.
 K_INITIAL, K_SIGNATURES = 20, 200
-# Places that are given, drawn at random.
+# Number of random landmarks.
 LANDMARKS = 2
-# Principal components of SHOT descriptors that are used.
+# Number of principal components of SHOT descriptors.
 PRINCIPAL = 60
-# Energies of wave kernel signatures, and of the kernels from each landmark.
+# Numbers of energies of wave kernel signatures, and of the kernels at each landmark.
 ENERGIES = 100
 
 

@@ -31,7 +31,7 @@ from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.symmetry.detect import energies, find_candidates
 
 OURS, BEST_POSSIBLE, TRUTH = "zo.detect_symmetry", "the truth, read off its functional map", "the truth itself"
-# Mean error times 1000 from which a shape counts as failed.
+# Mean error times 1000 above which a shape counts as failed.
 LIMIT = 60
 K_FINAL, SAMPLES = 120, 1000
 

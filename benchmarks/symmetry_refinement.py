@@ -24,7 +24,7 @@ from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 
 INITIAL, FINAL, STEP, SAMPLES = 10, 100, 5, 500
-# Sets of people, and the largest number of shapes, which take 6 s each.
+# Sets of people, and maximum number of shapes, which take 6 s each.
 SETS, MAX_SHAPES = ("faust_r",), 10
 START, BCICP, ZOOMOUT, SAMPLED = "OrientRev", "OrientRev + BCICP", "OrientRev + ZoomOut", "OrientRev + ZoomOut*"
 # Melzi et al. 2019: mean errors on FAUST in its original meshes and on SCAPE, and seconds on FAUST.

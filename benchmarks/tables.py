@@ -10,7 +10,7 @@ from tabulate import tabulate
 Record: TypeAlias = dict[str, Any]
 Tables: TypeAlias = dict[str, list[Record]]
 
-# Records of single pairs go to JSON alone.
+# Records of single pairs are written to JSON only.
 NOT_SHOWN = "pairs"
 
 

@@ -22,9 +22,9 @@ from benchmarks.characters.figures import figures
 from benchmarks.datasets import FEW_PLACES, PairOfMeshes, load_pair, pair_names, sets_in
 from zoomout_core.tuning import Tuning, retune, stages
 
-# Half of a number, and twice as much.
+# Half and twice a number.
 FACTORS = (0.5, 2.0)
-# Errors that differ by more than this part of them, and by more than this, are different.
+# Errors are different if they differ by more than this fraction and by more than this value.
 DIFFERENT, MIN_DIFFERENCE = 0.05, 0.01
 
 

@@ -22,11 +22,11 @@ from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 
-# The number of pairs of each set, when none is asked for.
+# Default number of pairs of each set.
 PEOPLE, ANIMALS, CHARACTERS = 4, 3, 3
-# A vertex is on the source if it is no farther off than this part of the source's height.
+# A vertex is on the source if its distance is at most this fraction of the source's height.
 ON_SOURCE = 0.003
-# An edge at which two faces turn against each other by more than this is a fold, unless the target has one there.
+# An edge is a fold if the angle between its faces exceeds this, unless the target has a fold there.
 FOLD = np.cos(np.radians(120))
 Pair: TypeAlias = tuple[str, str, Surface, Surface]
 

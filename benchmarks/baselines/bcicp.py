@@ -24,9 +24,9 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, unique_edges
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
-# An edge whose image is longer than this many times the mean edge of the surface that it lies on is a jump.
+# An edge is a jump if its image is longer than this multiple of the mean edge of the other surface.
 JUMP = 5.0
-# Pieces between jumps with a smaller share of the vertices than this are outliers.
+# Pieces between jumps with less than this share of the vertices are outliers.
 OUTLIERS = 0.01
 # Rounds of smoothing.
 ROUNDS = 3

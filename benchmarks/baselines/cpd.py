@@ -26,12 +26,12 @@ from scipy.spatial.distance import cdist
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.spectral.sampling import farthest_points
 
-# The authors' choice, for points of mean zero and variance one: width of the kernel, weight of coherence, and the share
+# The authors' values, for points of mean zero and variance one: width of the kernel, weight of coherence, and share
 # of outliers.
 BETA, LAMBDA, OUTLIERS = 2.0, 3.0, 0.1
 # Eigenpairs of the kernel, farthest points of each shape, and iterations.
 RANK, SAMPLES, ITERATIONS = 100, 1500, 100
-# The iteration ends when sigma^2 has fallen so far, where nearest points decide.
+# The iteration ends at this sigma^2, where only nearest points matter.
 MIN_VARIANCE = 1e-5
 
 
@@ -79,7 +79,7 @@ def register(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Dri
     for _ in range(iterations):
         share = probabilities(moved, fixed, variance)
         of_moving = share.sum(axis=1)
-        # With G = Q L Q', the inverse is that of a matrix of the rank's size (Woodbury).
+        # With G = Q L Q', only a matrix of the rank's size is inverted (Woodbury).
         right = share @ fixed - of_moving[:, None] * moving
         penalty = LAMBDA * variance
         small = np.diag(penalty / values) + vectors.T @ (of_moving[:, None] * vectors)

@@ -20,9 +20,9 @@ from benchmarks.baselines.spectral_icp import spectral_icp
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.functional_map import vertex_map_of
 
-# Size of the functional map, and radius of the SHOT descriptors over the root of the source's area.
+# Size of the functional map, and radius of the SHOT descriptors relative to the square root of the source's area.
 SIZE, RADIUS = 50, 0.1
-# Weight of the Laplacian beside that of the descriptors.
+# Weight of the Laplacian relative to that of the descriptors.
 COMMUTATIVITY = 0.03
 
 

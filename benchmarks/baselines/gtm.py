@@ -24,11 +24,11 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.spectral.sampling import farthest_points
 
-# Farthest points of the target that are to be matched, and of the source that they may go to; candidates of each.
+# Numbers of farthest points of the target to match, of the source to match them to, and of candidates for each.
 TARGET_SAMPLES, SOURCE_SAMPLES, CANDIDATES = 300, 1000, 10
-# Over the root of the source's area: radius of the descriptors, and distortion s of distances that matches bear.
+# Relative to the square root of the source's area: radius of the descriptors, and tolerated distortion s of distances.
 RADIUS, DISTORTION = 0.1, 0.05
-# Rounds of evolution, and the part of the largest share above which a strategy survives.
+# Rounds of evolution, and the fraction of the largest share above which a strategy survives.
 ROUNDS, SURVIVES = 1000, 1e-2
 # Distance over which the weight of a match falls where other vertices are placed by it, over the root of the area; all
 # that are farther still decide where none is near.
@@ -111,6 +111,6 @@ def interpolate(from_targets: Floats, from_sources: Floats) -> Integers:
     weight = np.where(reached, np.exp(-((from_targets / WIDTH) ** 2) / 2), 0).T
     weight += FAR_WEIGHT * reached.T
     far = np.where(np.isfinite(from_sources), from_sources, UNREACHED)
-    # sum_g w (d - e)^2, of which the term without e does not matter.
+    # sum_g w (d - e)^2, without the term that does not contain e.
     misfit = weight @ far**2 - 2 * (weight * near) @ far
     return np.where(reached.any(axis=0), misfit.argmin(axis=1), -1)

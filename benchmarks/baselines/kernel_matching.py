@@ -33,7 +33,7 @@ from zoomout_core.spectral.sampling import farthest_points
 # not know, with eigenvalues above 4 pi 20. At ten times as much a handful of functions decides the first assignment,
 # and what the map knew of left and right is lost. The last is the squared distance between 1000 samples.
 TIMES = np.geomspace(0.01, 0.001, 6)
-# Assignments at each time; most often the second or third changes nothing any more.
+# Assignments at each time; the second or third usually changes nothing.
 ASSIGNMENTS = 5
 
 
@@ -61,7 +61,7 @@ def kernel_matching(
     source_rows, target_rows = (
         basis.eigenvectors[farthest_points(basis.points, count)] for basis in (basis_source, basis_target)
     )
-    # On samples, too, the kernels meet the map through its functional map alone: Phi' Pi Phi.
+    # On samples, too, the map enters the kernels only as a functional map: Phi' Pi Phi.
     functional_map = functional_map_of(initial, basis_source, basis_target, k, k)
     partner = np.full(count, -1)
     for time in times:

@@ -29,9 +29,9 @@ from zoomout_core.spectral.laplacian import mesh_laplacian
 
 # tau and mu, relative to the k-th eigenvalue of a surface as large as the region, 4 pi k over its area.
 LOCALITY, ORTHOGONALITY = 10.0, 100.0
-# First eigenfunctions of the whole surface that the localised ones are orthogonal to.
+# Number of eigenfunctions of the whole surface that the localised ones are orthogonal to.
 GLOBAL = 20
-# Ridge of the least squares, relative to the mean square of the coefficients of a kernel.
+# Ridge parameter of the least squares, relative to the mean square of a kernel's coefficients.
 RIDGE = 1e-2
 
 
@@ -53,8 +53,8 @@ def localized_harmonics(
     stiffness, areas = mesh_laplacian(surface.vertices, surface.triangles)
     scale = 4 * np.pi * k / (areas @ (1 - potential))
     operator = csc_array(stiffness + diags_array(LOCALITY * scale * areas * potential))
-    # In y = A^1/2 phi: (S + mu U U') y = lambda y with U = A^1/2 Psi. Its inverse is of low rank beside that of S
-    # (Woodbury). A shift makes S definite where no potential is.
+    # In y = A^1/2 phi: (S + mu U U') y = lambda y with U = A^1/2 Psi. Its inverse is a low-rank update of that of S
+    # (Woodbury). A shift makes S definite if there is no potential.
     root = np.sqrt(areas)
     shift = 1e-2 * scale
     factor = factorise(operator + shift * diags_array(areas))

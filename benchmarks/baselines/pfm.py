@@ -32,16 +32,16 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # Weights of the terms, for descriptors of unit norm at each vertex, and a source of unit area.
 SLANT, ORTHOGONALITY, AREA, LENGTH = 0.01, 10.0, 100.0, 0.02
-# How fast the slant's weight falls with the numbers of functions.
+# Decay of the slant's weight with the numbers of functions.
 DECAY = 0.03
 # Width of xi, a Gaussian about v = 1/2.
 BORDER = 0.2
-# v on all of the source when regions are first sought; at 1 the membership hardly has a gradient.
+# Initial v on all of the source; at 1 the gradient of the membership is almost zero.
 UNDECIDED = 0.6
 ROUNDS = 3
 STEPS_MAP, STEPS_REGION = 100, 40
 ICP_ITERATIONS = 20
-# What lengths of zero are rounded up to, so that they have a gradient.
+# Minimum length, so that lengths of zero have a gradient.
 SMOOTHING = 1e-6
 
 
@@ -283,7 +283,7 @@ def gradient_operator(points: Floats, triangles: Integers) -> csr_array:
     m, corners = len(triangles), points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     squared = np.maximum((normals**2).sum(axis=1), np.finfo(float).tiny)[:, None]
-    # Of the hat function of a corner: the opposite edge turned by a right angle, over twice the area.
+    # Gradient of a corner's hat function: the opposite edge turned by a right angle, divided by twice the area.
     hats = [np.cross(normals, corners[:, (i + 2) % 3] - corners[:, (i + 1) % 3]) / squared for i in range(3)]
     columns = np.tile(triangles[:, :, None], 3).transpose(2, 0, 1)  # (axis, triangle, corner)
     values = np.stack(hats, axis=1).transpose(2, 0, 1)

@@ -31,9 +31,9 @@ from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points
 
-# Dimension of the embedding, as in the paper, and the places that distances are taken from.
+# Dimension of the embedding, as in the paper, and number of places that distances are computed from.
 DIMENSION, PLACES = 8, 200
-# Share of the Dirichlet energy; beta grows from the first value to the second, relative to the other terms.
+# Weight of the Dirichlet energy; beta grows from the first value to the second, relative to the other terms.
 ALPHA = 3e-4
 BETA = 0.01, 5.0
 ITERATIONS = 30

@@ -20,9 +20,9 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.transfer.skinning import transform_points
 
-# The way that has the true weights and the true rest pose, which others are compared with.
+# The method with true weights and the true rest pose, which the others are compared with.
 TRUE = "true weights"
-# A case is as good as with true weights if its median error is at most so many times that.
+# A case counts as good as with true weights if its median error is at most this multiple of that.
 AS_GOOD = 1.3
 
 Row = dict[str, Any]

@@ -27,12 +27,12 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 GENERATED, GAME = "generated", "game"
-# The poses that generated characters are bound in, and those that they take then; degrees that bones turn by.
+# Poses of generated characters for binding, and for testing afterwards; rotations of bones in degrees.
 BOUND_IN, TAKEN, TURN = 3, 5, 15
-# Vertices of the target over those of the source, and at least so many.
+# Ratio of the target's vertices to the source's, and their minimum number.
 THINNED, FEWEST = 0.6, 3000
 
-# Where each bone of an armature stands, against its rest.
+# The transform of each bone of an armature from rest.
 Stance = dict[str, Matrix]
 
 
@@ -115,7 +115,7 @@ def _generate(number: int) -> Iterator[Case]:
     """The demo's character, in the demo's pose, or one drawn at random."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     character, armature = build_character(CELL)
-    character.modifiers.remove(character.modifiers["Corrective Smooth"])  # the truth is what the bones do
+    character.modifiers.remove(character.modifiers["Corrective Smooth"])  # the bones define the truth
     random = np.random.default_rng(number)
 
     def draw_stance() -> Stance:

@@ -17,7 +17,7 @@ from blender_addon.demo.character import select_only
 from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 
-# A way gets a bare target, whose match is kept but for the truth's, and leaves it as the rig's poses are to move it.
+# A method gets a target without data, whose match is stored unless it is the truth's, and binds it to the rig.
 Way = Callable[[Case, Object], None]
 
 

@@ -13,7 +13,7 @@ from mathutils import Euler
 
 from benchmarks.binding.cases import positions
 
-# Pixels of an object's square, and its width over the largest object's diagonal.
+# Size of an object's square in pixels, and its width relative to the largest object's diagonal.
 SQUARE, MARGIN = 480, 0.8
 # The camera looks from the front and a little from above and the side, in radians about the axes.
 VIEW = (1.35, 0.0, 0.35)

@@ -11,7 +11,7 @@ from benchmarks.characters.cases import cases
 from benchmarks.characters.pictures import Picture, draw
 from benchmarks.characters.table import Row, badness, measure, summary
 
-# Number of the worst cases of each kind that are drawn.
+# Number of worst cases to draw for each kind.
 WORST = 8
 
 

@@ -17,19 +17,19 @@ from benchmarks.characters.game import Body, Character, one_skin, read_character
 from benchmarks.characters.truth import Bones, Rest, bones_of
 from zoomout_core.arrays import Booleans, Floats
 
-# The kinds of cases: the same character in a pose, as one skin in that pose; another one; a body and its outfits.
+# The kinds of cases: the same character posed, or posed as one skin; another character; a body and its outfits.
 POSE, SKIN, OTHER, OUTFITS = "pose", "skin", "other", "outfits"
-# Number of characters of a pack that are posed.
+# Number of posed characters for each pack.
 OF_PACK = 3
-# A character of more loose parts than this is made into one skin.
+# Characters with more loose parts are remeshed into one skin.
 FEW_PARTS = 5
-# Packs of more characters than this have each pair in one pose only.
+# In packs with more characters, each pair has only one pose.
 SMALL_PACK = 4
-# Two skeletons go together when they share this part of the bones that move something in the smaller one.
+# Two skeletons are compatible if they share this fraction of the deforming bones of the smaller one.
 SHARED = 0.7
-# A character with more vertices that no bone moves is broken.
+# A character with a larger share of vertices without weights is broken.
 UNMOVED = 0.01
-# `height` of an outfit over its unit, so that errors are in centimetres.
+# The `height` of an outfit in centimetres, so that errors are in centimetres.
 CENTIMETRES = 170
 
 

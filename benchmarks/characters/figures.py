@@ -13,7 +13,7 @@ from benchmarks.characters.truth import Bones, Rest
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 
-# A case is right if so much of the target is on the right limb, or if its mean error is less in centimetres.
+# A case is right if this share of the target is on the right limb, or if its mean error in centimetres is smaller.
 RIGHT_LIMB, RIGHT_ERROR = 0.90, 9.0
 # Weights of a vertex that has any sum to one.
 WEIGHTED = 0.5

@@ -22,17 +22,17 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import triangle_areas
 
-# By this number the importer knows how much to say.
+# The importer's log level.
 ERRORS_ALONE = 2
-# Number of frames of each action among which the one that differs most from the rest pose is chosen.
+# Number of frames of each action, among which the one that differs most from the rest pose is chosen.
 FRAMES = 5
-# A frame that swells the area by more is an animation that does not fit its character.
+# A frame with a larger growth of the area belongs to an animation that does not fit its character.
 SWOLLEN = 1.25
-# The target's faces over those of the source, and the distance at which its vertices are welded first, over the extent.
+# Ratio of the target's faces to the source's, and welding distance relative to the extent.
 THINNED, WELDED = 0.6, 1e-5
-# Width of a voxel of the one skin over the extent.
+# Width of a voxel of the one skin, relative to the extent.
 VOXEL = 0.01
-# Characters without an action take a long step: bones by name, and degrees about the axes that point left and ahead.
+# A stride for characters without an action: bones by name, and degrees about the axes to the left and ahead.
 STRIDE = (
     (re.compile(r"upper_?arm.?l$", re.IGNORECASE), (-35.0, 40.0)),
     (re.compile(r"upper_?arm.?r$", re.IGNORECASE), (35.0, -40.0)),

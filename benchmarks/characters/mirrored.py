@@ -22,11 +22,11 @@ from benchmarks.characters.truth import Bones, Rest, bones_of
 from zoomout_core.matching.notes import SURE_CERTAINTY
 from zoomout_core.symmetry.flip_name import counterpart_of
 
-# The kinds of cases: a character at rest, in a pose, and what a body wears.
+# The kinds of cases: a character at rest, posed, and the clothes of a body.
 AT_REST, POSED, WORN = "at rest", "posed", "worn"
 # A body faces -y, its left is +x.
 MIRROR = np.array([-1.0, 1.0, 1.0])
-# What is nearer to the middle than this, in centimetres, has no side.
+# Places closer to the middle than this, in centimetres, have no side.
 MIDDLE = 3.0
 
 

@@ -18,7 +18,7 @@ from zoomout_core.colors import place_colors
 from zoomout_core.plotting import draw_triangles
 
 CELL = 14.0, 2.3  # inches
-# Between the middles of views, whose longest extent is one.
+# Distance between the centres of views, whose longest extent is one.
 GAP = 1.15
 RIGHT, WRONG = np.array([0.75, 0.75, 0.75]), np.array([0.9, 0.1, 0.1])
 SURE, UNSURE = np.array([0.95, 0.9, 0.2]), np.array([0.2, 0.05, 0.4])

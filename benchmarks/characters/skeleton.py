@@ -15,13 +15,13 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 
 SIDE = re.compile(r"(?:^|[ ._-])(left|right|l|r)(?:$|[ ._-])", re.IGNORECASE)
-# What bones of the middle are called; the first that fits counts.
+# Names of bones in the middle; the first matching pattern counts.
 MIDDLE = (
     ("tail", re.compile("tail", re.IGNORECASE)),
     ("torso", re.compile("root|body|hip|pelvis|spine|abdomen|torso|chest|thorax|back", re.IGNORECASE)),
     ("head", re.compile("head|neck|jaw|mouth|tongue|eye|ear|hair|beak|horn", re.IGNORECASE)),
 )
-# Small sided bones of the head; and those that hang from the root, where an animator pulls at a limb.
+# Small sided bones of the head; and control bones that are children of the root.
 OF_HEAD = re.compile("ear|eye|cheek|brow|horn|lip", re.IGNORECASE)
 PULLED = re.compile("foot|hand|^ik|^ff|^pt|pole|target", re.IGNORECASE)
 PAIR_OF_LEGS = re.compile("front|back|fore|hind", re.IGNORECASE)
@@ -72,7 +72,7 @@ def _side(skeleton: Skeleton, bone: int) -> int:
     clear = re.search(r"\.\d+$", skeleton.names[bone]) is None
     below = [_named_side(skeleton.names[i]) for i in np.flatnonzero(skeleton.parent == bone)]
     if own and not clear and below and len(set(below)) == 1 and below[0]:
-        return below[0]  # a copy of the other side's that got a number instead of a new name
+        return below[0]  # a copy of the other side's bone that got a number instead of a new name
     return own
 
 

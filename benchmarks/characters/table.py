@@ -16,7 +16,7 @@ from zoomout_core.matching.notes import SURE_CERTAINTY
 
 Row: TypeAlias = dict[str, Any]
 
-# Shares, and centimetres, that differ by less count as equal.
+# Smaller differences of shares and of centimetres count as equal.
 EQUAL, EQUAL_ERRORS = 0.005, 0.1
 DIGITS = 3
 BASELINE = "DT "

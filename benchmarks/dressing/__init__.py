@@ -24,14 +24,14 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 from zoomout_core.transfer import shape_of_source
 
-# The outfit as its authors have it on the target, where that is known.
+# The authors' own outfit on the target, if it is known.
 TRUE = "truth"
-# Places that are farther off the skin, in centimetres, say nothing of thickness, or of what is in it.
+# Places farther from the skin, in centimetres, do not count for thickness and intersections.
 NEAR = 5.0
-# An edge at which two faces turn against each other by more than this is a fold, unless it was one.
+# An edge is a fold if the angle between its faces exceeds this, unless it was one before.
 FOLD = np.cos(np.radians(120))
 CLOTHES, EYES = WORN = "clothes, hair", "eyes, teeth"
-# Colours of the skin, and of things in turn.
+# Colours of the skin, and of the objects in turn.
 SKIN = (0.85, 0.55, 0.42)
 COLOURS = ((0.12, 0.25, 0.6), (0.6, 0.08, 0.08), (0.85, 0.8, 0.65), (0.1, 0.1, 0.09), (0.1, 0.4, 0.15))
 
@@ -180,12 +180,12 @@ def _join_dressed(points: Floats, body: Surface, worn: list[Floats], things: lis
     whole = Surface.joined(parts)
     mesh = bpy.data.meshes.new("Dressed")
     faces = np.split(whole.corner_vertex, whole.face_start[1:-1])
-    # The outfits have y upwards.
+    # The outfits have y up.
     mesh.from_pydata(whole.vertices[:, [0, 2, 1]] * [1, -1, 1], [], [face.tolist() for face in faces])
     for number in range(len(parts)):
         colour = SKIN if number == 0 else COLOURS[(number - 1) % len(COLOURS)]
         material = bpy.data.materials.new("Colour")
-        if material.node_tree is None:  # before Blender 5.0, nodes have to be asked for
+        if material.node_tree is None:  # before Blender 5.0, nodes must be enabled
             material.use_nodes = True
         material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*colour, 1)
         mesh.materials.append(material)

@@ -14,13 +14,13 @@ from zoomout_core.arrays import Floats
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 
-# Files of which a body's outfit is known on another body, and those whose other way round counts as well.
+# Files with a known outfit on another body, and those that are used in both directions.
 KNOWN = "dressed_whole_f", "dressed_whole_m", "dressed_cut_same_pose", "body_eyes_teeth"
 BOTH_WAYS = KNOWN[:2]
-# Bodies of other sets that the outfits of `BOTH_WAYS` are carried onto, in turn: by folder.
+# Bodies of other sets that are dressed with the outfits of `BOTH_WAYS` in turn, by folder.
 OTHERS = ("faust_r/tr_reg_025", "faust_r/tr_reg_041", "shrec19_r/11", "shrec19_r/22")
 BODY = "body"
-# Parts that lie within the head, where the skin leaves room for them.
+# Parts inside the head, in cavities of the skin.
 WITHIN = "high-poly", "teeth_base"
 SAME, OTHER = "same outfit", "other body"
 

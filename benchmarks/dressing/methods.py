@@ -16,7 +16,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import carry
 
-# Gives (n, 3) positions for each thing, of a case and (n_s, 3) its source's vertices in the target's shape.
+# From a case and the source's vertices (n_s, 3) in the target's shape, computes (n, 3) positions of each object.
 Way = Callable[[Case, Floats], list[Floats]]
 
 

@@ -16,7 +16,7 @@ from benchmarks.tables import Tables
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.verdict import AMBER, GREEN, RED
 
-# Number of the worst cases of each kind that are drawn.
+# Number of worst cases to draw for each kind.
 WORST = 4
 KINDS = SKIN, LEGS, TOUCH, OTHER
 BASELINE = "DT "

@@ -28,18 +28,18 @@ from .folder import standing_for
 from .kinds import Build, Kind
 from .remeshing import REMESHINGS
 
-# Edges of the template, and the voxels that posed bodies are rebuilt from, in metres.
+# Edge length of the template, and voxel size for remeshing posed bodies, in metres.
 CELL, VOXEL = 0.016, 0.011
 FEWEST_VERTICES, MOST_VERTICES = 4000, 8000
-# How deep dents are, how wide, and how many waves make them up; in metres.
+# Depth and width of dents in metres, and number of waves.
 DENT, DENT_WIDTH, WAVES = 0.006, 0.25, 12
-# Clothes hang this far off the skin, in metres.
+# Distance of clothes from the skin, in metres.
 OFFSET = 0.014
-# The share of the template that has to be found on a mesh: limbs that grew together swallow some of it.
+# Minimum share of the template that must be found on a mesh: fused limbs hide some of it.
 FOUND = 0.97
-# Poses that are tried for one mesh.
+# Maximum number of poses to try for one mesh.
 TRIES = 60
-# Vertices around a loose part whose motion it follows.
+# Number of vertices around a loose part whose motion it follows.
 CARRIERS = 100
 
 

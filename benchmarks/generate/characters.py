@@ -18,7 +18,7 @@ from .folder import Pair, known_on_all, spread, write_set
 from .kinds import KINDS
 
 POSES = "ab"
-# The power to which factors of build are raised where individuals are to be far from isometric.
+# Exponent of the factors of proportions for non-isometric sets.
 STYLISED = 2.0
 
 
@@ -66,7 +66,7 @@ def _write(
         }
         places: dict[str, Integers] = {}
         for name, pose in tqdm(list(product(individuals, POSES)), desc=kind, leave=False):
-            # A stream of its own, so that a vertex more or less in one mesh changes no other.
+            # A separate random stream, so that one more vertex in one mesh changes no other.
             mesh = posed_mesh(template, individuals[name], random.spawn(1)[0])
             meshes[name + pose] = mesh.surface
             places[name + pose] = mesh.places

@@ -18,11 +18,11 @@ from zoomout_core.mesh.triangles import vertex_normals
 
 Pair = tuple[str, str]  # target, source
 
-# A place this far from the mesh, over the square root of its area, is not on it.
+# A place farther from the mesh, relative to the square root of its area, is not on it.
 NEAR = 0.025
-# Number of vertices near a place whose normals are compared with its own.
+# Number of nearby vertices whose normals are compared with the place's.
 ASKED = 8
-# Places that are recorded for each class.
+# Maximum number of recorded places for each class.
 PLACES = 5000
 
 

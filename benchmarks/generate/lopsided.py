@@ -21,9 +21,9 @@ from zoomout_core.transfer import Attribute
 from .bodies import Template, build_template, draw_pose
 from .kinds import KINDS
 
-# Cells of the template, in metres; what is cut lies so far to the right, and in every second band of this width.
+# Cells of the template, in metres; cut edges are at least this far to the right, in every second band of this width.
 CELL, CUT_BEYOND, BAND = 0.02, -0.15, 0.08
-# The same place on both sides, as Blender's mirror by position takes it, is off by less than this, in metres.
+# Tolerance of Blender's mirroring by position, in metres.
 RIGHT_OF = -1e-4
 
 
@@ -89,7 +89,7 @@ def _true_weights(template: Template) -> Attribute:
 
 def _cut_right_side(body: bpy.types.Object) -> None:
     """Subdivide the edges in bands of the right side; weights are interpolated."""
-    import bmesh  # there is none before `bpy` is imported
+    import bmesh  # exists only after `bpy` is imported
 
     mesh = bmesh.new()
     mesh.from_mesh(body.data)

@@ -25,18 +25,18 @@ from zoomout_core.mesh.triangles import edge_graph, vertex_areas, vertex_normals
 
 from .folder import Pair, class_of, spread, write_set
 
-# Extremities that are looked for; the first farthest points lie at the ends of the longest limbs.
+# Number of extremities; the first farthest points are at the ends of the longest limbs.
 TIPS = 5
-# A limb and its end are severed between these, over half the distance to the nearest other extremity, in whole slices.
+# Range of the cut of a limb and of its end, relative to half the distance to the nearest other extremity.
 LIMB, END, SLICE = (0.5, 1.0), (0.2, 0.45), 0.05
-# Lengths over the square root of the area.
+# Lengths relative to the square root of the area.
 HOLE_RADIUS, HOLES = 0.05, 6
 TAIL_RADIUS, TAIL_LENGTH = 0.055, 0.7
 HORN_RADIUS, HORN_LENGTH = 0.035, 0.25
 # Horns stand this far apart and less than so far from the end of the head (a tail is too thin for that); what is
 # nearer to its mirror image than the last lies in the middle.
 APART, ON_HEAD, MIDDLE = 0.12, 0.15, 0.04
-# How far the axis of what grows bends off, over its length, and how thick its tip is, over its thickness.
+# Bend of the axis of an added part, relative to its length, and thickness of its tip, relative to its base.
 BEND, TIP = 0.3, 0.3
 
 
@@ -194,12 +194,12 @@ def _severed(
     area = vertex_areas(surface.vertices, surface.triangles)
     lost = distance < slices[1 + choose(np.histogram(distance, slices, weights=area)[0])]
     body, loose = np.isfinite(distance), np.isinf(distance)
-    # What hangs on the limb alone, such as a feather, is lost with it.
+    # Parts that are connected only to the limb, such as a feather, are removed with it.
     graph = edge_graph(surface.vertices, surface.triangles)
     left = np.flatnonzero(body & ~lost)
     piece = connected_components(graph[left][:, left], directed=False)[1]
     lost[left] = piece != np.argmax(np.bincount(piece))
-    # Clothes and eyes go with the flesh under them.
+    # Clothes and eyes are removed with the flesh under them.
     under = cKDTree(surface.vertices[body]).query(surface.vertices[loose])[1]
     lost[loose] = lost[body][under]
     return _without(_unchanged(surface), lost)

@@ -18,7 +18,7 @@ from zoomout_core.mesh.triangles import vertex_normals
 from .folder import PLACES, Pair, by_class, known_on_all, standing_for, write_set
 from .remeshing import REMESHINGS
 
-# Vertices of a remeshed self, over those of the original.
+# Ratio of the vertices of a remeshed version to the original's.
 THINNED = 0.3
 
 

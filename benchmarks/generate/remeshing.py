@@ -10,7 +10,7 @@ import numpy as np
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas
 
-# Standard deviation of the noise, over the median length of an edge.
+# Standard deviation of the noise, relative to the median edge length.
 NOISE = 0.05
 
 Remeshing = Callable[[Surface, int, np.random.Generator], Surface]
@@ -18,9 +18,9 @@ Remeshing = Callable[[Surface, int, np.random.Generator], Surface]
 
 def isotropic(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
     """About a given number of vertices with edges of about the same length (Pietroni et al. 2010)."""
-    import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
+    import pymeshlab  # after bpy, which cannot be imported after pymeshlab
 
-    # The area belonging to a vertex of a regular triangulation is sqrt(3) / 2 times the square of an edge.
+    # The area per vertex of a regular triangulation is sqrt(3) / 2 times the squared edge length.
     edge = np.sqrt(2 / np.sqrt(3) * surface.area / vertices)
     return _filtered(surface, "meshing_isotropic_explicit_remeshing", targetlen=pymeshlab.PureValue(edge), iterations=6)
 

@@ -28,7 +28,7 @@ def _handle() -> Limb:
     )
 
 
-# The solids of each thing, and how many symmetries it has beside the identity.
+# The solids of each thing, and its number of symmetries besides the identity.
 THINGS: dict[str, tuple[list[Solid], int]] = {
     "vase": (
         [

@@ -20,18 +20,18 @@ from benchmarks.robustness.cases import Mesh, clean, hard_meshes, malformed_file
 from benchmarks.tables import Record, Tables, as_markdown
 
 TOOLS = ("zoomout_core", "pyFMaps", "Data Transfer", "MeshLab")
-# What each tool has a reader for, of the endings that there are.
+# The extensions that each tool can read.
 READS = {
     "zoomout_core": (".obj", ".off", ".ply", ".stl"),
     "pyFMaps": (".obj", ".off"),
     "Data Transfer": (".obj", ".ply", ".stl"),
     "MeshLab": (".obj", ".off", ".ply", ".stl"),
 }
-# Seconds, and bytes of address space, that a case may take.
+# Limits of a case: seconds, and bytes of address space.
 SECONDS, MEMORY = 60, 8 << 30
-# Cases that run at once.
+# Number of cases that run at the same time.
 AT_ONCE = 2
-# A transfer is right where the median of how far positions are off is less than this, over the square root of the area.
+# A transfer is right if the median error of positions, relative to the square root of the area, is smaller than this.
 RIGHT = 0.03
 SENTENCE, CRASH, HANG, TRACEBACK = "sentence", "crash", "hang", "traceback"
 RIGHT_ONE, DOUBTED, SILENT, NO_READER = "right", "said so", "silently wrong", "-"
@@ -107,7 +107,7 @@ def _verdict(answer: Record | str, mesh: Mesh, source: Mesh) -> str:
     used = np.unique(faces) if len(faces) else np.arange(len(vertices))
     if len(carried) == len(vertices):
         carried = carried[used]
-    if len(carried) != len(used):  # readers may leave out what no face uses
+    if len(carried) != len(used):  # readers may drop unused vertices
         return doubts
     off = np.linalg.norm(carried - vertices[used], axis=1)
     scale = np.sqrt(trimesh.Trimesh(*source, process=False).area)

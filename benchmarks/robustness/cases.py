@@ -14,9 +14,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.samples import creature
 from zoomout_core.spectral.sampling import farthest_points
 
-# The files that `tests/bad_input` hands to each door.
+# The files that `tests/bad_input` gives to each entry point.
 MALFORMED = Path(__file__).parents[2] / "tests" / "bad_input" / "malformed.py"
-# Vertices of the clean mesh, and of the other one, another sampling of the same shape in the same pose and place.
+# Numbers of vertices of the clean mesh and of another sampling of the same shape, pose and position.
 VERTICES = 1500, 1200
 
 LANDMARKS = 8

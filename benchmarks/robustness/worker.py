@@ -45,7 +45,7 @@ def _pyfm(target: str, source: str | None) -> Answer:
         return {"read": bool(TriMesh.load(target).n_vertices)}
     first, second = TriMesh.load(source), TriMesh.load(target)
     model = FunctionalMapping(first, second)
-    model.preprocess(landmarks=landmarks())  # descriptors alone do not tell left from right
+    model.preprocess(landmarks=landmarks())  # descriptors alone cannot distinguish left and right
     model.fit(K=(30, 30))
     model.zoomout_refine(nit=12, step=5)
     return {"carried": np.asarray(first.vertices)[model.get_p2p()].tolist(), "doubts": []}
@@ -69,7 +69,7 @@ def _data_transfer(target: str, source: str | None) -> Answer:
             made = read(target)
             return {"read": made is not None and bool(len(made.data.polygons))}
         first, second = read(source), read(target)
-    except RuntimeError as error:  # how an operator says that it cannot
+    except RuntimeError as error:  # an operator's failure
         return {"said": str(error)}
     if second is None:
         return {"doubts": ["nothing was read"]}

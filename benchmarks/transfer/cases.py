@@ -25,17 +25,17 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_normals
 from zoomout_core.transfer.uv.chart import uv_seams
 
-# Of folders of many shapes, one in this number is used.
+# In folders of many shapes, every n-th one is used.
 EVERY = 7
-# Sizes of what is made for a shape.
+# Numbers of generated islands, bones and other data of a shape.
 BONES, ISLANDS, MATERIALS, KEYS = 20, 14, 25, 3
-# Degrees that bones are turned by, at most.
+# Maximum rotation of bones in degrees.
 TURN = 30
-# A shape key swells the surface by this part of the square root of its area, where it is strongest.
+# Maximum displacement of a shape key, relative to the square root of the area.
 SWELLING = 0.03
-# Length of the edges of the demo's character, in metres.
+# Edge length of the demo's character, in metres.
 CELL = 0.02
-# Vertices of the target, over those of the source.
+# Ratio of the target's vertices to the source's.
 THINNED = 0.6
 
 

@@ -29,9 +29,9 @@ Record = dict[str, Any]
 
 # The target: rebuilt from voxels of this size in metres, and decimated to this number of vertices.
 SIZE = Size(cell=0.0134, voxel=0.004, target_vertices=100_000)
-# What the source carries.
+# Default numbers of the source's groups, maps and keys.
 GROUPS, KEYS = 60, 50
-# How far groups and keys reach around their places, and how far keys swell the source, over the root of its area.
+# Radius of groups and keys, and displacement of keys, relative to the square root of the area.
 REACH, SWELLING = 0.12, 0.015
 
 

@@ -23,7 +23,7 @@ from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-# A way gets a bare target, and says how long it took.
+# A method gets a target without data, and returns its time.
 Way = Callable[[Case, bpy.types.Object], float]
 DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials", "shape_keys")
 
@@ -68,7 +68,7 @@ def by_data_transfer(case: Case, target: bpy.types.Object) -> float:
 
 def by_meshlab(case: Case, target: bpy.types.Object) -> float:
     """MeshLab's transfer of vertex attributes: colours, and weights as the quality of vertices, group by group."""
-    import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
+    import pymeshlab  # after bpy, which cannot be imported after pymeshlab
 
     start = perf_counter()
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -23,10 +23,10 @@ from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.arrays import Booleans, Floats
 
-# A target so coarse that it shows how a seam runs through the faces.
+# A coarse target, which shows how a seam crosses faces.
 SIZE = Size(cell=0.0134, voxel=0.0125, target_vertices=7000)
 LIMB = ("upper_arm.L", "forearm.L", "hand.L", "thumb.L", "index.L", "middle.L", "ring.L")
-# An arm lies along the x axis at rest: seen from below, where its seam is, the front up.
+# At rest an arm is parallel to the x axis; it is seen from below, where its seam is, with the front up.
 FROM_BELOW = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 # Distances in metres, and the size of the picture.
 DOWN, ACROSS, SEAM = 0.245, 0.76, 0.0014

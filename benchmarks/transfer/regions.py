@@ -12,9 +12,9 @@ from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 from zoomout_core.samples.skeletons import BoneRow
 from zoomout_core.spectral.sampling import farthest_points
 
-# A bone at the end of a limb is this many times as long as the way to the middle of its region.
+# Length of a bone at the end of a limb, relative to the distance to the centre of its region.
 BEYOND = 1.6
-# A region is cut open where it is deeper than this many times the square root of its area.
+# Regions deeper than this, relative to the square root of their area, are cut open.
 DEEP = 0.7
 
 

@@ -22,7 +22,7 @@ from blender_addon.demo.character import select_only
 Record = dict[str, Any]
 
 REPEATS, CANCELS = 3, 20
-# Seconds of a block that users notice.
+# Noticeable duration of a block in seconds.
 NOTICED = 0.15
 TABLES = ("rows", "escape", "undo")
 

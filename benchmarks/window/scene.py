@@ -14,11 +14,11 @@ from blender_addon import mesh_data
 from blender_addon.demo.character import select_only
 from zoomout_core.mesh.files import read_surface
 
-# Two poses of a man, and of a horse that goes with him into a collection. Those of one class share their vertices.
+# Two poses of a man, and of a horse in the same collection. Meshes of one class have the same vertex order.
 CHARACTERS, COMPANIONS = ("michael0", "michael10"), ("horse0", "horse6")
-# What the source carries, and which part of its size the poses are moved apart by.
+# The source's data, and the distance between the poses relative to its size.
 GROUPS, KEYS, APART = 30, 10, 1.5
-# How far vertices of one side are moved for a sculpt, over the size of the mesh.
+# Displacement of one side's vertices for a sculpt, relative to the size of the mesh.
 SCULPT = 0.01
 
 

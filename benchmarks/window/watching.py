@@ -15,7 +15,7 @@ import numpy as np
 from blender_addon.jobs import Job, Work
 from blender_addon.operators import modal_operator
 
-# Seconds between two looks at whether threads have ended.
+# Seconds between two checks whether threads have ended.
 LOOK = 0.002
 
 
@@ -87,7 +87,7 @@ def watch(operate: Callable[[], object], escape_after: float = float("inf")) -> 
 
     def in_ticks(coroutine: Work[str]) -> str:
         job = _TimedJob(coroutine, seen)
-        others = set(running_threads())  # a progress bar's, for example, which does not end
+        others = set(running_threads())  # for example a progress bar's thread, which does not end
         while seen.seconds < escape_after:
             start = perf_counter()
             try:

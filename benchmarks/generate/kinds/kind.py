@@ -14,7 +14,7 @@ from zoomout_core.samples.implicit import Ellipsoid, Solid, both_sides
 from zoomout_core.samples.skeletons import BoneRow
 
 Range = tuple[float, float]
-# How far a bone turns about the axes x, y, z (to the left, to the back, up), in this order, seen from its parent.
+# Ranges of rotation of a bone about x, y, z (left, back, up), in this order, relative to its parent.
 Reach = tuple[Range, Range, Range]
 
 
