@@ -35,8 +35,9 @@ class StretchTuning(Tuning, set_by="everywhere"):
         times: an edge is stretched if it grows by more than this multiple of the source's growth there,
         min_growth: and by more than this ratio,
         min_length: and is longer in a pose than this fraction of the surface's size.
-        rings: edges around a stretched one within which weights are filled in.
-        rounds: maximum number of times that they are, as long as fewer edges are stretched.
+        rings: edges around a stretched one within which weights are filled in at first; twice as many in each further
+            round, because a wide repair replaces weights that are right.
+        rounds: maximum number of times that they are, as long as edges are stretched.
         frames: maximum number of frames of an animation that are played.
     """
 
@@ -44,8 +45,8 @@ class StretchTuning(Tuning, set_by="everywhere"):
     times: float = tuned(2.0, "1", 1, 100)
     min_growth: float = tuned(2.0, "1", 1, 100)
     min_length: float = tuned(0.02, "1", 0, 1)
-    rings: int = tuned(4, "edges", 0, 100)
-    rounds: int = tuned(2, "rounds", 0, 10)
+    rings: int = tuned(1, "edges", 0, 100)
+    rounds: int = tuned(5, "rounds", 0, 10)
     frames: int = tuned(12, "frames", 1, 1000)
 
 
@@ -107,15 +108,14 @@ def check_weights(
         return posed.edges[stretched_edges(played, posed, surface_map, size)]
 
     edges = find_stretched(weights)
-    for _ in range(STRETCH.rounds):
+    for number in range(STRETCH.rounds):
         if not len(edges):
             break
-        around = _around(target, edges)
+        around = _around(target, edges, STRETCH.rings * 2**number)
         tried = smooth_weights(weights, target, around)
         left = find_stretched(tried)
-        if len(left) >= len(edges):
-            break
-        weights, edges, smoothed = tried, left, smoothed | around
+        if len(left) < len(edges):
+            weights, edges, smoothed = tried, left, smoothed | around
     at_edges = np.zeros(len(smoothed), dtype=bool)
     at_edges[edges] = True
     return CheckedWeights(weights, smoothed, at_edges)
@@ -231,12 +231,12 @@ def smooth_weights(weights: csr_array, target: Surface, chosen: Booleans) -> csr
     return csr_array(filled)
 
 
-def _around(target: Surface, edges: Integers) -> Booleans:
+def _around(target: Surface, edges: Integers, rings: int) -> Booleans:
     """(n,) the vertices within some rings of edges (e, 2)."""
     chosen = np.zeros(len(target.vertices), dtype=bool)
     chosen[edges] = True
     every, _ = unique_edges(target.triangles)
-    for _ in range(STRETCH.rings):
+    for _ in range(rings):
         chosen[every[chosen[every].any(axis=1)]] = True
     return chosen
 

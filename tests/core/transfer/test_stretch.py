@@ -19,6 +19,7 @@ from zoomout_core.transfer.stretch import (
     smooth_weights,
     stretched_edges,
 )
+from zoomout_core.tuning import retune
 
 HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
 SOURCE, TARGET = tube(20, 61), tube(15, 47, turned=0.4)
@@ -95,6 +96,19 @@ def test_a_patch_of_another_bone_is_found_and_smoothed() -> None:
     assert checked.smoothed[patch].all()
     assert np.abs((checked.weights - weights_of(TARGET.vertices)).toarray()).max() < 0.2
     np.testing.assert_array_equal(checked.weights.toarray()[~checked.smoothed], weights.toarray()[~checked.smoothed])
+
+
+def test_repairs_begin_small_and_widen_only_where_edges_stretch_still() -> None:
+    given = SOURCE, weights_of(SOURCE.vertices), TARGET
+    small, large = (wrong_weights(on_side(radius)) for radius in (0.15, 0.5))
+    counts = []
+    for weights in (small, large):
+        checked = check_weights(*given, weights, MAP, POSES)
+        assert not checked.stretched.any()
+        counts.append(int(checked.smoothed.sum()))
+    assert counts[0] < counts[1] / 4
+    with retune(STRETCH, rounds=1):
+        assert check_weights(*given, large, MAP, POSES).stretched.any()
 
 
 def test_short_edges_do_not_count() -> None:
