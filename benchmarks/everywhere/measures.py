@@ -64,12 +64,16 @@ def measure_binding(case: Case, surface_map: zo.SurfaceMap) -> Row:
     poses = extreme_poses(heads, parents)
     played, size = play(source, weights, poses), float(np.ptp(placed, axis=0).max())
 
-    def stretched(tried: csr_array) -> float:
+    def stretch_share(tried: csr_array) -> float:
         return float(stretched_edges(played, play(target, tried, poses), surface_map, size).mean())
 
     checked = check_weights(source, weights, target, carried.values, surface_map, poses).weights
     islands = find_islands(surface_map, source, weights, target, checked)
-    return {"stretched": stretched(checked), "unchecked": stretched(carried.values), "islands": (islands >= 0).mean()}
+    return {
+        "stretched": stretch_share(checked),
+        "unchecked": stretch_share(carried.values),
+        "islands": (islands >= 0).mean(),
+    }
 
 
 def is_wrong(figures: Row) -> bool:
