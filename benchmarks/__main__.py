@@ -169,7 +169,7 @@ def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: 
     "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
 )
 def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """Lost parts, limbs on the other side and torn edges of maps, and the verdict, beside Data Transfer."""
+    """Lost parts, wrong limbs and fingers, torn edges, bindings, and the verdict, beside Data Transfer."""
     from benchmarks import everywhere as everywhere_tables  # it starts Blender
 
     report(everywhere_tables.run(data, pairs, pictures), data, json_file)

@@ -218,8 +218,5 @@ def _blend(own: Floats, aim: Floats, share: float) -> Floats:
 
 
 def _rotation_between(one: Floats, other: Floats) -> Floats:
-    """The rotation vector that takes one direction to another the short way."""
-    a, b = one / np.linalg.norm(one), other / np.linalg.norm(other)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    sine = float(np.linalg.norm(axis))
-    return axis / sine * np.arctan2(sine, cosine) if sine > 0 else np.zeros(3)
+    """The rotation vector of the smallest rotation from one direction to another."""
+    return np.asarray(Rotation.align_vectors([other], [one])[0].as_rotvec())

@@ -6,22 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Kind
-from zoomout_core.transfer.uv.chart import uv_seams
+from zoomout_core.transfer.uv.faults import has_jagged_seams
 
 from .. import mesh_data
 from ..mesh_data import ActiveLayers, Layer, Role
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
-
-# Seams are visibly jagged if they are longer than the source's by this factor, and their edges than this fraction of
-# the extent.
-JAGGED, COARSE = 1.1, 0.015
 
 
 @dataclass
@@ -113,11 +107,8 @@ def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attrib
 
 
 def _note_on_seams(uv: Attribute, original: Attribute, job: TransferJob) -> list[str]:
-    """Suggest *Cut Along Seams* if the islands of a UV map (c, 2) end at long edges that zigzag along the source's."""
-    source, target = job.pair.source, job.pair.target
-    (before, _), (length, size) = (_seam_lengths(*each) for each in ((source, original), (target, uv)))
-    scale = np.sqrt(target.area / source.area)
-    if not len(length) or length.sum() < JAGGED * scale * before.sum() or length.mean() < COARSE * size:
+    """Suggest *Cut Along Seams* if the borders of a transferred UV map's islands are jagged."""
+    if not has_jagged_seams(job.pair.source, original.values, job.pair.target, uv.values):
         return []
     return [
         message(
@@ -127,12 +118,6 @@ def _note_on_seams(uv: Attribute, original: Attribute, job: TransferJob) -> list
             target=job.pair.target_name,
         )
     ]
-
-
-def _seam_lengths(surface: zo.Surface, uv: Attribute) -> tuple[Floats, float]:
-    """(s,) lengths of the seams of a UV map, and the extent of the surface."""
-    ends = surface.vertices[surface.edges[uv_seams(surface, uv.values)]]
-    return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), float(np.ptp(surface.vertices, axis=0).max())
 
 
 def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remarks) -> None:

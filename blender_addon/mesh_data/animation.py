@@ -68,35 +68,33 @@ def read_animation(obj: Object) -> Floats:
 
 
 class HeldPose:
-    """The pose of armatures, to turn their bones and to restore it."""
+    """The pose of an object's armature, to restore it later; it keeps no reference to Blender's data."""
 
-    def __init__(self, armatures: Sequence[Object]) -> None:
-        self._channels = [
-            (bone, {name: copy_value(getattr(bone, name)) for name in CHANNELS})
-            for armature in armatures
-            for bone in armature.pose.bones
-        ]
+    def __init__(self, armature: Object) -> None:
+        self._channels = {
+            bone.name: {name: copy_value(getattr(bone, name)) for name in CHANNELS} for bone in armature.pose.bones
+        }
 
-    def restore(self) -> None:
-        """Restore the pose."""
-        for bone, channels in self._channels:
-            for name, value in channels.items():
+    def restore(self, armature: Object) -> None:
+        """Restore the pose of the bones that still exist."""
+        for bone in armature.pose.bones:
+            for name, value in self._channels.get(bone.name, {}).items():
                 setattr(bone, name, value)
 
 
-def turn_bones(armatures: Sequence[Object], turns: Mapping[str, Floats]) -> None:
-    """Turn bones from rest; all others are at rest.
+def turn_bones(armature: Object, turns: Mapping[str, Floats]) -> None:
+    """Turn the bones of an armature from rest; those that are not named are at rest.
 
     Args:
-        armatures: the armatures.
+        armature: the armature.
         turns: rotation vectors (3,) by the names of bones, in radians about the axes of the world.
     """
-    for armature in armatures:
-        to_armature = np.linalg.inv(world_matrix(armature))[:3, :3]
-        for bone in armature.pose.bones:
-            axis = bone.bone.matrix_local.to_3x3().inverted() @ Vector(to_armature @ turns.get(bone.name, np.zeros(3)))
-            angle = float(np.linalg.norm(turns.get(bone.name, np.zeros(3))))
-            bone.matrix_basis = Matrix.Rotation(angle, 4, axis) if angle else Matrix()
+    to_armature, still = np.linalg.inv(world_matrix(armature))[:3, :3], np.zeros(3)
+    for bone in armature.pose.bones:
+        turn = turns.get(bone.name, still)
+        axis = bone.bone.matrix_local.to_3x3().inverted() @ Vector(to_armature @ turn)
+        angle = float(np.linalg.norm(turn))
+        bone.matrix_basis = Matrix.Rotation(angle, 4, axis) if angle else Matrix()
 
 
 def follow_constraints(armatures: Sequence[Object]) -> bool:

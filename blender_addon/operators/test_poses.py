@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from time import monotonic
 
+import bpy
 import numpy as np
 from bpy.types import Context, Event, Operator, Timer
 
@@ -44,10 +45,9 @@ class ZOOMOUT_OT_test_poses(Operator):
         if not modal.can_begin(context.window):
             self.report({"ERROR"}, reported("Test poses need a 3D viewport: move the mouse over one, and try again"))
             return {"CANCELLED"}
-        self._armatures = armatures_of(context.active_object)
         self._bones = read_bones(context.active_object)
         self._turns = extreme_turns(self._bones.parents)
-        self._held = HeldPose(self._armatures)
+        self._held = {armature.name: HeldPose(armature) for armature in armatures_of(context.active_object)}
         self._begun = monotonic()
         self._timer: Timer = context.window_manager.event_timer_add(STEP, window=context.window)
         modal.begin(context, self)
@@ -66,22 +66,27 @@ class ZOOMOUT_OT_test_poses(Operator):
     def cancel(self, context: Context) -> None:
         """Restore the pose; Blender calls this when a file is loaded or the window closes."""
         modal.end(self)
-        self._held.restore()
+        for name, held in self._held.items():
+            if name in bpy.data.objects:
+                held.restore(bpy.data.objects[name])
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)
 
     def _play(self, context: Context) -> None:
-        """Turn the bones as far as the time says."""
+        """Turn the bones to the pose of the current time."""
         time = (monotonic() - self._begun) / SECONDS
         pose = int(time) % len(self._turns)
         share = np.sin(np.pi * (time % 1)) ** 2
-        turn_bones(self._armatures, dict(zip(self._bones.names, share * self._turns[pose], strict=True)))
+        turns = dict(zip(self._bones.names, share * self._turns[pose], strict=True))
+        for name in self._held:
+            if name in bpy.data.objects:  # a script may have removed it
+                turn_bones(bpy.data.objects[name], turns)
         text = message("Test pose {number} of {count}  |  Click or ESC: end", number=pose + 1, count=len(self._turns))
         context.workspace.status_text_set(translated(text))
 
 
 def _obstacle(context: Context) -> str:
-    """Why no poses can be tested, or nothing."""
+    """The reason why no poses can be tested; empty if they can."""
     obj = context.active_object
     armatures = armatures_of(obj) if obj is not None and obj.type == "MESH" else []
     if not armatures:

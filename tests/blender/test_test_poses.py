@@ -40,7 +40,7 @@ class Window:
         self.status = text
 
 
-class Testing:
+class Playing:
     """The operator with simulated events, since the `bpy` module has no window."""
 
     for _name in ("invoke", "modal", "cancel", "_play"):
@@ -67,7 +67,7 @@ def rigged(empty_scene):
 
 @pytest.fixture
 def testing(rigged):
-    operator = Testing(Window())
+    operator = Playing(Window())
     yield operator
     modal.end(operator)
 
@@ -88,7 +88,7 @@ def test_bones_turn_as_in_the_check_of_a_binding(rigged):
     bones = read_bones(source)
     expected = extreme_poses(bones.heads, bones.parents)
     for turns, pose in zip(extreme_turns(bones.parents), expected, strict=True):
-        turn_bones([armature], dict(zip(bones.names, turns, strict=True)))
+        turn_bones(armature, dict(zip(bones.names, turns, strict=True)))
         bpy.context.view_layer.update()
         np.testing.assert_allclose(transforms_of(source, armature), pose, atol=1e-5)
 
@@ -98,9 +98,9 @@ def test_a_pose_is_restored_to_the_same_channels(rigged):
     set_pose(armature, POSE)
     armature.pose.bones["Middle"].rotation_euler.x = 8.0  # more than a full turn, which no matrix tells
     bpy.context.view_layer.update()
-    before, held = snapshot_file(), HeldPose([armature])
-    turn_bones([armature], {"Upper": np.array([0.5, 0, 0])})
-    held.restore()
+    before, held = snapshot_file(), HeldPose(armature)
+    turn_bones(armature, {"Upper": np.array([0.5, 0, 0])})
+    held.restore(armature)
     bpy.context.view_layer.update()
     assert snapshot_file() == before
     assert armature.pose.bones["Middle"].rotation_euler.x == 8.0
@@ -135,6 +135,14 @@ def test_disabling_the_extension_restores_the_pose(rigged, testing):
     testing.cancel(testing.window)
     assert not modal._running
     assert [tuple(bone.rotation_euler) for bone in armature.pose.bones] == before
+
+
+def test_an_armature_that_a_script_removes_meanwhile_is_left_out(rigged, testing):
+    _, armature = rigged
+    testing.invoke(testing.window, None)
+    bpy.data.objects.remove(armature)
+    assert testing.event("TIMER") == {"PASS_THROUGH"}
+    assert testing.event("ESC") == {"CANCELLED"}
 
 
 def test_meshes_without_a_rig_and_rigs_of_constraints_are_no_use(rigged, source):

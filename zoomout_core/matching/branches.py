@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find branches of the target, such as fingers, that a finished map sends to the wrong branch, and match them anew.
+"""Find fingers and other branches that a finished map sends to the wrong branch, and match them anew.
 
-Fingers that touch, or are closed on one shape and spread on the other, are nearest to the wrong finger of the other
-shape. The map is then smooth all the same, so that no edge is torn, but two fingers share one and another is left out.
-Tips of branches are maxima of the average geodesic distance. A tip that shares its partner is paired by its geodesic
-distances to the other tips, and its branch is registered to the new partner alone.
+If fingers touch on one shape and are spread on the other, the finger that is nearest in space is often the wrong one.
+No edge of the map is torn then, but two fingers share one, and another finger receives nothing. The tips of branches
+are maxima of the average geodesic distance. The tips of a hand are paired with those of the other hand by the geodesic
+distances among them, and a branch with images on a wrong branch is registered to its own partner.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import closest_on_triangles
@@ -26,34 +27,33 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.extremities import maxima
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph, triangle_normals
+from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.tuning import Tuning, tuned
 
-# Samples of a branch's surface, and of each of its triangles on average, that places are registered to.
+# Maximum number of samples of a branch to which another one is registered, and their average number on a triangle.
 SAMPLES, SAMPLES_OF_TRIANGLE = 20_000, 20
-# Fewer tips tell nothing of each other.
+# Alternations of closest points and alignment; further ones change nothing.
+ROUNDS = 3
+# Relative distance from the tip up to which a triangle belongs to the branch that another one is registered to.
+MARGIN = 1.1
+# Two tips have only one distance, which cannot distinguish them.
 MIN_TIPS = 3
 
 
 @dataclass(frozen=True)
 class BranchTuning(Tuning, set_by="everywhere"):
-    """Which tips have branches, and how these are registered.
+    """Which tips have branches, and which of these are siblings.
 
     Attributes:
-        persistence: minimum rise of the average distance from the base of a branch to its tip; fingers have 0.024.
+        persistence: minimum rise of the average distance from the base of a branch to its tip.
         max_count: maximum number of tips of a shape.
-        max_length: maximum length of a branch; limbs are told apart by the search for the map.
-        claimed: a tip's partner is the one whose branch has most images of the branch's outer part, up to this fraction
-            of its length.
-        sibling: branches are siblings if their tips are closer than this multiple of their lengths together.
-        max_siblings: maximum number of siblings; all their pairings are compared.
-        max_difference: maximum mean difference of relative distances among siblings, of a pairing.
-        clearly: the map's own pairing is kept unless its difference is more than this multiple of the smallest one.
-        checked: fraction of the length of a branch, from the tip, in which images must be on the partner's branch.
-        max_wrong: a branch is registered anew if more of its images are on another branch; fewer are filled in.
-        rounds: number of alternations of closest points and alignment.
-        normal_weight: the distance that counts as much as a unit difference of normals.
-        along_weight: the distance that counts as much as a unit of distance from the tip.
+        max_length: maximum length of a branch; the search for the map pairs limbs.
+        claimed: fraction of a branch, from its tip, whose images decide which branch the map pairs it with.
+        sibling: branches are siblings if the distance of their tips is at most this multiple of their total length.
+        max_siblings: maximum number of siblings; all pairings of them are compared.
+        max_difference: maximum mean difference of relative distances among siblings that a pairing may have.
+        margin: the map's own pairing is kept unless its difference exceeds the smallest one by more than this.
+        checked: fraction of a branch, from its tip, in which all images must be on the partner's branch.
     """
 
     persistence: float = tuned(0.02, "at unit area", 0, 2)
@@ -62,13 +62,9 @@ class BranchTuning(Tuning, set_by="everywhere"):
     claimed: float = tuned(0.5, "1", 0, 1)
     sibling: float = tuned(1.4, "1", 1, 100)
     max_siblings: int = tuned(6, "tips", 3, 8)
-    max_difference: float = tuned(0.15, "1", 0, 10)
-    clearly: float = tuned(1.3, "1", 1, 100)
+    max_difference: float = tuned(0.06, "1", 0, 10)
+    margin: float = tuned(0.02, "1", 0, 10)
     checked: float = tuned(0.9, "1", 0, 1)
-    max_wrong: float = tuned(0.3, "1", 0, 1)
-    rounds: int = tuned(8, "rounds", 1, 100)
-    normal_weight: float = tuned(0.01, "at unit area", 0, 10)
-    along_weight: float = tuned(1.0, "1", 0, 10)
 
 
 BRANCHES = BranchTuning()
@@ -79,7 +75,7 @@ class Exchanged(NamedTuple):
 
     Attributes:
         surface_map: from the target to the source.
-        unsettled: (n_t,) vertices at the bases of these branches, and on wrong branches, to be filled in.
+        unsettled: (n_t,) vertices at the bases of these branches, whose images must be filled in.
     """
 
     surface_map: SurfaceMap
@@ -117,7 +113,7 @@ class _Images:
 
 
 def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> Exchanged:
-    """Match branches anew that a map sends to the wrong branch; nothing is changed where landmarks are exact.
+    """Match branches anew that a map sends to the wrong branch; maps with exact landmarks are not changed.
 
     Args:
         pair: the surfaces.
@@ -135,16 +131,12 @@ def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> Exchanged:
     nearest = np.argmin(images.distances, axis=1)
     on_branch = images.distances.min(axis=1) < source.length[nearest]
     for tip, other in _partners(source, target, images).items():
-        away = target.distances[:, tip]
-        checked = away[images.vertices] < BRANCHES.checked * target.length[tip]
-        wrong = checked & on_branch & (nearest != other)
-        if wrong.sum() <= BRANCHES.max_wrong * checked.sum():
-            unsettled[images.vertices[wrong]] = True
-            continue
-        found = _register(pair, surface_map, source, target, tip, other)
+        away = target.distances[:, tip] / target.length[tip]
+        wrong = (away[images.vertices] < BRANCHES.checked) & on_branch & (nearest != other)
+        found = _register(pair, surface_map, source, target, tip, other) if wrong.any() else None
         if found is not None:
             branch, triangle[branch], barycentric[branch] = found
-            unsettled |= np.abs(away / target.length[tip] - 1) < 1 - BRANCHES.checked
+            unsettled |= np.abs(away - 1) < 1 - BRANCHES.checked
     return Exchanged(SurfaceMap(triangle, barycentric, surface_map.source_triangles), unsettled)
 
 
@@ -230,7 +222,7 @@ def _pair_siblings(
     if differences[best] > BRANCHES.max_difference:
         return {}
     as_it_is = np.flatnonzero((choices == nearest).all(axis=1))
-    if len(as_it_is) and differences[as_it_is[0]] < BRANCHES.clearly * differences[best]:
+    if len(as_it_is) and differences[as_it_is[0]] < differences[best] + BRANCHES.margin:
         best = int(as_it_is[0])
     return dict(zip(tips.tolist(), choices[best].tolist(), strict=True))
 
@@ -238,59 +230,33 @@ def _pair_siblings(
 def _register(
     pair: Pair, surface_map: SurfaceMap, source: _Branches, target: _Branches, tip: int, other: int
 ) -> tuple[Integers, Integers, Floats] | None:
-    """Register a branch of the target to one of the source alone: its vertices, and their triangles and coordinates.
+    """Register a branch of the target to one of the source alone, by rigid ICP (Besl and McKay 1992).
 
-    It begins with the rotation of the map around the base, and the tips on each other. None if the base is unknown.
+    It starts with both tips at the same point, turned like the map around the base, and then along the other branch.
+
+    Returns:
+        (q,) the branch's vertices, (q,) triangles of the source, and (q, 3) barycentric coordinates; None if the meshes
+        are too coarse to tell how the branches are turned.
     """
-    length, length_source = target.length[tip], source.length[other]
-    away, away_source = target.distances[:, tip], source.distances[:, other]
-    branch = np.flatnonzero(away < length)
-    around = (away > length) & (away < 2 * length) & (target.distances / target.length > 1).all(axis=1)
-    corners = pair.source.triangles
-    inside = np.flatnonzero((away_source[corners] < 1.1 * length_source).all(axis=1))
-    if around.sum() < 3 or not len(inside):
-        return None
+    away, away_source = target.distances[:, tip] / target.length[tip], source.distances[:, other] / source.length[other]
     places, rest = pair.target.vertices / pair.target.working.scale, pair.source.vertices / pair.source.working.scale
-    images = surface_map.interpolate(rest)
-    rotation = procrustes(places[around], images[around], handedness=None).rotation
-    base = [
-        np.mean(x[(d > 0.8 * full) & (d < full)], axis=0)
-        for x, d, full in ((places, away, length), (rest, away_source, length_source))
-    ]
-    ends = places[np.argmin(away)], rest[np.argmin(away_source)]
-    rotation = _rotation_onto(rotation @ (ends[0] - base[0]), ends[1] - base[1]) @ rotation
-    scale = length_source / length
-    moved = scale * (places[branch] - ends[0]) @ rotation.T + ends[1]
-    turned = pair.target.working.vertex_normals[pair.target.working.vertex_of[branch]] @ rotation.T
-    count = min(max(SAMPLES_OF_TRIANGLE * len(inside), len(inside)), max(SAMPLES, len(inside)))
+    corners = pair.source.triangles
+    branch, inside = np.flatnonzero(away < 1), np.flatnonzero((away_source[corners] < MARGIN).all(axis=1))
+    around = (away > 1) & (away < 2) & (target.distances > target.length).all(axis=1)
+    bases = [x[(share > 0.8) & (share < 1)] for x, share in ((places, away), (rest, away_source))]
+    if around.sum() < MIN_TIPS or not len(inside) or not all(map(len, bases)):
+        return None
+    base, base_source = (each.mean(axis=0) for each in bases)
+    end, end_source = places[np.argmin(away)], rest[np.argmin(away_source)]
+    turn = procrustes(places[around], surface_map.interpolate(rest)[around], handedness=None).rotation
+    along, _ = Rotation.align_vectors([end_source - base_source], [turn @ (end - base)])
+    scale = source.length[other] / target.length[tip]
+    moved = scale * along.apply((places[branch] - end) @ turn.T) + end_source
+    count = max(len(inside), min(SAMPLES, SAMPLES_OF_TRIANGLE * len(inside)))
     points, on = surface_samples(rest, corners[inside], count)
-    on = inside[on]
-    normals = _outward_normals(pair.source, on)
-    along = away_source[corners[on]].mean(axis=1)
-    weights = BRANCHES.normal_weight, BRANCHES.along_weight
-    tree = cKDTree(np.column_stack([points, weights[0] * normals, weights[1] * along]))
-    goal = scale * away[branch]
-    for number in range(BRANCHES.rounds):
-        near = tree.query(np.column_stack([moved, weights[0] * turned, weights[1] * goal]))[1]
-        if number < BRANCHES.rounds - 1:
-            motion = procrustes(moved, points[near], scales=(1.0, 1.0))
-            moved, turned = motion(moved), turned @ motion.rotation.T
-    triangle = on[near]
+    tree = cKDTree(points)
+    for _ in range(ROUNDS):
+        moved = procrustes(moved, points[tree.query(moved)[1]], scales=(1.0, 1.0))(moved)
+    triangle = inside[on[tree.query(moved)[1]]]
     a, b, c = (rest[corners[triangle, i]] for i in range(3))
     return branch, triangle, closest_on_triangles(moved, a, b, c)[0]
-
-
-def _outward_normals(surface: Surface, triangle: Integers) -> Floats:
-    """(q, 3) outward unit normals of triangles of a surface."""
-    working = surface.working
-    number = np.zeros(len(surface.triangles), dtype=np.int64)
-    number[working.triangle_of] = np.arange(len(working.triangles))
-    return np.asarray(triangle_normals(working.vertices, working.oriented_triangles)[number[triangle]])
-
-
-def _rotation_onto(one: Floats, other: Floats) -> Floats:
-    """(3, 3) the rotation that takes one direction to another the short way (Rodrigues)."""
-    a, b = one / np.linalg.norm(one), other / np.linalg.norm(other)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    cross = np.cross(np.eye(3), axis)
-    return np.eye(3) + cross + cross @ cross / (1 + max(cosine, -0.999))

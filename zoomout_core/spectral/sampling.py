@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -16,7 +19,7 @@ def farthest_points(points: Floats, count: int) -> Integers:
     depends only on the shape, not on its placement, its unit or the order of its points.
 
     Args:
-        points: (n, 3) positions.
+        points: (n, d) positions, in space or in a space of features.
         count: number of samples; all points if there are fewer.
 
     Returns:
@@ -34,10 +37,10 @@ def farthest_points(points: Floats, count: int) -> Integers:
 
 
 def _squared_distance(columns: Floats, point: Floats) -> Floats:
-    """(n,) squared distances of points, as coordinates (3, n), from one point (3,)."""
+    """(n,) squared distances of points, as coordinates (d, n), from one point (d,)."""
     offset = columns - point[:, None]
     offset *= offset
-    return np.asarray(offset[0] + offset[1] + offset[2])
+    return np.asarray(reduce(add, offset))  # faster than a sum over the first axis
 
 
 def voronoi_areas(points: Floats, areas: Floats, samples: Integers) -> Floats:

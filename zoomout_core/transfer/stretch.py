@@ -14,16 +14,19 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.spatial.distance import pdist, squareform
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 from zoomout_core.tuning import Tuning, tuned
+
+# Maximum number of frames of an animation that are played: as many as there are poses of extreme joints.
+MAX_FRAMES = 12
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,7 @@ class StretchTuning(Tuning, set_by="everywhere"):
         min_length: and is longer in a pose than this fraction of the surface's size.
         rings: edges around a stretched one within which weights are filled in at first; twice as many in each further
             round, because a wide repair replaces weights that are right.
-        rounds: maximum number of times that they are, as long as edges are stretched.
-        frames: maximum number of frames of an animation that are played.
+        rounds: maximum number of repairs while edges are stretched.
     """
 
     angle: float = tuned(30.0, "degrees", 0, 180)
@@ -47,7 +49,6 @@ class StretchTuning(Tuning, set_by="everywhere"):
     min_length: float = tuned(0.02, "1", 0, 1)
     rings: int = tuned(1, "edges", 0, 100)
     rounds: int = tuned(5, "rounds", 0, 10)
-    frames: int = tuned(12, "frames", 1, 1000)
 
 
 STRETCH = StretchTuning()
@@ -177,10 +178,7 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
         return poses
     corners = heads[:, None] + np.ptp(heads, axis=0).max() * np.vstack([np.zeros(3), np.eye(3)])
     moved = np.einsum("fbxy,bcy->fbcx", poses[..., :3], corners) + poses[:, :, None, :, 3]
-    apart = squareform(pdist(moved.reshape(len(poses), -1)))
-    chosen = [int(apart.sum(axis=0).argmax())]
-    while len(chosen) < min(len(poses), STRETCH.frames):
-        chosen.append(int(apart[chosen].min(axis=0).argmax()))
+    chosen = farthest_points(moved.reshape(len(poses), -1), MAX_FRAMES)
     return np.asarray(poses[np.sort(chosen)])
 
 

@@ -39,6 +39,9 @@ Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
 STAGE = "Dressing"
+# An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
+# this at unit area: shorter ones are hardly visible.
+STRETCHED, MIN_LENGTH = 2.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -49,15 +52,11 @@ class DressTuning(Tuning, set_by="dress"):
         softest: length over which they keep their form at stiffness zero.
         stiffest: the same at stiffness one.
         near: distance from the skin at which they follow it half as much.
-        times: an edge is stretched if it grows by more than this multiple of the growth of the body there,
-        min_length: and is longer than this.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
     stiffest: float = tuned(0.1, "at unit area", 1e-6, 10)
     near: float = tuned(0.03, "at unit area", 1e-6, 1)
-    times: float = tuned(2.0, "1", 1, 100)
-    min_length: float = tuned(0.01, "at unit area", 0, 1)
 
 
 DRESS = DressTuning()
@@ -285,8 +284,8 @@ def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans
         return found
     edges, _ = unique_edges(form.triangles)
     before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (form.rest, positions))
-    allowed = DRESS.times * np.maximum(motion.growth[edges].max(axis=1), 1) * before
-    found[edges[(after > allowed) & (after > DRESS.min_length)]] = True
+    allowed = STRETCHED * np.maximum(motion.growth[edges].max(axis=1), 1) * before
+    found[edges[(after > allowed) & (after > MIN_LENGTH)]] = True
     return found
 
 

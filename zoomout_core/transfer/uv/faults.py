@@ -11,12 +11,16 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import warning
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.uv.chart import Chart, signed_areas
+from zoomout_core.transfer.uv.chart import Chart, signed_areas, uv_seams
 
 # Stretch of a face's UVs relative to the source's, or its inverse, above which the face is reported.
 MAX_STRETCH = 4.0
 # UV area of a face, relative to that on the source, below which the face is reported as degenerate.
 MIN_UV_AREA = 1e-3
+
+# Ratio of the lengths of target and source seams, and length of an edge relative to the extent, above which seams look
+# jagged.
+JAGGED, COARSE = 1.1, 0.015
 
 
 def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
@@ -31,6 +35,27 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
         (missing, islands, "{layer}: {count} of {total} UV islands of the source received no face."),
     )
     return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in told if count)
+
+
+def has_jagged_seams(source: Surface, source_uv: Floats, target: Surface, uv: Floats) -> bool:
+    """Whether a transferred UV map's seams zigzag visibly: they are longer than the source's, and along long edges.
+
+    Args:
+        source: the source.
+        source_uv: (c_s, 2) its UV map.
+        target: the target.
+        uv: (c_t, 2) its transferred UV map.
+    """
+    before, after = _seam_lengths(source, source_uv), _seam_lengths(target, uv)
+    scale = float(np.sqrt(target.area / source.area))
+    extent = float(np.ptp(target.vertices, axis=0).max())
+    return len(after) > 0 and after.sum() > JAGGED * scale * before.sum() and after.mean() > COARSE * extent
+
+
+def _seam_lengths(surface: Surface, uv: Floats) -> Floats:
+    """(s,) lengths of the edges that are seams of a UV map (c, 2)."""
+    ends = surface.vertices[surface.edges[uv_seams(surface, uv)]]
+    return np.asarray(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
