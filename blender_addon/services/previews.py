@@ -16,6 +16,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.colors import confidence_colors, partner_colors, place_colors
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, map_target, transfer_along
+from zoomout_core.transfer.uv.seam_cut import seam_cut
 
 from ..colors import (
     asymmetry_colors,
@@ -40,10 +41,12 @@ from ..storage import stored_report, stored_symmetry
 from ..storage.stored_candidates import CandidateList
 from ..storage.stored_match import Match
 from ..viewport import overlay, preview
-from ..viewport.overlay import Overlay
+from ..viewport.overlay import Divided, Overlay
 from ..viewport.preview import (
     ASYMMETRY,
+    CHECKER,
     CONFIDENCE,
+    CUT,
     OF_BINDING,
     OF_MATCH,
     OF_SYMMETRY,
@@ -65,6 +68,7 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
     with stage("Coloring"):
         await pause()
         on_source: Floats | None = None
+        divided: Divided | None = None
         if kind == CONFIDENCE:
             on_target = confidence_colors(match.confidence, match.has_partner)
             of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
@@ -77,18 +81,27 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
             with stage("Applying the checker", 0.1, 1):
-                carried = await compute(partial(_along, uv, match, pair))
+                carried, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
             on_source, on_target = uv.values, carried.values
     target = find_mesh(context, pair.target_name)
-    overlays = [Overlay(target.session_uid, on_target, pair.target_fingerprint.content)]
+    overlays = [Overlay(target.session_uid, on_target, pair.target_fingerprint.content, divided)]
     if on_source is not None:
         overlays.extend(_overlays_of_sources(context, pair, on_source))
     stored_hash = hash_of("", match.surface_map.triangle.astype(np.int32))
     return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(overlays), stored_hash)
 
 
-def _along(uv: Attribute, match: Match, pair: ObjectPair) -> Attribute:
-    return transfer_along(uv, map_target(match, pair.source, pair.target))
+def _along(uv: Attribute, match: Match, pair: ObjectPair) -> tuple[Attribute, None]:
+    return transfer_along(uv, map_target(match, pair.source, pair.target)), None
+
+
+def _along_cut(uv: Attribute, match: Match, pair: ObjectPair) -> tuple[Attribute, Divided]:
+    """UVs of the target's corners after a cut along their seams, and the cut target."""
+    mapped = map_target(match, pair.source, pair.target)
+    cut = seam_cut(uv, mapped)
+    target = cut.apply(pair.target)
+    after = replace(mapped, target=target, **cut.changes(mapped.confidence, mapped.has_partner))
+    return transfer_along(uv, after), Divided(cut, target.corner_vertex, target.triangle_corners)
 
 
 @contextmanager
@@ -146,7 +159,7 @@ def follow_match(context: Context, obj: Object) -> None:
     """Update the preview of an object's match, after its mesh and its match were subdivided."""
     before = preview.preview_of(obj)
     if before is not None and before.kind in OF_MATCH:
-        preview.show(run(_again(context, obj, before.kind)))
+        preview.show(run(_again(context, obj, CHECKER if before.kind == CUT else before.kind)))
 
 
 async def of_symmetry(context: Context, name: str, kind: str) -> Preview:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
@@ -81,17 +80,8 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Store the match on the cut mesh; a new vertex gets the minimum of its neighbours' values."""
+    """Store the match on the cut mesh."""
     # The pair's target surface is outdated, but storing a `StoredMatch` needs only the fingerprints.
     pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
-
-    def of_all(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, *(values[around].min(axis=1) for around in (cut.edge, cut.corners))])
-
-    match = replace(
-        stored,
-        surface_map=cut.surface_map,
-        confidence=of_all(stored.confidence),
-        has_partner=None if stored.has_partner is None else of_all(stored.has_partner),
-    )
+    match = replace(stored, **cut.changes(stored.confidence, stored.has_partner))
     store_match(find_mesh(context, before.target_name).data, match, pair, stored.settings)

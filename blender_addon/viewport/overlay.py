@@ -20,7 +20,8 @@ import numpy as np
 from bpy.types import Mesh, Object
 from mathutils import Vector
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.transfer.uv.seam_cut import SeamCut
 
 from ..mesh_data.arrays import read_array
 from ..scene.mesh_facts import facts
@@ -116,6 +117,21 @@ void main()
 
 
 @dataclass(frozen=True, eq=False)
+class Divided:
+    """A mesh as a cut would divide its faces.
+
+    Attributes:
+        cut: the cut, which gives the positions of new vertices.
+        corner_vertex: (c,) vertex of each corner after the cut.
+        triangle_corners: (m, 3) corners of the triangles after the cut.
+    """
+
+    cut: SeamCut
+    corner_vertex: Integers
+    triangle_corners: Integers
+
+
+@dataclass(frozen=True, eq=False)
 class Overlay:
     """Colours for one object.
 
@@ -123,11 +139,13 @@ class Overlay:
         object_uid: `session_uid` of the object, which renaming does not change.
         values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the object's own or its evaluated mesh.
         content: hash of the object's own mesh, see `mesh_data.content_hash`.
+        divided: the mesh after a cut, if the values are of its corners; None to draw the mesh as it is.
     """
 
     object_uid: int
     values: Floats
     content: str
+    divided: Divided | None = None
 
     @property
     def on_corners(self) -> bool:
@@ -213,6 +231,9 @@ def is_outdated() -> bool:
 
 def visible_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[str, np.ndarray] | None:
     """`surface_of` the evaluated mesh of an object, even if its vertices are not the overlay's."""
+    if overlay.divided is not None:  # modifiers cannot compute values of faces that do not exist yet
+        same = len(evaluated.data.vertices) == len(obj.data.vertices)
+        return _divided_surface(evaluated.data if same else obj.data, overlay.divided, overlay.values)
     values = carried.values_on(obj, evaluated, overlay.values)
     return None if values is None else surface_of(evaluated.data, replace(overlay, values=values))
 
@@ -234,6 +255,20 @@ def surface_of(mesh: Mesh, overlay: Overlay) -> dict[str, np.ndarray] | None:
         position, normal = position[vertex], normal[vertex]
         color = np.column_stack([color, np.zeros(corners, np.float32)])
     triangles = read_array(mesh.loop_triangles, "loops" if overlay.on_corners else "vertices", np.int32, 3)
+    return {"position": position, "normal": normal, "color": color, "triangles": triangles}
+
+
+def _divided_surface(mesh: Mesh, divided: Divided, uv: Floats) -> dict[str, np.ndarray]:
+    """The arrays of `surface_of` for a mesh after a cut."""
+    position, normal = (
+        divided.cut.interpolate(values)[divided.corner_vertex].astype(np.float32)
+        for values in (
+            read_array(mesh.vertices, "co", np.float32, 3),
+            read_array(mesh.vertex_normals, "vector", np.float32, 3),
+        )
+    )
+    color = np.column_stack([uv, np.zeros(len(uv))]).astype(np.float32)
+    triangles = divided.triangle_corners.astype(np.int32)
     return {"position": position, "normal": normal, "color": color, "triangles": triangles}
 
 

@@ -18,7 +18,7 @@ from zoomout_core.arrays import Floats
 from . import overlay
 from .overlay import Overlay
 
-CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
+CONFIDENCE, PLACES, CHECKER, CUT = "CONFIDENCE", "PLACES", "CHECKER", "CUT"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
 STRETCHED = "STRETCHED"
 OUTDATED = "Hidden: a mesh was changed"
@@ -52,6 +52,12 @@ OF_MATCH = {
         "Same color, same point",
     ),
     CHECKER: Kind("UV Checker", "Preview the source's active UV map on the target", "Preview of the source's UVs"),
+    # Its button is beside Cut Along Seams.
+    CUT: Kind(
+        "Preview Cut",
+        "Preview the source's active UV map on the target as Cut Along Seams would divide its faces",
+        "Preview of the source's UVs after Cut Along Seams",
+    ),
 }
 OF_BINDING = {
     STRETCHED: Kind(

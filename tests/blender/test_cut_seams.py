@@ -7,7 +7,18 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import add_attribute, decimate, ellipsoid, from_pydata, positions, set_weights, values, weight_array
+from scenes import (
+    activate,
+    add_attribute,
+    decimate,
+    ellipsoid,
+    from_pydata,
+    positions,
+    set_weights,
+    values,
+    weight_array,
+)
+from scipy.spatial import cKDTree
 from true_match import keep_true_match
 
 import zoomout_core as zo
@@ -16,6 +27,7 @@ from blender_addon.scene.pair import read_pair
 from blender_addon.services.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
+from blender_addon.viewport import overlay, preview
 
 
 @pytest.fixture
@@ -58,6 +70,38 @@ def test_islands_arrive_whole_and_end_at_the_seam(source, target):
     reach = 0.02
     assert (height[upper] > -reach).mean() > 0.995
     assert (height[~upper] < reach).mean() > 0.995
+
+
+def test_a_preview_shows_the_uvs_after_the_cut_and_leaves_the_mesh_as_it_is(source, target):
+    before = len(target.data.vertices)
+    activate(target)
+    bpy.ops.zoomout.preview(kind="CUT")
+    (coat,) = [each for each in overlay.overlays() if each.object_uid == target.session_uid]
+    evaluated = target.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    previewed = overlay.visible_surface(coat, target, evaluated)
+    assert len(target.data.vertices) == before
+    assert len(coat.values) > len(target.data.loops)
+    cut_seams(bpy.context, source, target)
+    assert preview.preview_of(target).kind == "CHECKER"  # there is nothing to cut any more
+    transfer_objects(bpy.context, source, target, ("uv_maps",))
+    corners = np.empty(len(target.data.loops), np.int32)
+    target.data.loops.foreach_get("vertex_index", corners)
+    drawn = cKDTree(np.hstack([previewed["position"], previewed["color"][:, :2]]))
+    cut = np.hstack([positions(target.data)[corners], values(target.data, "Atlas").reshape(-1, 2)])
+    assert drawn.query(cut)[0].max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["ARRAY", "CAST"])
+def test_a_preview_of_a_cut_follows_modifiers_that_keep_the_vertices(target, kind):
+    activate(target)
+    bpy.ops.zoomout.preview(kind="CUT")
+    (coat,) = [each for each in overlay.overlays() if each.object_uid == target.session_uid]
+    target.modifiers.new("Modifier", kind)
+    evaluated = target.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    drawn = overlay.visible_surface(coat, target, evaluated)["position"]
+    used = np.unique(drawn.round(4), axis=0)
+    expected = positions((target if kind == "ARRAY" else evaluated).data).round(4)
+    assert (cKDTree(used).query(expected)[0] < 1e-3).all()
 
 
 @pytest.mark.parametrize(("angle", "count"), [(45, 16), (0, 16), (45, 100)])

@@ -56,6 +56,8 @@ SELECTED = {
     ZOOMOUT_OT_select_torn: "Torn",
     ZOOMOUT_OT_select_without_partner: "No Partner",
 }
+# The preview of a cut is beside its button, see `ZOOMOUT_PT_topology`.
+PREVIEWS = {name: kind for name, kind in preview.OF_MATCH.items() if name != preview.CUT}
 
 
 class ZOOMOUT_PT_result(SidebarPanel, Panel):
@@ -86,7 +88,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             matched = message("Matched with {sources}, {doubtful:.0%} doubtful", sources=names, doubtful=doubtful)
             mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
             sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
-        preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
+        preview_buttons(context, layout, PREVIEWS, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
         row = usable.row(align=True)

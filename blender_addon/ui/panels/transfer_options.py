@@ -7,7 +7,8 @@ from bpy.types import Context, Panel
 
 from ...operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ...properties.transfer import BLENDING, NAMING
-from .sidebar import SidebarPanel, split_properties
+from ...viewport import preview
+from .sidebar import SidebarPanel, preview_buttons, split_properties
 from .transfer import ZOOMOUT_PT_transfer
 
 
@@ -46,4 +47,5 @@ class ZOOMOUT_PT_topology(SidebarPanel, Panel):
     bl_order = 30
 
     def draw(self, context: Context) -> None:
+        preview_buttons(context, self.layout, {preview.CUT: preview.OF_MATCH[preview.CUT]})
         self.layout.operator(ZOOMOUT_OT_cut_seams.bl_idname)

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
@@ -63,11 +64,29 @@ class SeamCut:
     surface_map: SurfaceMap
     left: int
 
+    def interpolate(self, values: Floats) -> Floats:
+        """(n + e + h, d) values of all places, from values (n, d) of the target's vertices."""
+        first, second = values[self.edge[:, 0]], values[self.edge[:, 1]]
+        on_edges = first + self.fraction[:, None] * (second - first)
+        return np.concatenate([values, on_edges, np.einsum("hc,hcd->hd", self.weights, values[self.corners])])
+
+    def changes(self, confidence: Floats, has_partner: Booleans | None) -> dict[str, Any]:
+        """What the cut changes in a match with these values (n,), for `dataclasses.replace`.
+
+        New vertices get the minimum of the values around them.
+        """
+
+        def minimum(values: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([values, *(values[around].min(axis=1) for around in (self.edge, self.corners))])
+
+        return {
+            "surface_map": self.surface_map,
+            "confidence": minimum(confidence),
+            "has_partner": None if has_partner is None else minimum(has_partner),
+        }
+
     def apply(self, target: Surface) -> Surface:
         """Cut the target: new vertices follow its own, further parts of divided faces follow its faces."""
-        first, second = (target.vertices[self.edge[:, i]] for i in range(2))
-        on_edges = first + self.fraction[:, None] * (second - first)
-        within = np.einsum("hc,hcx->hx", self.weights, target.vertices[self.corners])
         place = {pair: len(target.vertices) + i for i, pair in enumerate(map(tuple, self.edge.tolist()))}
         faces = [part.tolist() for part in np.split(target.corner_vertex, target.face_start[1:-1])]
         if place:
@@ -88,7 +107,7 @@ class SeamCut:
             faces[number] = [*around[at[-1] :], *around[: at[0] + 1], hub]
             faces += [[*around[i : j + 1], hub] for i, j in pairwise(at)]
             hub += 1
-        return Surface(np.concatenate([target.vertices, on_edges, within]), faces)
+        return Surface(self.interpolate(target.vertices), faces)
 
 
 def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int]:
