@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
-from zoomout_core.batch import Job, Outcome, check_verdict, run_jobs
+from zoomout_core.batch import Job, Outcome, run_jobs
+from zoomout_core.matching.verdict import check_verdict
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

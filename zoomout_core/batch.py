@@ -12,7 +12,6 @@ from typing import Any
 
 import click
 
-from zoomout_core.matching.verdict import RED, Verdict
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write, check_output
@@ -142,16 +141,6 @@ def _outcome(job: Job, run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]
         return Outcome(job, {}, error=str(error))
     except MemoryError:
         return Outcome(job, {}, error=NO_MEMORY)
-
-
-def check_verdict(verdict: Verdict, force: bool) -> None:
-    """Refuse a match that is probably wrong, unless the user insists.
-
-    Raises:
-        MeshError: it is probably wrong, and may not be used all the same.
-    """
-    if verdict.level == RED and not force:
-        raise MeshError(f"{verdict.sentence} {verdict.advice} To write it all the same, give --force.")
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -308,6 +308,7 @@ def _match_of_target(
         has_partner=has_partner,
         source_has_partner=of_sources,
         without_partner=(pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_sources)),
+        verdict=result.verdict if isinstance(result, zo.MatchResult) else None,
     )
 
 

@@ -21,7 +21,7 @@ from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.matching.verdict import GREEN, RED, judge
 
-WRONG = judge(0.1, 0, 0, 0, 0)
+WRONG = judge(0.1)
 
 
 @pytest.fixture

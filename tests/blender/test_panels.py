@@ -140,7 +140,7 @@ def test_the_report_bears_the_mark_of_its_verdict(source, target):
     marks = [text for kind, text, _ in drawn() if kind == "mark"]
     assert marks.count("CHECKMARK") == 2
     kept = transfer_report(target)
-    stored_report.write(target, kept | {"verdict": judge(0.6, 0, 0, 0, 0)._asdict()})
+    stored_report.write(target, kept | {"verdict": judge(0.6)._asdict()})
     assert [text for kind, text, _ in drawn() if kind == "mark"].count("CHECKMARK") == 1
     assert "choose another candidate or add landmarks" in texts()
 
@@ -217,7 +217,7 @@ def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
-    for verdict, icon in ((judge(0.6, 0, 0, 0, 0), "ERROR"), (judge(0.1, 0, 0, 0, 0), "CANCEL"), (None, "DOT")):
+    for verdict, icon in ((judge(0.6), "ERROR"), (judge(0.1), "CANCEL"), (None, "DOT")):
         stored = None if verdict is None else list(verdict)
         target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": stored})
         everything = drawn()

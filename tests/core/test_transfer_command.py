@@ -99,7 +99,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
 def test_a_match_that_is_probably_wrong_is_written_only_by_force(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1, 0, 0, 0, 0))
+    monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1))
     code, said = run(*files, "-o", tmp_path / "out.glb")
     assert code == 1
     assert "probably wrong" in said

@@ -69,7 +69,7 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
 
 
 def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path, monkeypatch):
-    monkeypatch.setattr(zoomout_core.MatchResult, "verdict", judge(0.1, 0, 0, 0, 0))
+    monkeypatch.setattr(zoomout_core.MatchResult, "verdict", judge(0.1))
     folder, _ = files
     arguments = folder / "creature.ply", folder / "target.ply", "-o", tmp_path / "result.ply"
     ran = run(*arguments)

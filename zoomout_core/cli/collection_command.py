@@ -88,6 +88,7 @@ MATCHED, DRAWN = 0.9, 0.95
     is_flag=True,
     help="With --template: transfer its data to every mesh, into OUTPUT/meshes.",
 )
+@click.option("--force", is_flag=True, help="With --transfer: write a target even if its match is probably wrong.")
 @click.option(
     "--kinds",
     default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
@@ -124,6 +125,7 @@ def collection(
     agree: bool,
     pictures: bool,
     transfers: bool,
+    force: bool,
     kinds: str,
     ending: str | None,
     blender: str | None,
@@ -173,7 +175,7 @@ def collection(
                 "blender": blender,
             }
             with progress_bar():
-                result, received = _match_all(files, output, how, pictures, chosen if transfers else (), ending)
+                result, received = _match_all(files, output, how, pictures, chosen if transfers else (), ending, force)
         if cache is None:
             shutil.rmtree(output / CACHE, ignore_errors=True)
     except (ValueError, OSError, ImportError) as error:
@@ -244,6 +246,7 @@ def _match_all(
     pictures: bool,
     kinds: Sequence[str],
     ending: str,
+    force: bool,
 ) -> tuple[CollectionResult, dict[str, list[str]] | None]:
     """Match, transfer, draw, and write the report."""
     with portion(0.0, MATCHED):
@@ -255,7 +258,7 @@ def _match_all(
     engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
     if kinds and template is not None:
         with portion(MATCHED, DRAWN):
-            received = carry(result, template, kinds, ending, engine, how["blender"])
+            received = carry(result, template, kinds, ending, engine, how["blender"], force)
     if pictures and find_spec("matplotlib"):
         with portion(DRAWN, 1.0):
             drawn = draw(result, template, engine)

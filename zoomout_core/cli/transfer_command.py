@@ -15,7 +15,6 @@ from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset,
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
 from zoomout_core.batch import (
     Job,
-    check_verdict,
     end_with_code,
     figures_of,
     is_folder,
@@ -27,6 +26,7 @@ from zoomout_core.batch import (
 from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import portion

@@ -11,6 +11,8 @@ from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import CARRIED, carry_pair
+from zoomout_core.matching.verdict import check_verdict
+from zoomout_core.mesh.surface import MeshError
 
 
 def carry(
@@ -20,6 +22,7 @@ def carry(
     ending: str,
     engine: Engine,
     blender: str | None = None,
+    force: bool = False,
 ) -> dict[str, list[str]]:
     """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
@@ -32,6 +35,7 @@ def carry(
         ending: extension of the files, such as glb.
         engine: an engine with access to the folder of the results.
         blender: Blender's program, for shapes that Blender read, see `mesh.blender_files.blender_command`.
+        force: transfer along maps that are probably wrong, too.
 
     Returns:
         The notes on each mesh that was written.
@@ -40,6 +44,11 @@ def carry(
     source = result.items[template]
     tasks = []
     for key, pair in names.items():
+        try:
+            check_verdict(result.verdict(pair), force)
+        except MeshError as error:
+            result.failures[f"transfer to {pair.target}"] = str(error)
+            continue
         paths = (source.file.resolve(), *_paths(result, pair, ending), tuple(kinds))
         if source.original is None:
             tasks.append(Task(key, transfer_pair, paths))

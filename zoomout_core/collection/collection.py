@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 from uuid import uuid4
 
-from zoomout_core.collection.cycles import Agreement, agreeing, pairs_in_cycles
+from zoomout_core.collection.cycles import CYCLES, Agreement, agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
 from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
@@ -35,6 +35,7 @@ from zoomout_core.collection.tasks import (
 from zoomout_core.collection.through_blender import read_items
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.verdict import Verdict, judge
 from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
@@ -92,6 +93,20 @@ class CollectionResult:
         return SurfaceMap.load(
             self.folder / place_of_map(PairName(source, target)), as_surface(self.items[source].path)
         )
+
+    def trust(self, pair: PairName) -> float:
+        """How far to trust a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
+        certainty, agreement = self.records[pair].certainty, self.agreement
+        if agreement is None or pair not in agreement.after:
+            return certainty
+        # A map that was composed, or chosen by other pairs, has little certainty by itself.
+        own = agreement.certainty[pair] if agreement.candidate[pair] else certainty
+        openness = (agreement.after[pair] - CYCLES.closed) / (CYCLES.open - CYCLES.closed)
+        return own * (1 - min(1.0, max(0.0, openness)) / 2)
+
+    def verdict(self, pair: PairName) -> Verdict:
+        """Whether to use a pair's map, like `MatchResult.verdict`, but also from the cycles around it."""
+        return judge(self.trust(pair), self.records[pair].faults)
 
 
 def match_collection(

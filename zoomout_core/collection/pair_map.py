@@ -17,12 +17,11 @@ from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.pair import Pair, surface_vertices
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.verdict import Faults
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
 # Number of candidates kept for each pair.
 MAX_CANDIDATES = 8
-# Confidence below which the commands call a vertex doubtful.
-LOW = 0.5
 RECORD = "record"
 
 
@@ -78,6 +77,9 @@ class PairRecord:
         through: the shape that the map was composed through, if no candidate agreed with the other pairs.
         notes: sentences for the user.
         seconds: duration of the match.
+        torn: share of the target's area at which the map is torn.
+        silent: share of the source's outside on parts from which the target receives almost nothing.
+        mirrored: whether the map reverses the orientation.
     """
 
     key: str
@@ -91,6 +93,14 @@ class PairRecord:
     through: str = ""
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    torn: float = 0.0
+    silent: float = 0.0
+    mirrored: bool = False
+
+    @property
+    def faults(self) -> Faults:
+        """The faults that the verdict on the map depends on."""
+        return Faults(self.torn, self.silent, self.low_confidence, self.share_without_partner, self.mirrored)
 
     @classmethod
     def load(cls, path: Path) -> PairRecord:
@@ -110,18 +120,22 @@ class PairRecord:
 
 def arrays_of(result: MatchResult, maps: CandidateMaps, key: str, seconds: float, through: str = "") -> dict[str, Any]:
     """Data stored with the map of a pair: see `zoomout match`, `CandidateMaps` and `PairRecord`."""
+    faults = result.faults
     record = PairRecord(
         key,
         result.certainty,
         float(result.confidence.mean()),
-        float((result.confidence < LOW).mean()),
-        result.share_without_partner,
+        faults.doubtful,
+        faults.alone,
         result.source_share_without_partner,
         len(result.candidates),
         result.chosen,
         through,
         result.notes,
         seconds,
+        faults.torn,
+        faults.silent,
+        faults.mirrored,
     )
     return {
         "confidence": result.confidence,

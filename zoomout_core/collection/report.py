@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from html import escape
@@ -15,26 +16,13 @@ from typing import Any
 import numpy as np
 
 from zoomout_core.collection.collection import CollectionResult
-from zoomout_core.collection.cycles import CYCLES
-from zoomout_core.collection.pair_map import PairName, PairRecord
+from zoomout_core.collection.pair_map import PairName
+from zoomout_core.matching.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
 from zoomout_core.runtime.outputs import atomic_write
 
 REPORT, PAGE = "report.json", "report.html"
 # Maximum pairs in the table of pairs to check first.
 MAX_ROWS = 100
-# Smallest certainty of a map that the commands call sure.
-SURE = 0.9
-
-
-def trust(result: CollectionResult, pair: PairName) -> float:
-    """How far to trust a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
-    certainty, agreement = result.records[pair].certainty, result.agreement
-    if agreement is None or pair not in agreement.after:
-        return certainty
-    # A map that was composed, or chosen by other pairs, has little certainty by itself.
-    own = agreement.certainty[pair] if agreement.candidate[pair] else certainty
-    openness = (agreement.after[pair] - CYCLES.closed) / (CYCLES.open - CYCLES.closed)
-    return own * (1 - min(1.0, max(0.0, openness)) / 2)
 
 
 def figures_of_collection(result: CollectionResult, received: Mapping[str, list[str]] | None = None) -> dict[str, Any]:
@@ -44,18 +32,20 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
         result: the collection.
         received: the notes of a transfer on each target.
     """
-    agreement = result.agreement
+    agreement, levels = result.agreement, _levels(result)
     pairs = []
-    for pair in sorted(result.records, key=lambda each: (trust(result, each), each)):
+    for pair in sorted(result.records, key=lambda each: (result.trust(each), each)):
         record = asdict(result.records[pair])
         del record["key"]
-        row = {"source": pair.source, "target": pair.target, "trust": trust(result, pair), **record}
+        row = {"source": pair.source, "target": pair.target, "trust": result.trust(pair)}
+        row |= {"verdict": result.verdict(pair)._asdict(), **record}
         if agreement is not None and pair in agreement.after:
             row |= {"cycle_error": agreement.after[pair], "cycle_error_before": agreement.before[pair]}
         pairs.append(row)
     found: dict[str, Any] = {
         "shapes": list(result.items),
         "matched_now": result.matched,
+        "verdicts": {level: levels[level] for level in LEVELS},
         "pairs": pairs,
         "failures": result.failures,
     }
@@ -70,14 +60,20 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
     return found
 
 
+def _levels(result: CollectionResult) -> Counter[str]:
+    """The number of pairs of each level of verdict."""
+    return Counter(result.verdict(pair).level for pair in result.records)
+
+
 def lines_of_collection(result: CollectionResult) -> list[str]:
     """Summarise a collection in sentences for the user."""
     records, agreement = result.records, result.agreement
-    unsure = sum(trust(result, pair) < SURE for pair in records)
+    levels = _levels(result)
+    doubtful = ", ".join(f"{levels[level]} {level}" for level in (RED, AMBER) if levels[level])
     lines = [
         f"{len(records)} pairs of {len(result.items)} shapes are matched, {result.matched} of them in this run; "
         f"{len(result.failures)} failed.",
-        *([f"Trust is below {SURE:.0%} for {unsure}: check these first."] if unsure else []),
+        f"Verdicts: {levels[GREEN]} green{f', {doubtful} (check these first)' if doubtful else ''}.",
     ]
     if agreement is not None:
         before, after = (float(np.mean(list(each.values()))) for each in (agreement.before, agreement.after))
@@ -115,12 +111,12 @@ def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
     for pair in result.records:
         # With a template, each shape is shown with the map onto it; otherwise with its least certain map.
         for name in (pair.target,) if _template_of(result) == pair.source else pair:
-            least[name] = min(least.get(name, (2.0, pair)), (trust(result, pair), pair))
+            least[name] = min(least.get(name, (2.0, pair)), (result.trust(pair), pair))
     order = sorted(least, key=lambda name: least[name][0])
     # Shapes without a map of their own, such as a template, come first.
-    cards = [_card(name, None, None, None, pictures[name]) for name in pictures if name not in least]
-    cards += [_card(name, *least[name], result.records[least[name][1]], pictures.get(name)) for name in order]
-    rows = sorted(result.records, key=lambda pair: (trust(result, pair), pair))[:MAX_ROWS]
+    cards = [_card(name, pictures[name]) for name in pictures if name not in least]
+    cards += [_card(name, pictures.get(name), result, least[name][1]) for name in order]
+    rows = sorted(result.records, key=lambda pair: (result.trust(pair), pair))[:MAX_ROWS]
     return PAGE_TEMPLATE.substitute(
         title=escape(result.folder.name),
         summary="".join(f"<p>{escape(line)}</p>" for line in lines_of_collection(result)),
@@ -139,26 +135,24 @@ def _template_of(result: CollectionResult) -> str | None:
 
 
 def _card(
-    name: str, certain: float | None, pair: PairName | None, record: PairRecord | None, picture: bytes | None
+    name: str, picture: bytes | None, result: CollectionResult | None = None, pair: PairName | None = None
 ) -> str:
+    """A shape with the verdict on the map of a pair, or without a map of its own."""
     image = ""
     if picture is not None:
         data = b64encode(picture).decode()
         image = (
             f'<img loading="lazy" alt="{escape(name)}, coloured through its map" src="data:image/png;base64,{data}">'
         )
-    if certain is None or record is None or pair is None:
+    if result is None or pair is None:
         return f"<figure>{image}<figcaption><b>{escape(name)}</b></figcaption></figure>"
-    about = f"{escape(str(pair))}: {certain:.0%}, {record.low_confidence:.0%} doubtful, {record.seconds:.1f} s"
+    verdict, trust = result.verdict(pair), result.trust(pair)
+    about = f"{escape(str(pair))}: {escape(verdict.sentence)} {result.records[pair].seconds:.1f} s"
     return (
-        f'<figure class="{_grade(certain)}">{image}<figcaption><b>{escape(name)}</b>'
-        f'<meter min="0" max="1" low="0.5" high="{SURE}" optimum="1" value="{certain:.3f}"></meter>'
+        f'<figure class="{verdict.level}">{image}<figcaption><b>{escape(name)}</b>'
+        f'<meter min="0" max="1" low="{VERDICT.wrong}" high="{VERDICT.sure}" optimum="1" value="{trust:.3f}"></meter>'
         f"<small>{about}</small></figcaption></figure>"
     )
-
-
-def _grade(certain: float) -> str:
-    return "sure" if certain >= SURE else "unsure" if certain >= 0.5 else "doubtful"
 
 
 def _row(result: CollectionResult, pair: PairName) -> str:
@@ -171,14 +165,15 @@ def _row(result: CollectionResult, pair: PairName) -> str:
     cells = (
         pair.source,
         pair.target,
-        f"{trust(result, pair):.0%}",
+        result.verdict(pair).level,
+        f"{result.trust(pair):.0%}",
         f"{record.certainty:.0%}",
         f"{record.mean_confidence:.2f}",
         f"{record.low_confidence:.1%}",
         cycle,
         chosen,
         f"{record.seconds:.1f}",
-        " ".join(record.notes),
+        " ".join((result.verdict(pair).line, *record.notes)),
     )
     return f"<tr>{_cells(cells)}</tr>"
 

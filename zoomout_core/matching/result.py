@@ -24,7 +24,7 @@ from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.repair import repair
-from zoomout_core.matching.verdict import VERDICT, Verdict, judge
+from zoomout_core.matching.verdict import VERDICT, Faults, Verdict, judge
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
@@ -119,16 +119,20 @@ class MatchResult(Summary):
         return np.flatnonzero((visible >= VERDICT.visible) & (arrived < VERDICT.arrived * visible))
 
     @property
-    def verdict(self) -> Verdict:
-        """Whether to use the map, to look at a place of it, or to try another one."""
-        return judge(
-            self.certainty,
+    def faults(self) -> Faults:
+        """The faults of the map that its verdict depends on, besides its certainty."""
+        return Faults(
             self.target.share_of_area(self.torn),
             float(self.pair.shares[self.silent].sum()),
             float((self.confidence < LOW).mean()),
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,
         )
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to use the map, to look at a place of it, or to try another one."""
+        return judge(self.certainty, self.faults)
 
     def _summary(self) -> dict[str, str]:
         candidate, without = self.candidates[self.chosen], self.share_without_partner

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import message
 from zoomout_core.tuning import Tuning, tuned
 
@@ -86,19 +87,30 @@ class Verdict(NamedTuple):
         return " ".join((f"{self.level.capitalize()}:", self.sentence, self.advice)).strip()
 
 
-def judge(
-    certainty: float, torn: float, silent: float, doubtful: float, alone: float, mirrored: bool = False
-) -> Verdict:
-    """The verdict on a map.
+class Faults(NamedTuple):
+    """What may be wrong with a map that is right as a whole.
 
-    Args:
-        certainty: probability that the map is right as a whole.
+    Attributes:
         torn: the part of the target's area at torn edges.
         silent: the part of the source's outside on parts from which the target receives almost nothing.
         doubtful: the part of the target's vertices of low confidence.
         alone: the part of the target's area without a counterpart.
         mirrored: the map reverses the orientation.
     """
+
+    torn: float = 0.0
+    silent: float = 0.0
+    doubtful: float = 0.0
+    alone: float = 0.0
+    mirrored: bool = False
+
+
+NO_FAULTS = Faults()
+
+
+def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
+    """The verdict on a map, from the probability that it is right as a whole, and its faults."""
+    torn, silent, doubtful, alone, mirrored = faults
     if certainty < VERDICT.wrong:
         return Verdict(RED, message(WRONG, certainty=certainty), message(TRY_CANDIDATES))
     if torn > VERDICT.shattered:
@@ -116,6 +128,16 @@ def judge(
     if alone > VERDICT.alone:
         return Verdict(AMBER, message(ALONE, share=alone), message(LOOK_AT_ALONE))
     return Verdict(GREEN, message(RIGHT, certainty=certainty), "")
+
+
+def check_verdict(verdict: Verdict, force: bool) -> None:
+    """Refuse a match that is probably wrong, unless the user insists.
+
+    Raises:
+        MeshError: it is probably wrong, and may not be used all the same.
+    """
+    if verdict.level == RED and not force:
+        raise MeshError(f"{verdict.sentence} {verdict.advice} To write it all the same, give --force.")
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:

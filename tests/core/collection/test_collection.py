@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,15 @@ from creatures import Creature, creature, true_vertex
 import zoomout_core as zo
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
 from zoomout_core.collection import collection
+from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task, local_engine
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
-from zoomout_core.collection.report import page_of, trust
+from zoomout_core.collection.report import figures_of_collection, lines_of_collection, page_of
+from zoomout_core.collection.shapes import Item
 from zoomout_core.collection.tasks import Prepared, place_of_map
 from zoomout_core.matching import memory_cache
 from zoomout_core.matching.options import MatchOptions
@@ -228,7 +232,48 @@ def test_the_page_shows_every_shape_and_escapes_names(matched: zo.CollectionResu
     assert page.count("data:image/png;base64") == 1
     assert "broken" in page
     assert "$" not in page
-    assert all(0 <= trust(matched, pair) <= 1 for pair in matched.records)
+    assert all(0 <= matched.trust(pair) <= 1 for pair in matched.records)
+
+
+def test_a_pair_has_a_verdict_from_its_faults_and_from_the_cycles_around_it(matched: zo.CollectionResult) -> None:
+    pair = PairName("a", "b")
+    flawless = {"certainty": 0.99, "low_confidence": 0.0, "share_without_partner": 0.0}
+    records = {each: replace(record, **flawless) for each, record in matched.records.items()}
+    sure = replace(matched, records=records, agreement=None)
+    assert "Verdicts: 6 green." in lines_of_collection(sure)
+    torn = replace(sure, records={**records, pair: replace(records[pair], torn=0.05)})
+    assert torn.verdict(pair).level == "amber"
+    assert "Verdicts: 5 green, 1 amber (check these first)." in lines_of_collection(torn)
+    assert figures_of_collection(torn)["verdicts"] == {"green": 5, "amber": 1, "red": 0}
+    wrong = replace(sure, records={**records, pair: replace(records[pair], certainty=0.2)})
+    assert wrong.verdict(pair).level == "red"
+    assert 'class="red"' in page_of(wrong, {})
+    agreement = matched.agreement
+    assert agreement is not None
+    open_cycles = replace(sure, agreement=replace(agreement, after={**agreement.after, pair: 1.0}))
+    assert open_cycles.verdict(pair).level == "amber"
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_nothing_is_transferred_along_a_map_that_is_probably_wrong(
+    matched: zo.CollectionResult, tmp_path: Path, force: bool
+) -> None:
+    surface = made("a").surface
+    colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.clip(0.5 + surface.vertices, 0, 1))
+    write_asset(Asset(surface, (colors,)), tmp_path / "a.glb")
+    pair = PairName("a", "b")
+    doubted = replace(
+        matched,
+        items={**matched.items, "a": Item("a", tmp_path / "a.glb")},
+        records={pair: replace(matched.records[pair], certainty=0.1)},
+        agreement=None,
+        failures={},
+    )
+    received = carry(doubted, "a", KINDS, "glb", InThisProcess(), force=force)
+    assert list(received) == (["b"] if force else [])
+    assert (matched.folder / "meshes" / "b.glb").exists() == force
+    if not force:
+        assert "give --force" in doubted.failures["transfer to b"]
 
 
 def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_path: Path) -> None:

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, judge, worst
-
-FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "doubtful": 0.0, "alone": 0.0}
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, Faults, judge, worst
 
 
 @pytest.mark.parametrize(
@@ -30,15 +30,15 @@ FINE = {"certainty": 0.99, "torn": 0.0, "silent": 0.0, "doubtful": 0.0, "alone":
         ({"alone": 0.4}, AMBER, "no counterpart"),
     ],
 )
-def test_the_worst_of_what_is_known_decides(changed: dict[str, float], level: str, reason: str) -> None:
-    verdict = judge(**{**FINE, **changed})
+def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str, reason: str) -> None:
+    verdict = judge(changed.pop("certainty", 0.99), Faults(**changed))
     assert verdict.level == level
     assert reason in verdict.sentence
     assert bool(verdict.advice) == (level != GREEN)
 
 
 def test_of_several_verdicts_the_worst_counts() -> None:
-    verdicts = [judge(**FINE), judge(**{**FINE, "certainty": 0.1}), judge(**{**FINE, "torn": 0.05})]
+    verdicts = [judge(0.99), judge(0.1), judge(0.99, Faults(torn=0.05))]
     assert worst(verdicts) is verdicts[1]
     assert worst(verdicts[::2]) is verdicts[2]
 
