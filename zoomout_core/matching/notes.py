@@ -12,7 +12,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.messages import warning
+from zoomout_core.messages import message, warning
 
 UNSURE = (
     "This map is correct with a probability of only {certainty:.0%}: check whether sides are swapped, and if so, "
@@ -46,7 +46,11 @@ MAX_ROUNDING = 0.2
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
     """Notes on the limits of one input shape, and of the surface that was reconstructed from it."""
-    return (*notes_on_cloud(role, shape, surface), *_notes_on_rounding(role, surface))
+    return (
+        *notes_on_cloud(role, shape, surface),
+        *_notes_on_rounding(role, surface),
+        *_notes_on_broken_vertices(role, surface),
+    )
 
 
 def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
@@ -80,6 +84,16 @@ def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
             "length: move it to the origin in the program that created it.",
             share=coarse,
         ),
+    )
+
+
+def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
+    """A note on vertices that are not numbers; they have no faces, or the surface would have been refused."""
+    count = int(np.isnan(surface.vertices).any(axis=1).sum())
+    if not count:
+        return ()
+    return (
+        message(f"{{count}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
     )
 
 

@@ -58,12 +58,29 @@ def read_surface(path: str | PathLike[str]) -> Surface:
 def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
     """Read a mesh file like `read_surface`, or like `read_point_cloud` if it has no faces.
 
+    Faces at vertices whose coordinates are not numbers are left out. These vertices stay, so that all vertices keep
+    their numbers; `match` has a note on them.
+
     Raises:
         MeshError: the file is missing, cannot be read, or has invalid points or faces.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    return _shape(*_read(path), path)
+    polygons, vertex_columns = _read(path)
+    return _shape(_without_broken_faces(polygons), vertex_columns, path)
+
+
+def _without_broken_faces(polygons: Polygons) -> Polygons:
+    """The polygons without those at vertices that are not numbers, if any are left."""
+    vertices, corner_vertex, face_start = polygons
+    broken = np.isnan(vertices).any(axis=1)
+    sizes = np.diff(face_start)
+    if not broken.any() or not (sizes > 0).all() or not (corner_vertex < len(vertices)).all():
+        return polygons
+    kept = ~np.logical_or.reduceat(broken[corner_vertex], face_start[:-1]) if len(sizes) else sizes > 0
+    if kept.all() or not kept.any():
+        return polygons
+    return vertices, corner_vertex[np.repeat(kept, sizes)], np.concatenate([[0], np.cumsum(sizes[kept])])
 
 
 def surface_of(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface:
