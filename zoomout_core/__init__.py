@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from zoomout_core.matching.pipeline import match
     from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
     from zoomout_core.matching.result import MatchResult, load_result
+    from zoomout_core.matching.transfer_landmarks import TransferredLandmarks, transfer_landmarks
     from zoomout_core.matching.verdict import Verdict
     from zoomout_core.mesh.files import read_point_cloud, read_surface
     from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -87,6 +88,7 @@ __all__ = [
     "Surface",
     "SurfaceMap",
     "Symmetry",
+    "TransferredLandmarks",
     "Verdict",
     "Wrapped",
     "commutativity_error",
@@ -120,6 +122,7 @@ __all__ = [
     "store_shapes",
     "transfer",
     "transfer_asset",
+    "transfer_landmarks",
     "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",
@@ -168,6 +171,10 @@ _HOMES = {
     "matching.result": (
         "MatchResult",
         "load_result",
+    ),
+    "matching.transfer_landmarks": (
+        "TransferredLandmarks",
+        "transfer_landmarks",
     ),
     "matching.verdict": ("Verdict",),
     "mesh.files": (

@@ -170,7 +170,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
     if array.size == 0:
         raise ValueError(f"There are no landmarks on the {role}: give some, or leave them out on both sides.")
     if array.ndim == 2:
-        corners, barycentric = _on_surface(role, surface, array)
+        corners, barycentric = on_surface(role, surface, array)
     else:
         corners = vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")[:, None]
         barycentric = np.ones(corners.shape)
@@ -183,8 +183,13 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
 
 
-def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:
-    """Vertices (m, 3) of the triangles closest to points (m, 3), and (m, 3) barycentric coordinates in them."""
+def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:
+    """Vertices (m, 3) of the triangles closest to points (m, 3), and (m, 3) barycentric coordinates in them.
+
+    Raises:
+        ValueError: these are not finite points.
+        LandmarkError: a point is not near the surface.
+    """
     if points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
         raise ValueError(
             f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "

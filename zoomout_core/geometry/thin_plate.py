@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Smooth deformations of space: thin-plate splines in three dimensions.
+
+The spline f(x) = A x + b + sum_j w_j |x - c_j| minimises a bending energy among all functions that take its values
+(Duchon, Splines minimizing rotation-invariant semi-norms in Sobolev spaces, 1977; Bookstein, Principal warps, 1989). As
+in Wahba (Spline models for observational data, 1990) it is fitted to noisy data with fewer centres than data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.triangles import cross, unit_vectors
+
+# Guards the solution where data do not determine it, relative to the mean of the diagonal.
+RIDGE = 1e-10
+
+
+class ThinPlateBasis:
+    """The functions that thin-plate splines with some centres consist of.
+
+    Args:
+        centres: (j, 3) positions, at least four, not all in one plane.
+
+    Attributes:
+        bending: (k, k) the quadratic form of the bending energy; there are as many functions as centres.
+    """
+
+    def __init__(self, centres: Floats) -> None:
+        self.centres = centres
+        affine = np.hstack([np.ones((len(centres), 1)), centres])
+        # Weights of finite bending energy are orthogonal to affine functions at the centres.
+        self._weights = np.linalg.qr(affine, mode="complete")[0][:, 4:]
+        self.bending = np.zeros((len(centres), len(centres)))
+        self.bending[4:, 4:] = -self._weights.T @ self._distances(centres) @ self._weights
+
+    def at(self, points: Floats) -> Floats:
+        """(q, k) values of the functions at points (q, 3): one, the coordinates, then the bent ones."""
+        return np.hstack([np.ones((len(points), 1)), points, self._distances(points) @ self._weights])
+
+    def jacobians(self, points: Floats, coefficients: Floats) -> Floats:
+        """(q, 3, 3) derivatives at points (q, 3) of a deformation with coefficients (k, 3), by row of its values."""
+        away = points[:, None] - self.centres
+        directions = away / np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-300)
+        bent = np.einsum("qjx,jy->qyx", directions, self._weights @ coefficients[4:])
+        return np.asarray(coefficients[1:4].T + bent)
+
+    def _distances(self, points: Floats) -> Floats:
+        squares = (points**2).sum(axis=1)[:, None] + (self.centres**2).sum(axis=1) - 2 * points @ self.centres.T
+        return np.sqrt(np.maximum(squares, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class ThinPlateFit:
+    """A deformation fitted to data.
+
+    Attributes:
+        basis: its functions.
+        coefficients: (k, 3) their coefficients.
+        factor: Cholesky factor of the normal matrix (3k, 3k), as `scipy.linalg.cho_factor` returns it.
+    """
+
+    basis: ThinPlateBasis
+    coefficients: Floats
+    factor: tuple[Floats, bool]
+
+    @classmethod
+    def of(cls, basis: ThinPlateBasis, rows: Floats, goals: Floats, weights: Floats, stiffness: float) -> ThinPlateFit:
+        """The deformation that minimises the weighted squared distances from goals, plus the bending energy.
+
+        Args:
+            basis: its functions.
+            rows: (n, k) their values at the data's places.
+            goals: (n, 3) where these should go.
+            weights: (n, 3, 3) the squared distance of an offset d is d^T W d.
+            stiffness: factor of the bending energy.
+        """
+        k = rows.shape[1]
+        normal = np.zeros((k, 3, k, 3))
+        for i in range(3):
+            for j in range(i, 3):
+                normal[:, i, :, j] = normal[:, j, :, i] = rows.T @ (weights[:, i, j, None] * rows)
+            normal[:, i, :, i] += stiffness * basis.bending
+        matrix = normal.reshape(3 * k, 3 * k)
+        matrix[np.diag_indices(3 * k)] += RIDGE * np.trace(matrix) / (3 * k)
+        factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
+        right = rows.T @ np.einsum("nij,nj->ni", weights, goals)
+        return cls(basis, cho_solve(factor, right.ravel()).reshape(k, 3), factor)
+
+    def deform(self, points: Floats) -> Floats:
+        """(q, 3) images of points (q, 3)."""
+        return np.asarray(self.basis.at(points) @ self.coefficients)
+
+    def turn(self, points: Floats, normals: Floats) -> Floats:
+        """(q, 3) unit normals of the deformed surface, for the unit normals (q, 3) at points (q, 3) of a surface."""
+        rows = self.basis.jacobians(points, self.coefficients)
+        # The cofactor matrix turns normals; its sign keeps the outside outside under a reflection, too.
+        cofactors = np.stack([cross(rows[:, (i + 1) % 3], rows[:, (i + 2) % 3]) for i in range(3)], axis=1)
+        handed = np.sign(np.linalg.det(rows))
+        return unit_vectors(handed[:, None] * np.einsum("qyx,qx->qy", cofactors, normals))
+
+    def deviations(self, points: Floats) -> Floats:
+        """(q,) standard deviations of the images of points (q, 3), for data of unit variance.
+
+        Large where the data leave the deformation free, as for a slide along a flat region.
+        """
+        values = self.basis.at(points)
+        rows = np.einsum("qk,ij->qikj", values, np.eye(3)).reshape(3 * len(points), -1)
+        variances = np.einsum("rk,kr->r", rows, cho_solve(self.factor, rows.T))
+        return np.sqrt(variances.reshape(-1, 3).sum(axis=1))
