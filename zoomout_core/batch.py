@@ -58,7 +58,7 @@ def plan(
     output: str,
     ending: str,
     endings: Collection[str],
-    check_format: Callable[[Path], None],
+    check_format: Callable[[Path], object],
     in_place: bool = False,
 ) -> list[Job]:
     """Plan the jobs of a transfer, after checking that their files can be written.

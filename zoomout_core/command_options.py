@@ -54,12 +54,16 @@ def in_place_option(command: Any) -> Any:
     return option(command)
 
 
-def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
+def batch_options(
+    endings: Sequence[str], default: str | None, about_format: str = "", inputs: Sequence[str] = ("source",)
+) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
     Args:
         endings: extensions of the files that can be written, such as `.ply`.
         default: extension of the files in a folder.
+        about_format: another sentence on the extension.
+        inputs: names of the arguments before the targets.
     """
     names = [ending[1:] for ending in endings]
 
@@ -74,7 +78,7 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
                 type=click.Choice(names),
                 default=default,
                 show_default=True,
-                help="Of the files in a folder.",
+                help=f"Of the files in a folder. {about_format}".strip(),
             ),
             click.option(
                 "-o",
@@ -84,7 +88,7 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
                 help=f"The file to write for a single target ({', '.join(names)}); or a folder, for any number.",
             ),
             click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path()),
-            click.argument("source", type=click.Path()),
+            *(click.argument(name, type=click.Path()) for name in reversed(inputs)),
         ):
             command = option(command)
         return command

@@ -7,6 +7,7 @@ from zoomout_core.cli.collection_command import collection
 from zoomout_core.cli.demo_command import demo
 from zoomout_core.cli.evaluate_command import evaluate
 from zoomout_core.cli.info_command import info
+from zoomout_core.cli.landmarks_command import landmarks
 from zoomout_core.cli.match_command import match
 from zoomout_core.cli.sample_command import sample
 from zoomout_core.cli.symmetry_command import symmetry
@@ -21,5 +22,5 @@ def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
 
 
-for command in (match, transfer, collection, symmetry, evaluate, info, sample, demo):
+for command in (match, transfer, landmarks, collection, symmetry, evaluate, info, sample, demo):
     main.add_command(command)

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout landmarks`: a template's landmarks on other meshes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.files import MESHES
+from zoomout_core.batch import (
+    Job,
+    end_with_code,
+    figures_of,
+    is_folder,
+    plan,
+    run_jobs,
+    say_outcomes,
+    write_report,
+)
+from zoomout_core.cli.report import LOW, json_option, match_figures
+from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.landmark_files import (
+    FORMATS,
+    LandmarkSet,
+    landmark_ending,
+    read_landmark_file,
+    write_landmark_file,
+)
+from zoomout_core.matching.pair import on_surface
+from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.transfer_landmarks import transfer_landmarks
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict, check_verdict
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.messages import message
+from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.progress import portion
+
+# Fraction of the progress at the end of matching.
+MATCHED = 0.7
+# LPS and RAS coordinates differ in the signs of x and y.
+SIGNS = np.array([-1.0, -1.0, 1.0])
+ALL_SURE = "All {count} landmarks are placed with confidence."
+SOME_UNSURE = "{unsure} of {count} landmarks are uncertain: {names}."
+CHECK = "Look at these, and move them if needed."
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """A mesh with landmarks.
+
+    Attributes:
+        surface: the mesh.
+        landmarks: as their file has them.
+        points: (q, 3) positions in the mesh's frame.
+        signs: (3,) factors from the file's coordinates to the mesh's.
+        notes: sentences for the user.
+    """
+
+    surface: Surface
+    landmarks: LandmarkSet
+    points: Floats
+    signs: Floats
+    notes: tuple[str, ...]
+
+
+@click.command()
+@batch_options([*FORMATS], None, "The format of LANDMARKS is the default.", ("template", "positions"))
+@json_option
+@match_options
+def landmarks(
+    template: str,
+    positions: str,
+    targets: tuple[str, ...],
+    output: str,
+    ending: str | None,
+    in_place: bool,
+    candidate: int,
+    force: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Place the landmarks POSITIONS of the mesh TEMPLATE on the meshes TARGETS, such as scans of bones and teeth.
+
+    POSITIONS is a .csv file with a line `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a
+    .mrk.json or .fcsv file of 3D Slicer. Landmarks of each target are written with a confidence from 0 to 1: a column
+    of CSV, the description in Slicer. Below 0.5, check the landmark.
+
+    A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
+    report.json lists the result of each; a target that fails does not affect the others.
+
+    The exit code is 0 if all were written, 1 if none was, and 3 if some were.
+    """
+    try:
+        extension = landmark_ending(positions) if ending is None else f".{ending}"
+        jobs = plan(template, targets, output, extension, MESHES, landmark_ending, in_place)
+        for job in jobs:
+            if job.output.parent.is_dir():
+                check_output(job.output, [positions], in_place)
+        arguments, known = start_arguments(**options), read_template(template, positions)
+        with progress_bar():
+            outcomes = run_jobs(jobs, partial(_run_job, known, candidate, force, arguments))
+        if is_folder(output):
+            write_report(template, outcomes, Path(output))
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if as_json:
+        click.echo(json.dumps(figures_of(template, outcomes), indent=1))
+        end_with_code(outcomes)
+    else:
+        say_outcomes(outcomes, output)
+
+
+def read_template(mesh: str, positions: str) -> Template:
+    """Read a mesh and the landmarks on it.
+
+    A mesh file does not say whether it is in LPS or RAS coordinates. If landmarks are off the surface in their own
+    coordinates, but on it in the other ones, they are converted.
+
+    Raises:
+        MeshError: a file cannot be read, or a landmark is not near the surface.
+    """
+    surface, found = as_surface(read_shape(mesh)), read_landmark_file(positions)
+    if found.vertices is not None:
+        number = vertex_numbers(found.vertices, len(surface.vertices), f"Landmarks in {positions}")
+        return Template(surface, found, surface.vertices[number], np.ones(3), ())
+    points, signs = found.points, np.ones(3)
+    notes: tuple[str, ...] = ()
+    if found.system and _distance(surface, points) > _distance(surface, SIGNS * points):
+        points, signs = SIGNS * points, SIGNS
+        notes = (message("The landmarks are in {system} coordinates, the mesh is not.", system=found.system),)
+    on_surface("source", surface, points)
+    return Template(surface, found, points, signs, notes)
+
+
+def _distance(surface: Surface, points: Floats) -> float:
+    """Mean distance of points from a surface."""
+    triangle, weights = closest_points(points, surface.vertices, surface.triangles)
+    feet = np.einsum("qc,qcx->qx", weights, surface.vertices[surface.triangles[triangle]])
+    return float(np.linalg.norm(feet - points, axis=1).mean())
+
+
+def _run_job(
+    template: Template, candidate: int, force: bool, arguments: dict[str, Any], job: Job
+) -> tuple[dict[str, Any], list[str]]:
+    """Place the landmarks on one target, and write them; returns the figures and lines of its outcome."""
+    target = as_surface(read_shape(job.target))
+    with portion(0.0, MATCHED):
+        result = match(template.surface, target, **arguments)
+    if candidate:
+        with portion(MATCHED, MATCHED):
+            result = result.use(candidate)
+    check_verdict(result.verdict, force)
+    with portion(MATCHED, 1.0):
+        points, confidence = transfer_landmarks(result, template.points)
+    used = np.unique(target.triangles)
+    vertices = used[cKDTree(target.vertices[used]).query(points)[1]]
+    placed = template.landmarks.moved(template.signs * points, confidence, vertices)
+    job.output.parent.mkdir(exist_ok=True)
+    write_landmark_file(placed, job.output)
+    names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
+    unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
+    verdict = _verdict(result.verdict, unsure, len(names))
+    notes = [*template.notes, *result.notes]
+    figures = {
+        "landmarks": [
+            {"name": name, "position": point, "confidence": sure}
+            for name, point, sure in zip(names, placed.points.tolist(), confidence.tolist(), strict=True)
+        ],
+        "uncertain": unsure,
+        "landmark_verdict": verdict._asdict(),
+        **match_figures(result),
+        "notes": notes,
+    }
+    return figures, [verdict.line, *notes]
+
+
+def _verdict(of_match: Verdict, unsure: list[str], count: int) -> Verdict:
+    """Whether to use the landmarks: they may be right where the match has faults, but not if it is wrong as a whole."""
+    if of_match.level == RED:
+        return of_match
+    if unsure:
+        text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
+        return Verdict(AMBER, text, message(CHECK))
+    return Verdict(GREEN, message(ALL_SURE, count=count), "")
