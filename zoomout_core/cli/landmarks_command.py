@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 import numpy as np
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.files import MESHES
@@ -35,6 +34,7 @@ from zoomout_core.landmark_files import (
     read_landmark_file,
     write_landmark_file,
 )
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
@@ -163,9 +163,9 @@ def _run_job(
     check_verdict(result.verdict, force)
     with portion(MATCHED, 1.0):
         points, confidence = transfer_landmarks(result, template.points)
-    used = np.unique(target.triangles)
-    vertices = used[cKDTree(target.vertices[used]).query(points)[1]]
-    placed = template.landmarks.moved(template.signs * points, confidence, vertices)
+    # The nearest corner of the triangle that a point is on: the nearest vertex may be on the other side of a thin wall.
+    on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
+    placed = template.landmarks.moved(template.signs * points, confidence, on_target.vertex)
     job.output.parent.mkdir(exist_ok=True)
     write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]

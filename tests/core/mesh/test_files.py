@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import struct
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -240,3 +241,14 @@ def test_without_trimesh_the_message_says_how_to_get_it(tmp_path, monkeypatch, s
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ImportError, match="pip install"):
         read_surface(tmp_path / "a.stl")
+
+
+def test_faces_at_a_vertex_that_is_not_a_number_are_left_out(tmp_path: Path) -> None:
+    lines = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v nan 1 0", "f 1 2 3", "f 1 3 4"]
+    (tmp_path / "torn.obj").write_text("\n".join(lines))
+    surface = read_surface(tmp_path / "torn.obj")
+    assert surface.triangles.tolist() == [[0, 1, 2]]
+    assert len(surface.vertices) == 4  # numbers stay
+    (tmp_path / "nothing.obj").write_text("\n".join([*lines[:4], lines[5]]))
+    with pytest.raises(MeshError, match="not finite"):
+        read_surface(tmp_path / "nothing.obj")
