@@ -29,6 +29,7 @@ from benchmarks import refinement as refinement_tables
 from benchmarks import scale as scale_tables
 from benchmarks import signs as signs_table
 from benchmarks import small_parts as small_parts_table
+from benchmarks import specimens as specimens_table
 from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
@@ -118,6 +119,13 @@ def peers(data: Path, pairs: int | None, json_file: Path | None) -> None:
 def small_parts(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """How often `match` finds the place of a hand, foot, head or tail that was cut off, and its calibration."""
     report(small_parts_table.run(data, pairs), data, json_file)
+
+
+@main.command()
+@common_options
+def specimens(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """Error, confidence and wall swaps of landmarks on bones and teeth, beside the map alone and the best rigid fit."""
+    report(specimens_table.run(data, pairs), data, json_file)
 
 
 @main.command()

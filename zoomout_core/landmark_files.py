@@ -50,7 +50,7 @@ class LandmarkSet:
     confidence: Floats | None = None
     document: dict[str, Any] = field(default_factory=dict)
 
-    def moved(self, points: Floats, confidence: Floats, vertices: Integers) -> LandmarkSet:
+    def move(self, points: Floats, confidence: Floats, vertices: Integers) -> LandmarkSet:
         """The same landmarks at positions (q, 3), or at vertices (q,) if these are vertices, with a confidence (q,)."""
         return replace(
             self,

@@ -55,7 +55,7 @@ def test_what_is_written_is_read_again(tmp_path: Path, ending: str) -> None:
 def test_other_entries_of_slicers_file_are_kept(tmp_path: Path) -> None:
     found = read(tmp_path, "in.mrk.json", json.dumps(MARKUPS))
     assert (found.names, found.system) == (("crown", "brow"), "RAS")
-    write_landmark_file(found.moved(POINTS + 1, np.array([1.0, 0.5]), np.arange(2)), tmp_path / "out.mrk.json")
+    write_landmark_file(found.move(POINTS + 1, np.array([1.0, 0.5]), np.arange(2)), tmp_path / "out.mrk.json")
     (markup,) = json.loads((tmp_path / "out.mrk.json").read_text())["markups"]
     first, lost, second = markup["controlPoints"]
     assert (first["position"], first["description"]) == ((POINTS[0] + 1).tolist(), "confidence 1.000")

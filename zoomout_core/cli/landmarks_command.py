@@ -165,7 +165,7 @@ def _run_job(
         points, confidence = transfer_landmarks(result, template.points)
     # The nearest corner of the triangle that a point is on: the nearest vertex may be on the other side of a thin wall.
     on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
-    placed = template.landmarks.moved(template.signs * points, confidence, on_target.vertex)
+    placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
     job.output.parent.mkdir(exist_ok=True)
     write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]

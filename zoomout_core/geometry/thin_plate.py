@@ -18,6 +18,8 @@ from zoomout_core.mesh.triangles import cross, unit_vectors
 
 # Guards the solution where data do not determine it, relative to the mean of the diagonal.
 RIDGE = 1e-10
+# Smallest distance from a centre, where the spline has no derivative.
+SMALLEST = 1e-9
 
 
 class ThinPlateBasis:
@@ -44,9 +46,11 @@ class ThinPlateBasis:
 
     def jacobians(self, points: Floats, coefficients: Floats) -> Floats:
         """(q, 3, 3) derivatives at points (q, 3) of a deformation with coefficients (k, 3), by row of its values."""
-        away = points[:, None] - self.centres
-        directions = away / np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-300)
-        bent = np.einsum("qjx,jy->qyx", directions, self._weights @ coefficients[4:])
+        # The gradient of |x - c| is (x - c) / |x - c|; both terms are sums over centres, without an array (q, j, 3).
+        weights = self._weights @ coefficients[4:]
+        inverse = 1 / np.maximum(self._distances(points), SMALLEST)
+        at_centres = (weights[:, :, None] * self.centres[:, None]).reshape(-1, 9)
+        bent = (inverse @ weights)[:, :, None] * points[:, None] - (inverse @ at_centres).reshape(-1, 3, 3)
         return np.asarray(coefficients[1:4].T + bent)
 
     def _distances(self, points: Floats) -> Floats:

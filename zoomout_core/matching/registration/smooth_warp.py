@@ -22,7 +22,7 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.thin_plate import ThinPlateBasis, ThinPlateFit
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.mesh.triangles import triangle_areas, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance
 from zoomout_core.spectral.sampling import farthest_points
@@ -65,6 +65,8 @@ MIN_CONFIDENCE = 0.2
 CAUCHY_SCALE, ICP_SCALE = 1.5, 6.0
 # Smallest cosine between compatible normals.
 COMPATIBLE = 0.5
+# Smallest share of the area of a component that may be a cavity: loose flecks of a scan are smaller.
+MIN_CAVITY = 0.01
 # Smallest scale of residuals, at unit area: below it, all fit exactly.
 EXACT = 1e-5
 
@@ -119,9 +121,9 @@ def outward_normals(mesh: WorkingMesh) -> Floats:
     corners = mesh.vertices[mesh.oriented_triangles]
     component = mesh.component[mesh.triangles[:, 0]]
     outer = corners[component == 0]
-    for number in range(1, int(mesh.component.max()) + 1):
-        inside = winding_number(mesh.vertices[np.argmax(mesh.component == number)], outer) > 0.5
-        if inside:
+    area = np.bincount(component, triangle_areas(mesh.vertices, mesh.triangles))
+    for number in 1 + np.flatnonzero(area[1:] > MIN_CAVITY * area.sum()):
+        if winding_number(mesh.vertices[np.argmax(mesh.component == number)], outer) > 0.5:
             normals[mesh.component == number] *= -1
     return normals
 
