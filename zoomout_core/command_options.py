@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ from zoomout_core.runtime.threads import set_threads
 from zoomout_core.text_arguments import STARTS, read_values
 
 NO_CACHE = "off"
+# The argument before the targets.
+SOURCE = {"source": "SOURCE"}
 
 
 def threads_option(command: Any) -> Any:
@@ -55,15 +57,18 @@ def in_place_option(command: Any) -> Any:
 
 
 def batch_options(
-    endings: Sequence[str], default: str | None, about_format: str = "", inputs: Sequence[str] = ("source",)
+    endings: Sequence[str],
+    default: str | None,
+    about_format: str = "Of the files in a folder.",
+    inputs: Mapping[str, str] = SOURCE,
 ) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
     Args:
         endings: extensions of the files that can be written, such as `.ply`.
         default: extension of the files in a folder.
-        about_format: another sentence on the extension.
-        inputs: names of the arguments before the targets.
+        about_format: help on the extension.
+        inputs: the arguments before the targets, by name, as the usage line shows them.
     """
     names = [ending[1:] for ending in endings]
 
@@ -78,7 +83,7 @@ def batch_options(
                 type=click.Choice(names),
                 default=default,
                 show_default=True,
-                help=f"Of the files in a folder. {about_format}".strip(),
+                help=about_format,
             ),
             click.option(
                 "-o",
@@ -88,7 +93,7 @@ def batch_options(
                 help=f"The file to write for a single target ({', '.join(names)}); or a folder, for any number.",
             ),
             click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path()),
-            *(click.argument(name, type=click.Path()) for name in reversed(inputs)),
+            *(click.argument(name, metavar=inputs[name], type=click.Path()) for name in reversed(list(inputs))),
         ):
             command = option(command)
         return command

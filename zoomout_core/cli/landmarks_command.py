@@ -75,7 +75,12 @@ class Template:
 
 
 @click.command()
-@batch_options([*FORMATS], None, "The format of LANDMARKS is the default.", ("template", "positions"))
+@batch_options(
+    [*FORMATS],
+    None,
+    "Format of the files in a folder; that of LANDMARKS by default.",
+    {"template": "TEMPLATE", "positions": "LANDMARKS"},
+)
 @json_option
 @match_options
 def landmarks(
@@ -90,9 +95,9 @@ def landmarks(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Place the landmarks POSITIONS of the mesh TEMPLATE on the meshes TARGETS, such as scans of bones and teeth.
+    """Place LANDMARKS of the mesh TEMPLATE on the meshes TARGETS, such as scans of bones and teeth.
 
-    POSITIONS is a .csv file with a line `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a
+    LANDMARKS is a .csv file with a line `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a
     .mrk.json or .fcsv file of 3D Slicer. Landmarks of each target are written with a confidence from 0 to 1: a column
     of CSV, the description in Slicer. Below 0.5, check the landmark.
 

@@ -64,6 +64,11 @@ class TransferredLandmarks(NamedTuple):
     Attributes:
         points: (q, 3) on the target's surface, in its frame and unit.
         confidence: (q,) in [0, 1]; below 0.5 a place should be checked.
+
+    Example:
+        >>> points, confidence = zo.transfer_landmarks(result, [3, 90])
+        >>> points.shape
+        (2, 3)
     """
 
     points: Floats
@@ -101,7 +106,8 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
     given = np.atleast_1d(np.asarray(points))
     if given.ndim == 1:
         given = result.source.vertices[vertex_numbers(given, len(result.source.vertices), "Landmarks on the source")]
-    on_surface("source", result.source, given)
+    corners, _ = on_surface("source", result.source, given)
+    has_partner = result.source_has_partner[corners].all(axis=1)
     source, target = result.source.working, result.target.working
     with stage("Placing landmarks"):
         normals = outward_normals(source), outward_normals(target)
@@ -114,8 +120,6 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
     mapped = result.surface_map.preimages(result.source, result.target, given)
     by_map = target.from_surface(mapped.interpolate(result.target.vertices))
     off = np.linalg.norm(warped.fit.deform(known.points) - known.partners, axis=1)
-    corners = result.source.triangles[closest_points(given, result.source.vertices, result.source.triangles)[0]]
-    has_partner = result.source_has_partner[corners].all(axis=1)
     if not np.median(off) <= LANDMARKS.smooth:
         confidence = mapped.interpolate(result.confidence)
         return TransferredLandmarks(target.to_surface(by_map), has_partner * confidence)
@@ -129,10 +133,9 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
 
 
 class _Found(NamedTuple):
-    """Places (q, 3) on the target, the unit normals (q, 3) there, and (q,) how well these agree with the source's."""
+    """Places (q, 3) on the target, and (q,) cosines of its normals there and those that were sought."""
 
     places: Floats
-    normals: Floats
     agreement: Floats
 
 
@@ -151,8 +154,7 @@ def _closest(mesh: WorkingMesh, normals: Floats, points: Floats, facing: Floats)
     search = OrientedSurface(mesh.vertices, triangles, flipped, LANDMARKS.normal_weight)
     triangle, weights, _ = search.closest(points, facing)
     places, there = (np.einsum("qc,qcx->qx", weights, each[triangles[triangle]]) for each in (mesh.vertices, normals))
-    there = unit_vectors(there)
-    return _Found(places, there, np.einsum("qx,qx->q", there, facing))
+    return _Found(places, np.einsum("qx,qx->q", unit_vectors(there), facing))
 
 
 def _expected_errors(warped: Warp, feet: Floats, from_map: Floats, agreement: Floats) -> Floats:
