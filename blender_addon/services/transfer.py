@@ -297,7 +297,7 @@ def summary(report: dict[str, Any]) -> str:
     if report["skipped"]:
         done = message("{done}; {count} skipped", done=done, count=len(report["skipped"]))
     return message(
-        "{done}; {doubtful} of {vertices} vertices are of low confidence",
+        "{done}; {doubtful:,} of {vertices:,} vertices are doubtful",
         done=done,
         doubtful=report["low_confidence"],
         vertices=report["vertices"],

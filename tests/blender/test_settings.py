@@ -88,7 +88,7 @@ def test_weights_colours_and_numbers_of_low_confidence_are_filled_in_and_said_to
         np.testing.assert_allclose(found[~there], ramp(target)[~there], atol=1e-4)
     np.testing.assert_allclose(weight_array(target, "Arm.L") + weight_array(target, "Arm.R"), 1, atol=1e-6)
     assert [note for note in report["notes"] if "filled in" in note] == [
-        f"{there.sum()} vertices of low confidence were filled in from their surroundings."
+        f"{there.sum():,} vertices without a usable match took their neighbors' values."
     ]
 
 

@@ -60,7 +60,7 @@ def match_lines(result: MatchResult) -> list[str]:
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
-        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]

@@ -10,7 +10,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, message, plural
+from zoomout_core.messages import as_message, message, plural, probability
 from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
@@ -95,7 +95,9 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
 
 def summary(candidate: dict[str, Any]) -> str:
     """A candidate of `stored_symmetry.description` in a few words."""
-    return message("{name}, {certainty:.0%}", name=as_message(candidate["name"]), certainty=candidate["certainty"])
+    return message(
+        "{name}, {certainty}", name=as_message(candidate["name"]), certainty=probability(candidate["certainty"])
+    )
 
 
 def _count(number: int) -> str:
