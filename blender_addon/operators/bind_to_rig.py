@@ -55,7 +55,7 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
             )
 
         outcome = await each_target(list(source_of), work)
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         if self.hide_source:
             hide_sources(context, outcome.done.values())
         self.report_failed(outcome)

@@ -74,7 +74,7 @@ class ZOOMOUT_OT_transfer(
             )
 
         outcome = await each_target(list(source_of), work)
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         if self.hide_source:
             hide_sources(context, outcome.done.values())
         self.report_failed(outcome)

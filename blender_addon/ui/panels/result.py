@@ -90,7 +90,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             )
             mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
             sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
-        preview_buttons(context, layout, PREVIEWS, enabled=not reason)
+        preview_buttons(context, layout, PREVIEWS, "No preview of the match", enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
         row = usable.row(align=True)
