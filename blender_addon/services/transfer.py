@@ -48,6 +48,7 @@ from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
 from .made_match import is_probably_wrong, make_match, push_match, store_and_stop
+from .parts import without_shares
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -262,7 +263,7 @@ def _write_report(
         "target": pair.target_name,
         "written": written,
         "skipped": remarks.skipped,
-        "notes": [*match.notes, *remarks.notes, *([shared] if users > 1 else [])],
+        "notes": [*without_shares(match.notes), *remarks.notes, *([shared] if users > 1 else [])],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
