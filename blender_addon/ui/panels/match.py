@@ -56,7 +56,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
         found = findings(context)
-        show_findings(context, layout, found)
+        show_findings(context, layout, [finding for finding in found if finding.blocks])
         stored = stored_match.description(target.data) if is_mesh else None
         main_button(
             layout,
@@ -69,6 +69,8 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         )
         if stored is not None:
             _draw_verdict(context, layout, stored)
+        # Doubts are known only after an inspection of the meshes: they are below the button, which does not move then.
+        show_findings(context, layout, [finding for finding in found if not finding.blocks])
 
 
 def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:

@@ -62,7 +62,7 @@ def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
-    """Draw obstacles and doubts, above the button that they concern."""
+    """Draw obstacles or doubts."""
     for finding in found:
         if finding.begins:
             sentences(context, layout, [finding.text], "INFO")
