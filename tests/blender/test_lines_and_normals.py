@@ -431,6 +431,8 @@ def test_seams_are_marked_where_the_islands_of_a_transferred_uv_map_meet(source,
     uv = positions(source.data)[corner_vertices(source.data), :2] / 10
     upper = np.repeat(face_heights(source.data) > 0, [len(polygon.vertices) for polygon in source.data.polygons])
     layer.data.foreach_set("uv", np.ascontiguousarray(uv + 0.5 * upper[:, None], np.float32).ravel())
+    report = transfer(source, target, "uv_maps", "edges")
+    assert report["written"]["edges"] == []  # no mark of the source
     source.data.edges[0].use_seam = True  # anywhere: borders of islands need no marks
     report = transfer(source, target, "uv_maps", "edges")
     assert report["written"]["edges"] == ["seams"]
