@@ -188,7 +188,9 @@ def of_binding(obj: Object) -> Preview:
     Raises:
         MeshError: the object was not bound, or its vertices were edited since.
     """
-    return _of_mesh(obj, STRETCHED).with_colors(stretched_colors(read_stretched(obj)))
+    stretched = read_stretched(obj)
+    made = _of_mesh(obj, STRETCHED).with_colors(stretched_colors(stretched))
+    return made if stretched.any() else replace(made, legend=preview.NOTHING_STRETCHES)
 
 
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:

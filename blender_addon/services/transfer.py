@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -303,6 +303,26 @@ def summary(report: dict[str, Any]) -> str:
         doubtful=report["low_confidence"],
         vertices=report["vertices"],
     )
+
+
+def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
+    """Reports on several targets in one sentence, which says where bound targets are now: they seem to vanish.
+
+    Args:
+        reports: of transfers.
+        hidden: whether the sources of bound targets were hidden.
+    """
+    return enumeration((_place(report, hidden) if report["bound"] else summary(report) for report in reports), "; ")
+
+
+def _place(report: dict[str, Any], hidden: bool) -> str:
+    """Where a bound target is."""
+    place = message(
+        "'{target}' is bound to '{armature}', in rest pose at the source's place",
+        target=report["target"],
+        armature=report["bound"]["armature"],
+    )
+    return message("{done}; the source is hidden", done=place) if hidden else place
 
 
 def and_others(names: Sequence[str]) -> str:

@@ -26,6 +26,7 @@ CONFIDENCE, PLACES, CHECKER, CUT = "CONFIDENCE", "PLACES", "CHECKER", "CUT"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
 STRETCHED = "STRETCHED"
 OUTDATED = "Hidden: a mesh was changed"
+NOTHING_STRETCHES = "No vertex stretches far more than on the source"
 LOST = "Hidden: the modifiers leave no faces to color"
 HIDDEN = "Hidden in this mode; shown in Object Mode"
 # Size of the caption, and its distance from the lower border of a view, in pixels at an interface scale of 1.
@@ -51,8 +52,8 @@ class Kind(NamedTuple):
 OF_MATCH = {
     CONFIDENCE: Kind(
         "Confidence",
-        "Confidence of the match at each vertex: blue is high, red is low, and violet has no partner",
-        "Blue is high, red is low, violet has no partner",
+        "Confidence of the match at each vertex: blue is certain, red is guessed, and violet has no partner",
+        "Blue: certain. Red: guessed. Violet: no partner",
     ),
     PLACES: Kind(
         "Matching Colors",
@@ -71,7 +72,7 @@ OF_BINDING = {
     STRETCHED: Kind(
         "Stretched",
         "Show where the bones of the rig stretch the mesh far more than the source",
-        "Red stretches far more than the source",
+        "Red stretches far more than on the source",
     )
 }
 OF_SYMMETRY = {

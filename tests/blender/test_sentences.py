@@ -55,6 +55,9 @@ COMPOSED = {
         "1 Form, 1 Art von Kantenmarkierung übertragen, von 'A' und 1 weiteren auf 'B'; 2 ausgelassen; "
         "3 von 9 Vertices sind zweifelhaft"
     ),
+    transfer.done([REPORT | {"bound": {"armature": "Rig", "shape": "rest_pose"}}], hidden=True): (
+        "'B' ist an 'Rig' gebunden, in der Ruheposition am Ort der Quelle; die Quelle ist ausgeblendet"
+    ),
     sentences(NOT_A_MESH, "Make a mesh active.", "Unknown words follow."): (
         "'Body' ist kein Mesh: ein Mesh-Objekt wählen. Ein Mesh aktiv machen. Unknown words follow."
     ),

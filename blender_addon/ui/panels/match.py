@@ -108,4 +108,4 @@ def _object_row(layout: UILayout, label: str, text: str) -> None:
     name = split.row()
     name.alignment = "RIGHT"
     name.label(text=label)
-    split.label(text=text or "None", icon="OUTLINER_OB_MESH" if text else "BLANK1")
+    split.label(text=text or translated("None selected"), icon="OUTLINER_OB_MESH" if text else "BLANK1")

@@ -49,7 +49,7 @@ DIFFERENCES = {
 }
 # Words for the probability of a candidate, from a probability on.
 WORDS = ((VERDICT.sure, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
-# Labels of the buttons that select elements, short enough for one row.
+# Labels of the buttons that select elements.
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
     ZOOMOUT_OT_select_flipped: "Flipped",
@@ -93,10 +93,10 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         preview_buttons(context, layout, PREVIEWS, "No preview of the match", enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
-        row = usable.row(align=True)
-        row.label(text="", icon="RESTRICT_SELECT_OFF")
+        # In two rows: side by side the labels would be cut off.
+        grid = usable.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         for operator, text in SELECTED.items():
-            row.operator(operator.bl_idname, text=text)
+            grid.operator(operator.bl_idname, text=text, icon="RESTRICT_SELECT_OFF")
         if listing is not None:
             _draw_candidates(layout, listing, enabled=not reason)
         # Content that changes with the candidate is below the buttons, so that these do not move.

@@ -199,7 +199,7 @@ def test_detection_tells_how_far_it_is_and_can_be_cancelled(bent: Creature) -> N
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
     stages = {report.stage for report in reports}
-    assert {"Reading the mesh", "Analysing the shape", "Comparing candidates", "Refining"} <= stages
+    assert {"Reading the mesh", "Analyzing the shape", "Comparing candidates", "Refining"} <= stages
 
     def cancel(_: zo.Progress) -> None:
         raise zo.Cancelled
