@@ -63,7 +63,7 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
     """The preview of a match on the target, and for some kinds on the source.
 
     Raises:
-        MeshError: the source has no UV map for a checker.
+        MeshError: the source has no UV map for a checker, or one of a single point.
     """
     with stage("Coloring"):
         await pause()
@@ -80,6 +80,8 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
         else:
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
+            if not np.ptp(uv.values, axis=0).any():
+                raise zo.MeshError("All UVs of '{uv_map}' are at one point: there is nothing to show.", uv_map=uv.name)
             with stage("Applying the checker", 0.1, 1):
                 carried, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
             on_source, on_target = uv.values, carried.values

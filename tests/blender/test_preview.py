@@ -92,6 +92,15 @@ def test_what_was_asked_for_stays_when_something_else_is_selected(source, target
     assert preview.current() is None
 
 
+def test_collapsed_uvs_are_not_shown_in_silence(source, target):
+    layer = source.data.uv_layers["UVMap"]
+    layer.data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3))
+    for kind in ("CHECKER", "CUT"):
+        with pytest.raises(RuntimeError, match="All UVs of 'UVMap' are at one point: there is nothing to show"):
+            bpy.ops.zoomout.preview(kind=kind)
+    assert preview.current() is None
+
+
 def test_a_caption_names_the_preview_until_it_is_hidden(target):
     assert preview.caption() == ""
     assert bpy.ops.zoomout.preview(kind="CONFIDENCE") == {"FINISHED"}
