@@ -52,7 +52,9 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
         if settings.initial not in ("NEAREST", "SAME_ORDER"):
-            row = layout.row(align=True)
+            detail = layout.column(align=True)
+            detail.label(text="Detail")
+            row = detail.row(align=True)
             row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
         found = findings(context)
