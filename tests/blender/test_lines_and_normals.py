@@ -303,6 +303,20 @@ def test_what_is_not_blended_says_so(source, target):
         assert sum("instead of blending" in note for note in notes) == expected
 
 
+def test_a_much_finer_target_keeps_its_normals_unless_these_are_all_that_is_wanted():
+    coarse, fine = ellipsoid("Coarse", 3), ellipsoid("Fine", 5)
+    give_normals(coarse, bulging(positions(coarse.data))[corner_vertices(coarse.data)])
+    coarse.data.edges[3].use_seam = True
+    activate(fine, coarse)
+    report = transfer_objects(bpy.context, coarse, fine, ["edges", "custom_normals"], initial="nearest")
+    assert "much finer" in report["skipped"]["custom normals"]
+    assert report["written"]["custom_normals"] == []
+    assert not fine.data.has_custom_normals
+    report = transfer(coarse, fine, "custom_normals")
+    assert report["written"]["custom_normals"] == ["custom_normal"]
+    assert fine.data.has_custom_normals
+
+
 def test_without_custom_normals_the_target_keeps_its_own(source, target):
     source.data.edges[3].use_seam = True
     report = transfer(source, target, "edges", "custom_normals")
