@@ -200,9 +200,17 @@ def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Previ
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
 
 
-def follow_symmetry(context: Context, obj: Object) -> None:
-    """Update the preview of an object's symmetry, after another one was stored or chosen."""
+def follow_symmetry(context: Context, obj: Object, seen: bool = False) -> None:
+    """Update the preview of an object's symmetry, after another one was stored or chosen.
+
+    Args:
+        context: Blender's.
+        obj: the object.
+        seen: whether to show a passing preview of pairs if there is no other preview.
+    """
     before = preview.preview_of(obj)
+    if seen and preview.current() is None:
+        preview.show(replace(run(of_symmetry(context, obj.name, PAIRS)), passing=True))
     if before is None or before.kind not in OF_SYMMETRY:
         return
     if before.kind == ASYMMETRY:
@@ -210,7 +218,8 @@ def follow_symmetry(context: Context, obj: Object) -> None:
         return
     sided = stored_symmetry.has_sides(obj.data)
     try:
-        preview.show(run(of_symmetry(context, obj.name, before.kind if sided else PAIRS)))
+        after = run(of_symmetry(context, obj.name, before.kind if sided else PAIRS))
+        preview.show(replace(after, passing=before.passing))
     except zo.MeshError:  # the mesh was reshaped since
         preview.clear()
 

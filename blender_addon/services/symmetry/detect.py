@@ -41,8 +41,13 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
     return run(detect_symmetry_async(context, obj.name, left))
 
 
-async def detect_symmetry_async(context: Context, name: str, left: str = "X") -> tuple[zo.Symmetry, ...]:
-    """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`."""
+async def detect_symmetry_async(
+    context: Context, name: str, left: str = "X", seen: bool = False
+) -> tuple[zo.Symmetry, ...]:
+    """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`.
+
+    With `seen`, pairs are shown if there is no preview.
+    """
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:
@@ -51,7 +56,7 @@ async def detect_symmetry_async(context: Context, name: str, left: str = "X") ->
         await pause()
     with writing(context, name, surface) as obj:
         stored_symmetry.write(obj, found, left)
-    previews.follow_symmetry(context, obj)
+    previews.follow_symmetry(context, obj, seen)
     return found
 
 
