@@ -13,15 +13,7 @@ from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from zoomout_core.matching.memory_cache import store_shapes
-from zoomout_core.matching.option_table import (
-    ACCURACY,
-    MATCHING,
-    RESULT,
-    Door,
-    Kind,
-    Option,
-    select_options,
-)
+from zoomout_core.matching.option_table import ACCURACY, MATCHING, RESULT, Door, Kind, Option, select_options
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress

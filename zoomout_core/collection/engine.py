@@ -301,10 +301,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     with (
         dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),
         distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            dashboard_address=":0",
-            silence_logs=logging.CRITICAL,
+            n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):

@@ -151,13 +151,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
 def summary_of(surface: Surface, shape: ShapeAnalysis, key: str) -> ShapeSummary:
     """Summarise a prepared shape."""
     samples = surface_vertices(shape, shape.search.samples)
-    return ShapeSummary(
-        key,
-        samples,
-        surface.vertices[samples],
-        shape.distances_between,
-        shape.basis.eigenvalues,
-    )
+    return ShapeSummary(key, samples, surface.vertices[samples], shape.distances_between, shape.basis.eigenvalues)
 
 
 def spread_from_samples(surface: Surface, samples: Integers, images: Integers) -> Integers:

@@ -22,13 +22,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.pair_map import (
-    PairName,
-    PairRecord,
-    arrays_of,
-    candidate_maps_of,
-    load_candidate_maps,
-)
+from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import package_version

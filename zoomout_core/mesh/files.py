@@ -285,7 +285,4 @@ def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]
             mirrored = np.linalg.det(transform[:3, :3]) < 0
-            yield (
-                points @ transform[:3, :3].T + transform[:3, 3],
-                triangles[:, ::-1] if mirrored else triangles,
-            )
+            yield (points @ transform[:3, :3].T + transform[:3, 3], triangles[:, ::-1] if mirrored else triangles)

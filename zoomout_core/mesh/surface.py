@@ -97,13 +97,7 @@ class Surface(Summary):
             MeshError: as for the constructor, or the arrays are inconsistent.
         """
         surface = cls.__new__(cls)
-        surface._set(
-            vertices,
-            _whole_numbers(corner_vertex),
-            _whole_numbers(face_start),
-            triangle_corners,
-            edges,
-        )
+        surface._set(vertices, _whole_numbers(corner_vertex), _whole_numbers(face_start), triangle_corners, edges)
         return surface
 
     @classmethod

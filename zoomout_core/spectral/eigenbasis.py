@@ -103,11 +103,7 @@ class SpectralBasis(Summary):
         if not 0 < area < np.inf:
             raise ValueError(f"The area is {area!r}: give a positive number.")
         return SpectralBasis(
-            self.eigenvalues / area,
-            self.eigenvectors / np.sqrt(area),
-            self.areas * area,
-            self.points,
-            self.components,
+            self.eigenvalues / area, self.eigenvectors / np.sqrt(area), self.areas * area, self.points, self.components
         )
 
     def coefficients(self, functions: Floats) -> Floats:
@@ -187,11 +183,7 @@ def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis
 
 
 def basis_of(
-    mesh: WorkingMesh,
-    laplacian: tuple[csc_array, Floats],
-    k: int,
-    seed: int,
-    potential: Floats | None = None,
+    mesh: WorkingMesh, laplacian: tuple[csc_array, Floats], k: int, seed: int, potential: Floats | None = None
 ) -> SpectralBasis:
     """Compute the eigenfunctions of W + diag(areas * potential) on a mesh.
 
