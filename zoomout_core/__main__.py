@@ -11,12 +11,9 @@ from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
 def run(commands: str, name: str, extra: str) -> None:
-    """Run the command line of a module, and end the process; reports an interrupt by the user in one line.
+    """Run the `main` of the module `commands`, and end the process; reports an interrupt by the user in one line.
 
-    Args:
-        commands: the module with the `main` of the command line.
-        name: the name by which the user calls it.
-        extra: the extra of the package `zoomout-core` that installs the module's requirements.
+    `name` is what the user calls it, `extra` the extra of the package `zoomout-core` that installs its requirements.
     """
     try:
         _run(commands, name)

@@ -120,11 +120,9 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
 
 
 def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> list[Outcome]:
-    """Run jobs one after the other; a failure does not affect the others.
+    """Run jobs from `plan` one after the other; a failure does not affect the others.
 
-    Args:
-        jobs: jobs from `plan`.
-        run_of: runs a job, and returns the report and the lines of its outcome.
+    `run_of` runs a job, and returns the report and the lines of its outcome.
     """
     outcomes = []
     for number, job in enumerate(jobs):

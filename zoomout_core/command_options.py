@@ -49,9 +49,7 @@ def in_place_option(command: Any) -> Any:
 def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
-    Args:
-        endings: extensions of the files that can be written, such as `.ply`.
-        default: extension of the files in a folder.
+    Files can be written with these extensions, such as `.ply`; those in a folder have the default one.
     """
     names = [ending[1:] for ending in endings]
 

@@ -64,16 +64,9 @@ def distance_distortion(
 ) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
-    Distances run along edges (Dijkstra), relative to the root of each surface's area; the meshes alone cause
-    differences of some thousandths. Places without a path between them do not count.
-
-    Args:
-        image: (c,) source vertices that are the images of the target vertices.
-        vertex: (c,) target vertices.
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
-        places: number of places that distances are measured from, evenly spaced in the list.
-        most: number of places that they are measured to.
+    Images and vertices (c,) correspond. Distances run along edges (Dijkstra), from `places` to `most` of the vertices,
+    relative to the root of each surface's area; the meshes alone cause differences of some thousandths. Places without
+    a path between them do not count.
     """
     picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
     apart = [

@@ -20,11 +20,9 @@ AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0"
 
 
 def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
-    """Read the files and directions among the options of a match; arrays stay unchanged.
+    """Read the files and directions among the options of a match, by name of the option table; arrays stay unchanged.
 
-    Args:
-        values: values by the names of rows of the option table.
-        door: the interface that they were given to, for errors.
+    The door is the interface that they were given to, for errors.
 
     Raises:
         MeshError: a file or a direction is invalid.

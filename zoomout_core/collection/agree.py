@@ -30,14 +30,10 @@ THROUGH = (
 
 
 def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str, MatchResult]:
-    """Replace matches of several targets with one source by candidates that agree better with each other.
+    """Replace matches of several targets with one source, by name, by candidates that agree better with each other.
 
-    Targets with an uncertain match are matched with the most similar targets that have a certain one. Returns at once
-    if either kind is missing.
-
-    Args:
-        results: the matches, by the names of the targets.
-        options: options of the matches between targets.
+    Targets with an uncertain match are matched, with these options, with the most similar targets that have a certain
+    one. Returns at once if either kind is missing.
     """
     unsure = [name for name, result in results.items() if result.certainty < MIN_TEMPLATE_CERTAINTY]
     sure = [name for name, result in results.items() if result.certainty >= MIN_TEMPLATE_CERTAINTY]

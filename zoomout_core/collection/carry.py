@@ -26,10 +26,8 @@ def carry(
 ) -> dict[str, list[str]]:
     """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
-    Failures are added to those of the result.
-
     Args:
-        result: the collection.
+        result: the collection, whose failures grow by those of the transfer.
         template: the name of the shape that has the attributes.
         kinds: kinds of data, from `assets.transfer_asset.KINDS`.
         ending: extension of the files, such as glb.

@@ -80,9 +80,7 @@ class Agreement:
 def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], ShapeSummary]) -> Agreement:
     """Choose a candidate for each pair of a collection, so that as many cycles as possible close.
 
-    Args:
-        maps: the candidates of each pair, the most likely first.
-        shape: returns the summary of the shape with a name.
+    The maps have the most likely candidate first; `shape` returns the summary of the shape with a name.
     """
     votes = _Votes(dict(maps), shape)
     first = dict.fromkeys(maps, 0)

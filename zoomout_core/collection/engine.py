@@ -77,10 +77,7 @@ class Engine(Protocol):
 def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]) -> Iterator[Done]:
     """Run tasks, and yield each when it has ended, with the progress of the whole.
 
-    Args:
-        engine: runs the tasks.
-        tasks: the tasks.
-        title: returns the title of the progress for the number of finished tasks.
+    `title` returns the title of the progress for the number of finished tasks.
     """
     if not tasks:
         return
@@ -310,11 +307,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
 
 @contextmanager
 def remote_engine(address: str, retries: int) -> Iterator[Engine]:
-    """An engine on a running Dask cluster, such as one of SLURM or Kubernetes.
-
-    Args:
-        address: the scheduler's address, such as tcp://10.0.0.1:8786.
-        retries: how often to retry a task.
+    """An engine on the running Dask cluster of a scheduler's address, such as tcp://10.0.0.1:8786.
 
     Raises:
         ImportError: Dask is not installed.

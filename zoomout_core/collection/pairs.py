@@ -33,11 +33,9 @@ def all_pairs(names: Sequence[str]) -> list[PairName]:
 
 
 def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> list[PairName]:
-    """Each shape with the most similar ones, and further pairs that connect all shapes.
+    """Each shape with the most similar ones by eigenvalues (k,), and further pairs that connect all shapes.
 
-    Args:
-        eigenvalues: (k,) of each shape, by name.
-        neighbours: how many shapes to choose for each shape; others may choose it as well.
+    Each chooses `neighbours` others; others may choose it as well.
     """
     names = list(eigenvalues)
     if len(names) < 2:
@@ -56,14 +54,7 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
 def pairs_between(
     unsure: Sequence[str], sure: Sequence[str], eigenvalues: Mapping[str, Floats], most: int
 ) -> list[PairName]:
-    """Pairs of each unsure shape, as the target, with the most similar sure ones.
-
-    Args:
-        unsure: names of shapes.
-        sure: names of other shapes.
-        eigenvalues: (k,) of each shape, by its name.
-        most: how many sure shapes for each.
-    """
+    """Pairs of each unsure shape, as the target, with the `most` sure ones of the most similar eigenvalues (k,)."""
     distances = unlikeness([eigenvalues[name] for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
     nearest = np.argsort(distances, axis=1, kind="stable")[:, :most]
     return [PairName(sure[j], name) for name, row in zip(unsure, nearest.tolist(), strict=True) for j in row]

@@ -47,9 +47,7 @@ class Picture:
 def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Task]:
     """Tasks that draw all shapes with a map: each after the shape that it takes its colours from.
 
-    Args:
-        result: the collection.
-        root: the shape that is coloured by position, such as a template; the one with most maps if not given.
+    The root, such as a template, is coloured by position; without one, the shape with most maps.
     """
     tasks = []
     for name, parent in color_tree(list(result.records), result.records, root):
@@ -106,14 +104,10 @@ def color_tree(
 def draw_picture(
     path: Path, parent_path: Path | None, map_file: Path | None, forward: bool, parent: Picture | None = None
 ) -> Picture:
-    """Draw a shape.
+    """Draw the shape of a file.
 
-    Args:
-        path: the shape's file.
-        parent_path: the file of the shape that it takes its colours from; None to colour it by position.
-        map_file: file of the map between the two.
-        forward: whether the map leads from this shape to the other.
-        parent: the drawn parent.
+    Its colours are those of the drawn parent through a map file, from this shape to the parent if `forward`, else back;
+    without these they are by position.
     """
     surface = as_surface(read_shape(path))
     if parent is None or parent_path is None or map_file is None:

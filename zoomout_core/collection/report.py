@@ -28,9 +28,7 @@ MAX_ROWS = 100
 def figures_of_collection(result: CollectionResult, received: Mapping[str, list[str]] | None = None) -> dict[str, Any]:
     """How a collection went, in values that JSON can store; pairs are sorted by trust, lowest first.
 
-    Args:
-        result: the collection.
-        received: the notes of a transfer on each target.
+    With a transfer, `received` are its notes on each target.
     """
     agreement, levels = result.agreement, _levels(result)
     pairs = []
@@ -88,12 +86,7 @@ def lines_of_collection(result: CollectionResult) -> list[str]:
 def write_reports(
     result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, list[str]] | None = None
 ) -> None:
-    """Write `report.json` and `report.html` to the folder of a collection.
-
-    Args:
-        result: the collection.
-        pictures: PNG files of its shapes, by name.
-        received: the notes of a transfer on each target.
+    """Write `report.json` and `report.html`, with PNG files of the shapes by name, to the folder of a collection.
 
     Raises:
         OutputError: they cannot be written.

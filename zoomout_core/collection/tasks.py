@@ -145,12 +145,7 @@ def place_of_map(pair: PairName) -> Path:
 
 
 def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
-    """Prepare a shape once for all of its pairs.
-
-    Args:
-        item: its file.
-        content: content of the file, if workers have no access to it.
-        place: where to work.
+    """Prepare a shape once for all of its pairs; the content of its file is given if workers have no access to it.
 
     Raises:
         MeshError: it cannot be read or matched.
@@ -185,15 +180,9 @@ def match_pair(
     source: Prepared,
     target: Prepared,
 ) -> Matched:
-    """Match a pair, unless its map exists.
+    """Match a pair of files, after both are prepared, unless its map exists.
 
-    Args:
-        pair: its names.
-        items: its files.
-        beginning: the starting point of its map; None for the shapes alone, or for the earlier choice.
-        place: where to work.
-        source: the prepared source.
-        target: the prepared target.
+    The beginning is the starting point of its map; None for the shapes alone, or for the earlier choice.
 
     Raises:
         MeshError: a file cannot be read or matched.

@@ -55,7 +55,7 @@ def is_of_blender(path: Path) -> bool:
 def read_items(
     items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
 ) -> ReadItems:
-    """Read the files that need Blender, unless their surfaces are stored already.
+    """Read the files that need Blender, unless their surfaces are stored already in the folder of the results.
 
     Args:
         items: items by name.
@@ -102,16 +102,10 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
 def carry_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
 ) -> tuple[str, ...]:
-    """Transfer a source's data to a target by Blender, unless done already; returns notes for the user.
+    """Transfer a source's data to a target by Blender, unless this is on record; returns notes for the user.
 
-    Args:
-        source: a file that Blender reads.
-        target: another one.
-        map_file: the map between the surfaces that Blender read.
-        output: the file to write.
-        kinds: keys of `DATA`; with skin weights the target is bound to the armature.
-        record: file that records the transfer.
-        program: Blender's program, see `blender_command`.
+    The map is between the surfaces that Blender read. The kinds are keys of `DATA`; with skin weights the target is
+    bound to the armature.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.

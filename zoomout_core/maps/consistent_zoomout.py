@@ -119,12 +119,7 @@ def latent_through(
 ) -> list[Floats]:
     """The latent bases (k_final, d) of all shapes, by iterations on samples; see `consistent_zoomout`.
 
-    Args:
-        sampled: the bases of the shapes at samples.
-        eigenvalues: eigenvalues of the shapes.
-        functional_maps: (k, k) maps of pairs (source, target), all of one size.
-        k_final: functions of each shape at the end.
-        step: growth per iteration.
+    All functional maps (k, k), of pairs (source, target), must have one size.
     """
     k = len(next(iter(functional_maps.values())))
     while True:
@@ -144,16 +139,9 @@ def latent_through(
 def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Sequence[Floats]) -> list[Floats]:
     """A canonical consistent latent basis of functional maps (Huang, Achlioptas, Guibas, Ovsjanikov 2019).
 
-    It minimises the sum of ||C Y_source - Y_target||^2 over the maps, where the sum of Y^T Y over the shapes is the
-    identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
-    those of each shape.
-
-    Args:
-        functional_maps: (k, k) maps of pairs (source, target).
-        eigenvalues: (k,) eigenvalues of each shape.
-
-    Returns:
-        For each shape (k, k), its latent functions as columns.
+    It minimises the sum of ||C Y_source - Y_target||^2 over the maps (k, k), where the sum of Y^T Y over the shapes is
+    the identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
+    those of each shape. The columns (k, k) for each shape are its latent functions.
     """
     k, count = len(eigenvalues[0]), len(eigenvalues)
     diagonal = np.zeros((count, k, k))

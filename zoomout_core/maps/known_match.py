@@ -36,11 +36,6 @@ class KnownMatch:
     def load(cls, path: str | PathLike[str], source: Surface, target: Surface) -> KnownMatch:
         """Read a match that `zoomout match` or `zoomout collection` wrote; a bare map is trusted everywhere.
 
-        Args:
-            path: path of the file.
-            source: the surface that the map lands on, as read for the match.
-            target: the surface that it starts from.
-
         Raises:
             MeshError: it contains no map, or a map of other surfaces.
         """

@@ -249,15 +249,9 @@ def upsample(
     step: int,
     anchors: Anchors | None = None,
 ) -> tuple[Floats, Integers]:
-    """Upsample a small functional map on samples to k_final functions on the larger side.
+    """Upsample a small functional map (k_target, k_source) on samples to k_final functions on the larger side.
 
-    Args:
-        source: samples of the shape that the map lands on.
-        target: samples of the shape that the map starts from.
-        functional_map: (k_target, k_source), or a stack of them, which is faster than one after the other.
-        k_final: size to reach.
-        step: growth per iteration.
-        anchors: values at the samples that should agree under the map. Not for a stack.
+    A stack of maps is faster than one after the other, but takes no anchors: values at the samples that should agree.
 
     Returns:
         The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.

@@ -70,11 +70,7 @@ def blender_command(program: str | None = None) -> list[str]:
 
 
 def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[str, Any]:
-    """Run a command of the extension, and return its report.
-
-    Args:
-        arguments: arguments of the command, without `--report`.
-        program: see `blender_command`.
+    """Run a command of the extension, with arguments except `--report`, and return its report.
 
     Raises:
         MeshError: Blender is missing or failed; the message is Blender's.
@@ -116,11 +112,7 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
 def write_surface(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> None:
     """Write the visible meshes of a file that Blender reads as one surface, a PLY file.
 
-    Args:
-        path: the file to read.
-        output: the PLY file to write.
-        role: `SOURCE` or `TARGET`.
-        program: see `blender_command`.
+    The role is `SOURCE` or `TARGET`.
 
     Raises:
         MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.

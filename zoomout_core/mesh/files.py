@@ -133,16 +133,7 @@ def file_bytes(path: Path) -> bytes:
 
 
 def read_polygons(path: str | PathLike[str]) -> Polygons:
-    """The polygons of a mesh file, unchecked.
-
-    Returns:
-        (n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
-
-    Raises:
-        MeshError: the file is missing, or cannot be read.
-        TypeError: the path is neither a string nor a path.
-        ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
-    """
+    """The polygons of a mesh file, unchecked; raises as `read_shape`."""
     return _read(path)[0]
 
 

@@ -37,13 +37,9 @@ MIN_PART_TRIANGLES = 20
 
 
 def triangulate_points(points: Floats, normals: Floats | None = None) -> Integers:
-    """(m, 3) triangles of an oriented manifold through points (n, 3).
+    """(m, 3) triangles of an oriented manifold through points (n, 3), with outward unit normals (n, 3) if known.
 
     A few points of a noisy cloud are in no triangle, and neither are duplicates of a point.
-
-    Args:
-        points: positions.
-        normals: (n, 3) outward unit normals, if known.
     """
     _, first = np.unique(points, axis=0, return_index=True)
     first.sort()
@@ -81,16 +77,10 @@ def _plane_normals(points: Floats, near: Integers) -> Floats:
 
 
 def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, either: bool) -> Integers:
-    """(s, 3) Delaunay triangles around some points (b,) and their neighbours (b, c), in tangent planes.
+    """(s, 3) Delaunay triangles around centres (b,) and their neighbours (b, c) in tangent planes.
 
     After inversion in the unit circle around a point, its Delaunay neighbours are the corners of the convex hull.
-
-    Args:
-        centre: numbers of the points.
-        near: numbers of their neighbours.
-        points: (n, 3) positions.
-        normals: (n, 3) unit normals.
-        either: whether the normals have either sign, so that they cannot rule out neighbours.
+    Normals (n, 3) of either sign cannot rule out neighbours.
     """
     offset, normal = points[near] - points[centre, None], normals[centre]
     length = np.linalg.norm(offset, axis=2)
@@ -112,12 +102,7 @@ def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, ei
 
 
 def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Integers]:
-    """Corners of the convex hulls of rows of points and the origin; the points (b, c) are sorted by angle.
-
-    Args:
-        joined: which of the points exist.
-        x: first coordinates.
-        y: second coordinates.
+    """Corners of the convex hulls of rows of points (b, c), where `joined`, and the origin; they are sorted by angle.
 
     Returns:
         (b, c) which points are corners, and for each point the column of the next corner.

@@ -128,12 +128,7 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
 
 
 def _bridge(solid: Booleans, widest: float) -> Booleans:
-    """Join pieces by tubes where they are nearest; returns the largest joined piece.
-
-    Args:
-        solid: voxels.
-        widest: gaps wider than this, in voxels, are kept.
-    """
+    """Join pieces by tubes over gaps of at most `widest` voxels, where they are nearest; returns the largest one."""
     piece, count = scipy.ndimage.label(solid, np.ones((3, 3, 3)))
     if count == 1:
         return solid
@@ -172,8 +167,7 @@ def _bridge(solid: Booleans, widest: float) -> Booleans:
 def surface_nets(field: Floats) -> tuple[Floats, Integers]:
     """The zero surface of a field on a grid (x, y, z), with one vertex in each cell that it passes through.
 
-    Args:
-        field: (x, y, z) numbers, zero or negative on the border of the grid.
+    The field must be zero or negative on the border of the grid.
 
     Returns:
         (n, 3) positions in units of the grid, and (m, 3) triangles, with normals away from positive values.

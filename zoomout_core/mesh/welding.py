@@ -19,16 +19,11 @@ CROWDED = 16
 
 
 def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
-    """Weld vertices: (n,) the vertex that replaces each, the first of its group.
+    """(n,) the vertex that replaces each of vertices (n, 3): the first of its group.
 
     Coincident borders are welded, and parts that coincide wholly with others, triangle by triangle, such as the other
     sides of thin objects and forgotten copies. Elsewhere a surface may touch itself. Vertices closer than the tolerance
     are welded, and so are chains of them. The result does not depend on the frame.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        sides: sides of the triangles.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
@@ -74,14 +69,7 @@ def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
 
 
 def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
-    """(g,) which groups of coincident triangles belong to a fold.
-
-    Args:
-        triangles: (m, 3) vertex numbers.
-        sides: sides of the triangles.
-        group_of: (m,) number of the group that each triangle is in, -1 for none.
-        groups: how many there are.
-    """
+    """(g,) which groups of coincident triangles, numbered by (m,) with -1 for none, belong to a fold."""
     side, first = sides
     edge = np.repeat(np.arange(len(first) - 1), np.diff(first))
     group = group_of[side // 3]
@@ -132,12 +120,9 @@ def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
 
 
 def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
-    """Weld parts that coincide wholly with others to these; returns the vertex that replaces each.
+    """Weld parts that coincide wholly with others to these: (n,) the vertex that replaces each.
 
-    Args:
-        stands_for: (n,) the replacements at borders.
-        place: (n,) the first vertex at the same place.
-        triangles: (m, 3) vertex numbers.
+    Replacements (n,) at borders are known, and the first vertex (n,) at the same place.
     """
     own = stands_for[triangles]
     part = _components(len(place), np.concatenate([own[:, :2], own[:, 1:]]))[own[:, 0]]

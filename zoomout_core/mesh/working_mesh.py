@@ -109,11 +109,9 @@ class WorkingMesh:
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
     def subdivide(self, min_vertices: int) -> tuple[WorkingMesh, Integers]:
-        """Subdivide at the middles of edges until there are enough vertices.
+        """Subdivide at the middles of edges until there are enough vertices; those of this mesh come first.
 
-        Returns:
-            The mesh, which begins with the vertices of this one, and (n,) a nearest vertex of this mesh for each
-            vertex.
+        Also returns (n,) a nearest vertex of this mesh for each vertex.
         """
         mesh, nearest = self, np.arange(len(self.vertices))
         while len(mesh.vertices) < min_vertices:
@@ -143,13 +141,9 @@ class WorkingMesh:
 
 
 def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced: Integers) -> WorkingMesh:
-    """The working copy of a triangulated mesh.
+    """The working copy of triangles (m, 3), of a total area above zero, on vertices (n, 3).
 
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        area: area of all triangles, above zero.
-        referenced: vertices that a face uses, even if all of its triangles are degenerate.
+    A face uses the referenced vertices, even if all of its triangles are degenerate.
     """
     given = triangles
     sides = sides_by_edge(triangles)
@@ -226,19 +220,11 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 
 
 def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
-    """Which of m triangles to turn so that neighbours wind alike.
+    """(m,) which of m triangles to turn so that neighbours wind alike, and (m,) the number of each one's patch.
 
-    Uses the orientation double cover, which has each triangle twice, kept and turned. Neighbours that agree are joined
-    copy to copy, others crosswise. A sheet that contains one copy of each triangle is a consistent winding.
-
-    Args:
-        m: number of triangles.
-        left: (e,) one of the two triangles at an edge.
-        right: (e,) the other triangle.
-        agree: (e,) whether they wind alike.
-
-    Returns:
-        (m,) whether to turn each, and (m,) the number of the patch that each belongs to.
+    The triangles `left` and `right` (e,) are neighbours, which may wind alike already (e,). Uses the orientation double
+    cover, which has each triangle twice, kept and turned. Neighbours that agree are joined copy to copy, others
+    crosswise. A sheet that contains one copy of each triangle is a consistent winding.
     """
     rows = np.concatenate([left, left + m])
     columns = np.concatenate([np.where(agree, right, right + m), np.where(agree, right + m, right)])
@@ -254,12 +240,7 @@ def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[B
 
 
 def _area_and_volume(corners: Floats, patch: Indices) -> tuple[Floats, Floats]:
-    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid.
-
-    Args:
-        corners: positions.
-        patch: (m,) number of the patch that each triangle belongs to.
-    """
+    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area_normal = cross(b - a, c - a)
     centre = (a + b + c) / 3

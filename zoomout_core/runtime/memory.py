@@ -19,10 +19,7 @@ def free_memory(root: str | os.PathLike[str] = "/") -> int | None:
     """Bytes that are still available to this process: the minimum of free memory and its limits; None if unknown.
 
     On macOS, which does not report free memory, all memory of the machine. Unknown on Windows, which moves used memory
-    to disk.
-
-    Args:
-        root: root folder of the system's files.
+    to disk. The root is the folder of the system's files.
     """
     return min((max(0, each) for each in _limits(Path(root))), default=None)
 

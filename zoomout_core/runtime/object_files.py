@@ -30,13 +30,10 @@ def fields_of(*classes: type) -> dict[type, tuple[str, ...]]:
 
 
 def save_object(path: str | PathLike[str], value: object, classes: Classes) -> None:
-    """Write an object and everything that it refers to.
+    """Write an object of one of the classes and everything that it refers to, completely or not at all.
 
-    Args:
-        path: path of the file, which replaces an earlier one only when it is complete.
-        value: an object of one of the classes. Their attributes are numbers, strings, arrays, sparse matrices, tuples,
-            lists, dictionaries with strings as keys, and objects of these classes.
-        classes: the classes that occur, with their attributes.
+    Attributes are numbers, strings, arrays, sparse matrices, tuples, lists, dictionaries with strings as keys, and
+    objects of these classes.
 
     Raises:
         OutputError: the file cannot be written.
@@ -49,11 +46,7 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:
-    """Read an object that `save_object` has written.
-
-    Args:
-        path: path of the file.
-        classes: the classes that it may contain, with their attributes.
+    """Read an object that `save_object` has written, of these classes alone.
 
     Raises:
         FileNotFoundError: the file is missing.

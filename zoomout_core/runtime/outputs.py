@@ -30,12 +30,7 @@ class OutputError(OSError):
 def check_output(
     output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = (), in_place: bool = False
 ) -> None:
-    """Check, before the work begins, that a file can be written and is not an input.
-
-    Args:
-        output: the file to write.
-        inputs: the files that it is made from; missing ones are skipped.
-        in_place: whether it may be one of the inputs.
+    """Check, before the work begins, that a file can be written and, unless `in_place`, is none of its inputs.
 
     Raises:
         OutputError: its folder is missing or cannot be written to, it is a folder, or it is one of the inputs.
@@ -124,13 +119,10 @@ def _saying_why(path: Path) -> Iterator[None]:
 
 
 def _complete(part: Path) -> None:
-    """Make sure that a file was written completely.
+    """Make sure that a file was written completely; raises OSError if not.
 
     Many libraries ignore failed writes. A full disk or a limit also prevents the file from growing by one byte, so that
     is tried.
-
-    Raises:
-        OSError: the file cannot grow.
     """
     with part.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)

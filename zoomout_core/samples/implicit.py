@@ -104,19 +104,11 @@ def distance(points: Floats, solids: Iterable[Solid]) -> Floats:
 
 
 def surface_net(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Floats, Integers]:
-    """The surface of a union of solids as quads.
+    """(n, 3) vertices and (m, 4) quads, with outward normals, of the surface of a union of solids.
 
     Naive surface nets (Gibson, Constrained elastic surface nets, 1998): a vertex in each grid cell that the surface
     passes, a quad around each grid edge that it crosses. The vertices are then smoothed and moved back onto the surface
-    in turn.
-
-    Args:
-        cell: size of a grid cell, about the length of an edge.
-        solids: the solids of the union.
-        space: (2, 3) the lowest and the highest corner of a box around them, with a margin.
-
-    Returns:
-        (n, 3) vertices and (m, 4) vertex numbers of quads, wound so that normals point outwards.
+    in turn. Cells are about as long as an edge; the space (2, 3) is a box around the solids, with a margin.
     """
     inside, origin = _occupancy(cell, solids, space)
     windows = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2))
