@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
@@ -130,21 +130,6 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
         for points in (target.vertices / np.sqrt(target.area), images)
     )
     return float(((image_length - length) ** 2).sum() / (length**2).sum())
-
-
-def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
-    """(keys,) errors of shape keys, relative to the displacement by the true ones; means by area.
-
-    The root mean square of the differences, divided by that of the true offsets; keys that move nothing have 1.
-
-    Args:
-        offsets: (n, keys, 3) offsets of the surface's vertices.
-        truth: (n, keys, 3) true offsets; each key moves something.
-        surface: the surface that they move.
-    """
-    weight = vertex_areas(surface.vertices, surface.triangles)
-    missed, whole = (np.einsum("n,nkx,nkx->k", weight, moved, moved) for moved in (offsets - truth, truth))
-    return np.sqrt(missed / whole)
 
 
 def _outward_triangles(surface: Surface) -> Integers:

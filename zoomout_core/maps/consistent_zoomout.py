@@ -20,6 +20,7 @@ from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.mesh.triangles import components
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
@@ -169,16 +170,7 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
 
 def check_connected(count: int, pairs: Sequence[PairOfShapes]) -> None:
     """Raise a ValueError unless pairs connect all of `count` shapes."""
-    group = list(range(count))
-
-    def root(shape: int) -> int:
-        while group[shape] != shape:
-            shape = group[shape]
-        return shape
-
-    for source, target in pairs:
-        group[root(source)] = root(target)
-    groups = len({root(shape) for shape in range(count)})
+    groups = int(components(np.reshape(pairs, (-1, 2)).astype(np.int64), count).max(initial=0)) + 1
     if groups > 1:
         raise ValueError(
             f"The pairs split the {count} shapes into {groups} unconnected groups: add pairs that connect them."

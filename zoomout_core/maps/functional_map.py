@@ -208,11 +208,9 @@ def eigenvalue_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> F
 def resolvent_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
     """(k_t, k_s) distances of the resolvents of eigenvalues (exponent 1/2), scaled to mean one in each row."""
     largest = max(eigenvalues_source[-1], eigenvalues_target[-1])
-    parts = []
-    for eigenvalues in (eigenvalues_source, eigenvalues_target):
-        relative = eigenvalues / largest
-        parts.append(np.stack([np.sqrt(relative), np.ones_like(relative)]) / (1 + relative))
-    return _of_mean_one(((parts[1][:, :, None] - parts[0][:, None, :]) ** 2).sum(axis=0))
+    relative = eigenvalues_source / largest, eigenvalues_target / largest
+    source, target = (np.stack([np.sqrt(each), np.ones_like(each)]) / (1 + each) for each in relative)
+    return _of_mean_one(((target[:, :, None] - source[:, None]) ** 2).sum(axis=0))
 
 
 def _of_mean_one(mask: Floats) -> Floats:

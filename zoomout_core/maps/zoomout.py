@@ -274,7 +274,10 @@ def _upsample_through(
 
 
 def nearest_samples(
-    source: SampledBasis, target: SampledBasis, functional_map: Floats, anchors: Anchors | None = None
+    source: SampledBasis | _Places,
+    target: SampledBasis | _Places,
+    functional_map: Floats,
+    anchors: Anchors | None = None,
 ) -> Integers:
     """(..., s_t) number of the source sample that a functional map (..., k_t, k_s) assigns to each target sample."""
     k_target, k_source = functional_map.shape[-2:]
@@ -285,12 +288,7 @@ def nearest_samples(
 
 
 class _Places(NamedTuple):
-    """Vertices of a shape on which a map is refined.
-
-    Attributes:
-        rows: (p, k) eigenvectors at the vertices.
-        weights: (p,) weights in the fits of functional maps.
-    """
+    """Eigenvectors (p, k) at vertices of a shape on which a map is refined, and their weights (p,) in its fits."""
 
     rows: Floats
     weights: Floats
@@ -299,26 +297,12 @@ class _Places(NamedTuple):
 def _upsample_both_ways(
     source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
 ) -> tuple[Floats, Floats]:
-    """Upsample in both directions.
-
-    Args:
-        source: places of the shape that the map lands on.
-        target: places of the shape that the map starts from.
-        there: (k_target, k_source) functional map.
-        back: (k_source, k_target) functional map of the inverse.
-        sizes: sizes to go through.
-    """
+    """Upsample a functional map (k_target, k_source) and its inverse through sizes."""
     for k_target, k_source in sizes:
-        to_source, to_target = _nearest_places(source, target, there), _nearest_places(target, source, back)
+        to_source, to_target = nearest_samples(source, target, there), nearest_samples(target, source, back)
         there = _fit_to_both(source, target, to_source, to_target, k_source, k_target)
         back = _fit_to_both(target, source, to_target, to_source, k_target, k_source)
     return there, back
-
-
-def _nearest_places(source: _Places, target: _Places, functional_map: Floats) -> Integers:
-    """(p_t,) the source place that a functional map (k_t, k_s) assigns to each target place."""
-    k_target, k_source = functional_map.shape
-    return nearest(target.rows[:, :k_target], source.rows[:, :k_source] @ functional_map.T)
 
 
 def _fit_to_both(

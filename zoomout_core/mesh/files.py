@@ -141,7 +141,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
     """The polygons of `read_polygons`, and the vertex columns of a PLY file."""
     path = existing(path)
     readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
-    readers |= {".off": _read_off, ".obj": _read_obj}
+    readers |= {".off": _read_off, ".obj": lambda path: parse_obj(file_bytes(path)).polygons()}
     try:
         if path.suffix.lower() == ".ply":
             columns = ply_columns(file_bytes(path))
@@ -196,25 +196,14 @@ def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
     columns = points if normals is None else np.hstack([points, normals])
     names = ("x", "y", "z", "nx", "ny", "nz")[: columns.shape[1]]
     faces = [] if isinstance(shape, PointCloud) else np.split(shape.corner_vertex, shape.face_start[1:-1])
-    header = [
-        "ply",
-        "format ascii 1.0",
-        f"element vertex {len(points)}",
-        *(f"property double {name}" for name in names),
-    ]
+    header = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+    header += [f"property double {name}" for name in names]
     if not isinstance(shape, PointCloud):
         header += [f"element face {len(faces)}", "property list int int vertex_indices"]
     rows = [" ".join(map(repr, row)) for row in columns.tolist()]
     rows += [" ".join(map(str, (len(face), *face.tolist()))) for face in faces]
     with atomic_write(path) as part:
         part.write_text("\n".join([*header, "end_header", *rows, ""]), encoding="ascii")
-
-
-# --- OBJ ----------------------------------------------------------------------------------------------------
-
-
-def _read_obj(path: Path) -> Polygons:
-    return parse_obj(file_bytes(path)).polygons()
 
 
 # --- everything else ----------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -101,4 +100,4 @@ def _join(parts: Iterator[Faces]) -> Faces:
 
 
 def _flat(arrays: list[Any]) -> Integers:
-    return np.concatenate([np.zeros(0, dtype=np.int64), *chain(arrays)]).astype(np.int64)
+    return np.concatenate([np.zeros(0, dtype=np.int64), *arrays]).astype(np.int64)

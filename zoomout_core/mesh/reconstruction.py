@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 
 # Points processed together; bounds the memory.
 BLOCK = 1 << 15
@@ -53,7 +53,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
     stars = np.concatenate([_stars(block, near[block, 1:], points, facing, either) for block in blocks])
     triangles, agreed = np.unique(np.sort(stars, axis=1), axis=0, return_counts=True)
-    longest = _longest_edges(points, triangles)
+    longest = np.linalg.norm(points[triangles] - points[np.roll(triangles, -1, axis=1)], axis=2).max(axis=1)
     spanned = longest <= MAX_EDGE * distance[:, min(SPACING, count)][triangles].min(axis=1)
     spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
@@ -63,8 +63,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
     # First the triangles that more corners agree on, then those with shorter edges.
     triangles = _manifold(triangles, np.lexsort((longest, -agreed)), points, facing)
     edges, _ = unique_edges(triangles)
-    _, part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(len(points),) * 2), directed=False)
-    part = part[triangles[:, 0]]
+    part = components(edges, len(points))[triangles[:, 0]]
     return first[triangles[np.bincount(part)[part] >= MIN_PART_TRIANGLES]]
 
 
@@ -132,11 +131,6 @@ def _next(chosen: Booleans) -> Integers:
     number = np.column_stack([number[:, 1:], number.min(axis=1) + columns * chosen.any(axis=1)])
     ahead = np.minimum.accumulate(number[:, ::-1], axis=1)[:, ::-1]
     return np.asarray(np.minimum(np.where(ahead >= columns, number[:, -1:], ahead), 2 * columns) % columns)
-
-
-def _longest_edges(points: Floats, triangles: Integers) -> Floats:
-    """(m,) lengths of the longest edges of triangles (m, 3)."""
-    return np.asarray(np.linalg.norm(points[triangles] - points[np.roll(triangles, -1, axis=1)], axis=2).max(axis=1))
 
 
 def _senses(normals: Floats, triangles: Integers) -> Floats:

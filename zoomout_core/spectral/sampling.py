@@ -15,9 +15,9 @@ from zoomout_core.arrays import Floats, Integers
 def farthest_points(points: Floats, count: int) -> Integers:
     """(count,) numbers of farthest-point samples of points (n, d), beginning with the one farthest from the centroid.
 
-    All points are chosen if there are fewer. Each is the point farthest, by Euclidean distance, from all earlier ones, so
-    any leading part covers the shape too. The choice depends only on the shape, not on its placement, its unit or the
-    order of its points.
+    All points are chosen if there are fewer. Each is the point farthest, by Euclidean distance, from all earlier ones,
+    so any leading part covers the shape too. The choice depends only on the shape, not on its placement, its unit or
+    the order of its points.
     """
     count = min(count, len(points))
     columns = np.ascontiguousarray(points.T)
