@@ -128,17 +128,13 @@ def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], 
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
         with portion(number / len(jobs), (number + 1) / len(jobs)), renaming(place.__add__):
-            outcomes.append(_outcome(job, run_of))
+            try:
+                outcomes.append(Outcome(job, *run_of(job)))
+            except (ValueError, OSError) as error:
+                outcomes.append(Outcome(job, {}, error=str(error)))
+            except MemoryError:
+                outcomes.append(Outcome(job, {}, error=NO_MEMORY))
     return outcomes
-
-
-def _outcome(job: Job, run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> Outcome:
-    try:
-        return Outcome(job, *run_of(job))
-    except (ValueError, OSError) as error:
-        return Outcome(job, {}, error=str(error))
-    except MemoryError:
-        return Outcome(job, {}, error=NO_MEMORY)
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -23,27 +23,14 @@ from zoomout_core.text_arguments import STARTS, read_values
 NO_CACHE = "off"
 
 
-def threads_option(command: Any) -> Any:
-    """Give a command the number of threads that it works with."""
-
-    def set_them(_: click.Context, __: click.Parameter, count: int | None) -> None:
-        if count is not None:
-            set_threads(count)
-
-    option = click.option(
-        "--threads",
-        type=click.IntRange(1),
-        expose_value=False,
-        callback=set_them,
-        help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
-    )
-    return option(command)
-
-
-def in_place_option(command: Any) -> Any:
-    """Let a command write over what it reads."""
-    option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
-    return option(command)
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(1),
+    expose_value=False,
+    callback=lambda _context, _option, count: None if count is None else set_threads(count),
+    help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
+)
+in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
 
 
 def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:

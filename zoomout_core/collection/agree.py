@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from zoomout_core.collection.collection import MIN_TEMPLATE_CERTAINTY, SHAPES_BETWEEN
 from zoomout_core.collection.cycles import Agreement, agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
-from zoomout_core.collection.pairs import pairs_between
+from zoomout_core.collection.pairs import pairs_of_unsure
 from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
@@ -35,21 +34,18 @@ def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str
     Targets with an uncertain match are matched, with these options, with the most similar targets that have a certain
     one. Returns at once if either kind is missing.
     """
-    unsure = [name for name, result in results.items() if result.certainty < MIN_TEMPLATE_CERTAINTY]
-    sure = [name for name, result in results.items() if result.certainty >= MIN_TEMPLATE_CERTAINTY]
-    if not unsure or not sure:
+    certainty = {name: result.certainty for name, result in results.items()}
+    between = pairs_of_unsure(certainty, lambda name: results[name].pair.target_shape.basis.eigenvalues)
+    if not between:
         return dict(results)
     first = next(iter(results.values())).pair
     summaries = {SOURCE: summary_of(first.source, first.source_shape, "")}
-    for name in (*unsure, *sure):
-        pair = results[name].pair
-        summaries[name] = summary_of(pair.target, pair.target_shape, "")
+    for name, result in results.items():
+        summaries[name] = summary_of(result.pair.target, result.pair.target_shape, "")
     maps = {
         PairName(SOURCE, name): candidate_maps_of(result, (summaries[SOURCE], summaries[name]))
         for name, result in results.items()
     }
-    spectra = {name: summaries[name].eigenvalues for name in (*unsure, *sure)}
-    between = pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
     for number, pair_name in enumerate(between):
         surfaces = results[pair_name.source].pair.target, results[pair_name.target].pair.target
         start, end = (0.7 * (number + step) / len(between) for step in (0, 1))

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
-from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import CARRIED, carry_pair
 from zoomout_core.matching.verdict import check_verdict
@@ -47,7 +45,8 @@ def carry(
         except MeshError as error:
             result.failures[f"transfer to {pair.target}"] = str(error)
             continue
-        paths = (source.file.resolve(), *_paths(result, pair, ending), tuple(kinds))
+        target, output = result.items[pair.target].file.resolve(), result.folder / MESHES / f"{pair.target}.{ending}"
+        paths = (source.file.resolve(), target, result.folder / place_of_map(pair), output, tuple(kinds))
         if source.original is None:
             tasks.append(Task(key, transfer_pair, paths))
         else:
@@ -61,8 +60,3 @@ def carry(
         else:
             notes[name] = list(done.result)
     return notes
-
-
-def _paths(result: CollectionResult, pair: PairName, ending: str) -> tuple[Path, Path, Path]:
-    target = result.items[pair.target].file.resolve()
-    return target, result.folder / place_of_map(pair), result.folder / MESHES / f"{pair.target}.{ending}"

@@ -17,7 +17,7 @@ from uuid import uuid4
 from zoomout_core.collection.cycles import CYCLES, Agreement, agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
-from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
+from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_unsure, pairs_with_template
 from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
 from zoomout_core.collection.tasks import (
     MAPS,
@@ -44,10 +44,6 @@ from zoomout_core.runtime.progress import Progress, listening, portion
 
 _log = logging.getLogger(__name__)
 
-# If a map from the template is less certain (a probability), its shape is also matched with other shapes.
-MIN_TEMPLATE_CERTAINTY = 0.9
-# Number of these other shapes: those most similar in spectrum among the certain ones. Each costs a match.
-SHAPES_BETWEEN = 3
 # Shape summaries kept in memory, at a third of a megabyte each.
 KEPT = 2000
 # Fractions of the progress at the end of: reading by Blender, preparing shapes, matching the given pairs, and others.
@@ -185,11 +181,11 @@ def match_collection(
     engine = InThisProcess() if engine is None else engine
     with listening(progress):
         with portion(0.0, READ):
-            read = read_items(items, place, of_template, carries, blender, engine)
+            readable, failures = read_items(items, place, of_template, carries, blender, engine)
         if wanted is not None:
-            wanted = [pair for pair in wanted if not read.failures.keys() & set(pair)]
-        run = _Run(read.items, place, options, engine, cache)
-        run.failures |= read.failures
+            wanted = [pair for pair in wanted if not failures.keys() & set(pair)]
+        run = _Run(readable, place, options, engine, cache)
+        run.failures |= failures
         first = PREPARED if wanted is None else MATCHED
         with portion(READ, first):
             run.prepare_and_match(wanted)
@@ -206,7 +202,7 @@ def match_collection(
                 run.match(run.beginnings(agreement), "Making maps consistent")
     return CollectionResult(
         run.folder,
-        items | read.items,
+        items | readable,
         run.records,
         run.failures,
         agreement,
@@ -336,12 +332,8 @@ class _Run:
     def unsure_pairs(self) -> list[PairName]:
         """Pairs of shapes whose map from the template is uncertain with similar shapes whose map is certain."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
-        unsure = [name for name in self.items if certainty.get(name, 1.0) < MIN_TEMPLATE_CERTAINTY]
-        sure = [name for name in self.items if certainty.get(name, 0.0) >= MIN_TEMPLATE_CERTAINTY]
-        if not unsure or not sure:
-            return []
-        spectra = {name: self.prepared[name].eigenvalues for name in (*unsure, *sure)}
-        return pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
+        in_order = {name: certainty[name] for name in self.items if name in certainty}
+        return pairs_of_unsure(in_order, lambda name: self.prepared[name].eigenvalues)
 
     def agreement(self) -> Agreement | None:
         """The candidates that agree best; None where no three shapes are matched with each other."""

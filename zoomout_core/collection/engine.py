@@ -34,6 +34,10 @@ class Failure:
     message: str
 
 
+class _Lost(Failure):
+    """A task that was abandoned with its worker, whether or not it was at fault."""
+
+
 @dataclass(frozen=True)
 class Task:
     """A piece of work.
@@ -214,11 +218,10 @@ class OnDask:
             yield Done(task.key, fault)
             return
         for done in self._as_completed(chain):
-            result = Failure(done.result.message) if isinstance(done.result, _Lost) else done.result
-            if isinstance(result, Failure):
-                failed[done.key] = result
+            if isinstance(done.result, Failure):
+                failed[done.key] = done.result
             if done.key == task.key:
-                yield Done(task.key, result)
+                yield done
 
     def _result_of(self, future: Any) -> Any:
         if future.status == "finished":
@@ -233,13 +236,6 @@ class OnDask:
         error = future.exception() if future.status == "error" else None
         lost = error is None or type(error).__name__ == "KilledWorker"
         return (_Lost if lost else Failure)(sentence_of(error))
-
-
-@dataclass(frozen=True)
-class _Lost:
-    """A task that was abandoned with its worker, whether or not it was at fault."""
-
-    message: str
 
 
 def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:

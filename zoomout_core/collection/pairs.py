@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -18,6 +18,10 @@ from zoomout_core.mesh.surface import MeshError
 
 # Eigenvalues used to compare shapes: the first, of the constant function, is always zero.
 COMPARED = slice(1, 40)
+# If a map from the template is less certain (a probability), its shape is also matched with other shapes.
+MIN_TEMPLATE_CERTAINTY = 0.9
+# Number of these other shapes: those most similar in spectrum among the certain ones. Each costs a match.
+SHAPES_BETWEEN = 3
 # Distance between two equal shapes: positive, so that a spanning tree sees their edge.
 SMALLEST = 1e-12
 
@@ -51,12 +55,19 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
     return [PairName(names[i], names[j]) for i, j in sorted(chosen)]
 
 
-def pairs_between(
-    unsure: Sequence[str], sure: Sequence[str], eigenvalues: Mapping[str, Floats], most: int
-) -> list[PairName]:
-    """Pairs of each unsure shape, as the target, with the `most` sure ones of the most similar eigenvalues (k,)."""
-    distances = unlikeness([eigenvalues[name] for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
-    nearest = np.argsort(distances, axis=1, kind="stable")[:, :most]
+def pairs_of_unsure(certainty: Mapping[str, float], eigenvalues: Callable[[str], Floats]) -> list[PairName]:
+    """Pairs of each shape whose map from a template is uncertain, as the target, with the most similar certain ones.
+
+    Args:
+        certainty: of the maps from the template, by the names of their targets.
+        eigenvalues: returns those (k,) of the shape with a name.
+    """
+    unsure = [name for name in certainty if certainty[name] < MIN_TEMPLATE_CERTAINTY]
+    sure = [name for name in certainty if certainty[name] >= MIN_TEMPLATE_CERTAINTY]
+    if not unsure or not sure:
+        return []
+    distances = unlikeness([eigenvalues(name) for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, :SHAPES_BETWEEN]
     return [PairName(sure[j], name) for name, row in zip(unsure, nearest.tolist(), strict=True) for j in row]
 
 

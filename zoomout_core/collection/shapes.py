@@ -82,7 +82,7 @@ class ShapeSummary:
         return np.asarray(cKDTree(self.points).query(surface.vertices[vertices])[1])
 
     def as_arrays(self) -> dict[str, Any]:
-        """Arrays that `from_arrays` restores this from."""
+        """Arrays whose file `load` reads."""
         return {
             "key": np.frombuffer(bytes.fromhex(self.key), dtype=np.uint8),
             "samples": self.samples,
@@ -92,11 +92,6 @@ class ShapeSummary:
         }
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, Any]) -> ShapeSummary:
-        """Restore a summary from `as_arrays`."""
-        return cls(**{**arrays, "key": arrays["key"].tobytes().hex()})
-
-    @classmethod
     def load(cls, path: Path) -> ShapeSummary:
         """Read a summary from a file that was written from `as_arrays`.
 
@@ -104,7 +99,8 @@ class ShapeSummary:
             ArrayFileError: it is no such file.
         """
         try:
-            return cls.from_arrays(read_arrays(path))
+            arrays = read_arrays(path)
+            return cls(**{**arrays, "key": arrays["key"].tobytes().hex()})
         except (KeyError, TypeError) as error:
             raise ArrayFileError("it is not a preprocessed shape") from error
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from zoomout_core.runtime.outputs import atomic_write
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
 # Folders of workers without access to the results: prepared shapes to send, and received ones.
 PREPARED, CACHE = "prepared", "cache"
+Stored = TypeVar("Stored", ShapeSummary, PairRecord)
 # Maximum bytes of a collection's prepared shapes: a thousand of the usual size.
 MAX_BYTES = 16 << 30
 
@@ -151,24 +152,25 @@ def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
         MeshError: it cannot be read or matched.
     """
     began = perf_counter()
-    path = item.path
+    path = _path_of(item, place, sent=content is not None)
     if content is not None:
-        path = _place_of_input(item, place)
         write_whole(path, content)
     key = content_key(existing(path).read_bytes())
     output = place.folder / place_of_shape(item.name)
-    summary = _known_shape(output, place.key(key))
+    summary = _known(ShapeSummary.load, output, place.key(key))
     seconds = 0.0
     if summary is None:
         with place.storing(item.name):
             summary = summarise(path, place.key(key), place.options)
-        _write_arrays(output, summary.as_arrays())
+        file = BytesIO()
+        np.savez_compressed(file, **summary.as_arrays())
+        write_whole(output, file.getvalue())
         seconds = perf_counter() - began
     shipped = {}
     if content is not None:
-        shipped = {str(file.relative_to(place.folder)): file.read_bytes() for file in (path, output)}
+        shipped = {str(each.relative_to(place.folder)): each.read_bytes() for each in (path, output)}
         apart = place.folder / PREPARED / item.name
-        shipped |= {str(Path(CACHE) / file.relative_to(apart)): file.read_bytes() for file in apart.rglob("*.npz")}
+        shipped |= {str(Path(CACHE) / each.relative_to(apart)): each.read_bytes() for each in apart.rglob("*.npz")}
     return Prepared(item.name, key, summary.eigenvalues, seconds, shipped)
 
 
@@ -193,25 +195,21 @@ def match_pair(
                 write_whole(place.folder / name, content)
     output = place.folder / place_of_map(pair)
     key = place.key(source.key, target.key)
-    record = _known_record(output, key)
+    record = _known(PairRecord.load, output, key)
     if record is not None and (beginning is None or beginning.is_start_of(record)):
         return Matched(pair, record, False)
     earlier = load_candidate_maps(output) if record is not None else None
     began = perf_counter()
-    paths = [_path_of(item, place, shape) for item, shape in zip(items, (source, target), strict=True)]
-    shapes = read_shape(paths[0]), read_shape(paths[1])
+    first, second = (read_shape(_path_of(item, place, sent=bool(source.content))) for item in items)
     options = place.options
     if beginning is not None and beginning.samples is not None and beginning.images is not None:
-        images = spread_from_samples(as_surface(shapes[1]), beginning.samples, beginning.images)
+        images = spread_from_samples(as_surface(second), beginning.samples, beginning.images)
         options = replace(options, initial="given", initial_map=images)
     with place.storing():
-        result = match(*shapes, options)
+        result = match(first, second, options)
         if beginning is not None and beginning.candidate:
             result = result.use(beginning.candidate)
-    summaries = (
-        ShapeSummary.load(place.folder / place_of_shape(pair.source)),
-        ShapeSummary.load(place.folder / place_of_shape(pair.target)),
-    )
+    summaries = [ShapeSummary.load(place.folder / place_of_shape(name)) for name in pair]
     through = "" if beginning is None else beginning.through
     # Keep the earlier candidates, so that the next run makes the same choice.
     candidates = earlier or candidate_maps_of(result, summaries)
@@ -245,37 +243,18 @@ def _folder_of_worker() -> Path:
     return Path(tempfile.gettempdir())
 
 
-def _place_of_input(item: Item, place: Workplace) -> Path:
-    """Path of the local copy of a file, for a worker without access to it."""
-    return place.folder / "inputs" / item.name / item.path.name
+def _path_of(item: Item, place: Workplace, sent: bool) -> Path:
+    """Path of an item's file, or of its copy that was sent to a worker without access to it."""
+    return place.folder / "inputs" / item.name / item.path.name if sent else item.path
 
 
-def _path_of(item: Item, place: Workplace, shape: Prepared) -> Path:
-    return _place_of_input(item, place) if shape.content else item.path
-
-
-def _known_shape(path: Path, key: str) -> ShapeSummary | None:
-    """The stored summary; None if its content differs or it cannot be read."""
+def _known(load: Callable[[Path], Stored], path: Path, key: str) -> Stored | None:
+    """What an earlier run stored; None if its contents or options differ, or it cannot be read."""
     try:
-        summary = ShapeSummary.load(path)
+        stored = load(path)
     except (FileNotFoundError, ArrayFileError):
         return None
-    return summary if summary.key == key else None
-
-
-def _known_record(path: Path, key: str) -> PairRecord | None:
-    """The record of an earlier match of the same contents with the same options."""
-    try:
-        record = PairRecord.load(path)
-    except (FileNotFoundError, ArrayFileError):
-        return None
-    return record if record.key == key else None
-
-
-def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    file = BytesIO()
-    np.savez_compressed(file, **arrays)
-    write_whole(path, file.getvalue())
+    return stored if stored.key == key else None
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -11,7 +11,6 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
@@ -35,18 +34,6 @@ DATA = {
 }
 
 
-class ReadItems(NamedTuple):
-    """Items that are ready to be matched.
-
-    Attributes:
-        items: readable items, by name.
-        failures: why the others could not be read.
-    """
-
-    items: dict[str, Item]
-    failures: dict[str, str]
-
-
 def is_of_blender(path: Path) -> bool:
     """Whether only Blender can read a file."""
     return path.suffix.lower() in ENDINGS
@@ -54,7 +41,7 @@ def is_of_blender(path: Path) -> bool:
 
 def read_items(
     items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
-) -> ReadItems:
+) -> tuple[dict[str, Item], dict[str, str]]:
     """Read the files that need Blender, unless their surfaces are stored already in the folder of the results.
 
     Args:
@@ -64,6 +51,9 @@ def read_items(
         carries: whether Blender will transfer data to all.
         program: Blender's program, see `blender_command`.
         engine: runs the tasks, if it has access to the files.
+
+    Returns:
+        The readable items, and why the others could not be read, by name.
     """
     chosen = [each for each in items.values() if (carries or is_of_blender(each.path)) and each.path.is_file()]
     found, tasks = dict(items), []
@@ -84,7 +74,7 @@ def read_items(
             name = done.key.removeprefix("read ")
             failures[name] = done.result.message
             del found[name]
-    return ReadItems(found, failures)
+    return found, failures
 
 
 def read_item(path: Path, role: str, output: Path, known: bool, program: str | None) -> None:
