@@ -76,21 +76,17 @@ def detail_options(command: Any) -> Any:
 
 def mesh_options(command: Any) -> Any:
     """The options of every command that analyses meshes."""
-    for option in (
-        detail_options,
-        click.option(
-            "--cache",
-            default=user_cache_dir("zoomout", appauthor=False),
-            envvar="ZOOMOUT_CACHE",
-            show_default=True,
-            show_envvar=True,
-            expose_value=False,
-            callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
-            help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
-        ),
-    ):
-        command = option(command)
-    return command
+    cache = click.option(
+        "--cache",
+        default=user_cache_dir("zoomout", appauthor=False),
+        envvar="ZOOMOUT_CACHE",
+        show_default=True,
+        show_envvar=True,
+        expose_value=False,
+        callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
+        help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
+    )
+    return cache(detail_options(command))
 
 
 def match_options(command: Any) -> Any:

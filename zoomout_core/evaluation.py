@@ -19,6 +19,8 @@ from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
+# Numbers of places that the distortion of distances is measured from, and to; more take longer and change little.
+DISTANCES = 40, 1000
 
 
 def geodesic_error(
@@ -59,16 +61,14 @@ def geodesic_error(
     return error / np.sqrt(source.area)
 
 
-def distance_distortion(
-    image: Integers, vertex: Integers, source: Surface, target: Surface, places: int = 40, most: int = 1000
-) -> float:
+def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
-    Images and vertices (c,) correspond. Distances run along edges (Dijkstra), from `places` to `most` of the vertices,
-    relative to the root of each surface's area; the meshes alone cause differences of some thousandths. Places without
-    a path between them do not count.
+    Images and vertices (c,) correspond. Distances run along edges (Dijkstra) between some of the vertices, relative to
+    the root of each surface's area; the meshes alone cause differences of some thousandths. Places without a path
+    between them do not count.
     """
-    picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
+    picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in DISTANCES)
     apart = [
         dijkstra(edge_graph(surface.vertices, surface.triangles), indices=at[picked])[:, at[others]]
         / np.sqrt(surface.area)

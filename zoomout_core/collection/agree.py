@@ -69,16 +69,14 @@ def _take(
         result, candidate = results[pair.target], agreement.candidate[pair]
         start, end = (0.7 + 0.3 * (number + step) / len(changed) for step in (0, 1))
         third = agreement.through.get(pair)
-        if third is None:
-            with portion(start, end):
+        with portion(start, end):
+            if third is None:
                 found, note = result.use(candidate), AGREED
-        else:
-            images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
-            given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
-            begun = replace(options, initial="given", initial_map=given)
-            surfaces = result.pair.source, result.pair.target
-            with portion(start, end):
-                found, note = match(*surfaces, begun), message(THROUGH, name=third)
+            else:
+                images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
+                given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
+                begun = replace(options, initial="given", initial_map=given)
+                found, note = match(result.pair.source, result.pair.target, begun), message(THROUGH, name=third)
         taken[pair.target] = replace(found, notes=(note, *found.notes))
     advance(1.0)
     return taken

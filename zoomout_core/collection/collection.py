@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -188,7 +187,7 @@ def match_collection(
         run.failures |= failures
         first = PREPARED if wanted is None else MATCHED
         with portion(READ, first):
-            run.prepare_and_match(wanted)
+            run.match(dict.fromkeys(wanted or ()), "Matching" if wanted else "Preparing", readable)
         with portion(first, COMPARED):
             if wanted is None:
                 assert neighbours is not None
@@ -267,18 +266,35 @@ class _Run:
         kept = None if cache is None else Path(cache).resolve()
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
 
-    def prepare_and_match(self, pairs: Sequence[PairName] | None) -> None:
-        """Prepare all shapes, and match the pairs that are already known."""
-        tasks = [self._preparing(item) for item in self.items.values()]
-        tasks += [self._matching(pair, None) for pair in pairs or ()]
-        self._complete(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
-
-    def match(self, beginnings: Mapping[PairName, Beginning | None], title: str = "Matching") -> None:
-        """Match pairs of shapes that are prepared."""
-        needed = sorted({name for pair in beginnings for name in pair})
+    def match(
+        self,
+        beginnings: Mapping[PairName, Beginning | None],
+        title: str = "Matching",
+        names: Iterable[str] | None = None,
+    ) -> None:
+        """Prepare shapes, by default those of the pairs, match the pairs, and record the results."""
+        needed = sorted({name for pair in beginnings for name in pair}) if names is None else names
         tasks = [self._preparing(self.items[name]) for name in needed]
         tasks += [self._matching(pair, beginning) for pair, beginning in beginnings.items()]
-        self._complete(tasks, len(beginnings), title)
+        failed: dict[Item | PairName, str] = {}
+        matched = 0
+
+        def title_of(ended: int) -> str:
+            failures = f", {len(failed)} failed" if failed else ""
+            counts = (matched, len(beginnings)) if beginnings else (ended, len(tasks))
+            return f"{title} {counts[0]} of {counts[1]}{failures}"
+
+        of = {task.key: task.arguments[0] for task in tasks}
+        for done in run_tasks(self._engine, tasks, title_of):
+            if isinstance(done.result, Failure):
+                failed[of[done.key]] = done.result.message
+            else:
+                self._take_in(done.result)
+                matched += isinstance(done.result, Matched)
+        self.failures |= {item.name: reason for item, reason in failed.items() if isinstance(item, Item)}
+        for pair, reason in failed.items():
+            if isinstance(pair, PairName) and not self.failures.keys() & set(pair):  # else the failure names the shape
+                self.failures[str(pair)] = reason
 
     def _preparing(self, item: Item) -> Task:
         content = None
@@ -291,31 +307,8 @@ class _Run:
         after = tuple(f"prepare {name}" for name in pair)
         return Task(f"match {pair}", match_pair, (pair, items, beginning, self._place), after)
 
-    def _complete(self, tasks: Sequence[Task], pairs: int, title: str) -> None:
-        """Run tasks and record their results."""
-        kinds: Counter[str] = Counter()
-        names = {task.key: task.arguments[0] for task in tasks}
-        failed_pairs: dict[PairName, str] = {}
-
-        def title_of(ended: int) -> str:
-            failed = f", {kinds['failed']} failed" if kinds["failed"] else ""
-            counts = (kinds["matched"], pairs) if pairs else (ended, len(tasks))
-            return f"{title} {counts[0]} of {counts[1]}{failed}"
-
-        for done in run_tasks(self._engine, tasks, title_of):
-            kinds[self._take_in(names[done.key], done.result, failed_pairs)] += 1
-        for pair, message in failed_pairs.items():
-            if not any(name in self.failures for name in pair):  # else the failure names the shape
-                self.failures[str(pair)] = message
-
-    def _take_in(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
-        """Record the result of a task, or why a pair failed; returns its kind."""
-        if isinstance(result, Failure):
-            if isinstance(of, Item):
-                self.failures[of.name] = result.message
-            else:
-                failed_pairs[of] = result.message
-            return "failed"
+    def _take_in(self, result: Prepared | Matched) -> None:
+        """Record the result of a task."""
         for place, content in result.content.items():
             if Path(place).parts[0] in (MAPS, SHAPES):
                 write_whole(self.folder / place, content)
@@ -323,11 +316,9 @@ class _Run:
             self.prepared[result.name] = result
             if result.seconds:
                 self.seconds_of_shapes[result.name] = result.seconds
-            return "prepared"
-        assert isinstance(result, Matched)
-        self.records[result.pair] = result.record
-        self.matched += result.new
-        return "matched"
+        else:
+            self.records[result.pair] = result.record
+            self.matched += result.new
 
     def unsure_pairs(self) -> list[PairName]:
         """Pairs of shapes whose map from the template is uncertain with similar shapes whose map is certain."""

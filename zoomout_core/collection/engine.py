@@ -111,10 +111,9 @@ def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 class InThisProcess:
-    """Runs one task after the other; their progress is reported without the titles of their stages.
+    """Runs one task after the other, with retries of failures that may pass, such as a lack of memory.
 
-    Args:
-        retries: how often to retry a task after a failure that may pass, such as a lack of memory.
+    Their progress is reported without the titles of their stages.
     """
 
     def __init__(self, retries: int = 0) -> None:

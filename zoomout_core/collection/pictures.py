@@ -33,12 +33,7 @@ PIXELS, MAX_VERTICES = 180, 6_000
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A drawn shape.
-
-    Attributes:
-        png: content of the PNG file.
-        colors: (n, 3) colours of its vertices, 0 to 255.
-    """
+    """A drawn shape: the content of a PNG file, and the colours (n, 3) of its vertices, 0 to 255."""
 
     png: bytes
     colors: NDArray[np.uint8]

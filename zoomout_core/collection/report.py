@@ -153,8 +153,9 @@ def _row(result: CollectionResult, pair: PairName) -> str:
     cycle = ""
     if agreement is not None and pair in agreement.after:
         cycle = f"{agreement.before[pair]:.3f} → {agreement.after[pair]:.3f}"
-    chosen = "" if not record.candidate else f"candidate {record.candidate}"
-    chosen = f"through {record.through}" if record.through else chosen
+    chosen = f"candidate {record.candidate}" if record.candidate else ""
+    if record.through:
+        chosen = f"through {record.through}"
     cells = (
         pair.source,
         pair.target,

@@ -99,8 +99,8 @@ class ShapeSummary:
             ArrayFileError: it is no such file.
         """
         try:
-            arrays = read_arrays(path)
-            return cls(**{**arrays, "key": arrays["key"].tobytes().hex()})
+            arrays: dict[str, Any] = read_arrays(path)
+            return cls(**arrays | {"key": arrays["key"].tobytes().hex()})
         except (KeyError, TypeError) as error:
             raise ArrayFileError("it is not a preprocessed shape") from error
 

@@ -64,11 +64,7 @@ class Workplace:
         return self.results if self.results is not None else _folder_of_worker() / f"zoomout-{self.token}"
 
     def storing(self, of: str = "") -> AbstractContextManager[None]:
-        """A context in which prepared shapes are stored as this workplace says.
-
-        Args:
-            of: name of a shape that is prepared for sending, which is stored separately.
-        """
+        """A context that stores prepared shapes as this workplace says; that `of` a name, to be sent, separately."""
         cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
         return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 

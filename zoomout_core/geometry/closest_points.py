@@ -171,12 +171,7 @@ def _first_min(values: Floats, group: Integers) -> Integers:
 
 
 class Neighbourhoods:
-    """The triangles within a few edges of each vertex of a mesh, prepared for many projections.
-
-    Args:
-        triangles: (m, 3) vertex numbers.
-        n: number of vertices.
-        edges: maximum distance of a triangle's nearest corner, in edges, from 0.
+    """The triangles (m, 3) within some edges, from 0, of each of n vertices of a mesh, prepared for many projections.
 
     Attributes:
         triangles: (m, 3) vertex numbers.

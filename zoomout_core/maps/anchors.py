@@ -50,14 +50,15 @@ def beside(rows: Floats, anchors: Floats) -> Floats:
 
 
 def coordinates(
-    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None
+    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None = None
 ) -> tuple[Floats, Floats]:
     """Coordinates (q, d) of places of the target and (p, d) of the source in which corresponding places are close.
 
-    They come from the eigenfunctions (q, k) and (p, k) and the anchors at these places, and a map (k_target, k_source).
+    They come from the eigenfunctions (q, k) and (p, k) and the anchors at these places, and a functional map
+    (..., k_target, k_source).
     """
-    k_target, k_source = functional_map.shape
-    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ functional_map.T
-    return (
-        (queries, embedded) if anchors is None else (beside(queries, anchors.target), beside(embedded, anchors.source))
-    )
+    k_target, k_source = functional_map.shape[-2:]
+    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ np.swapaxes(functional_map, -1, -2)
+    if anchors is None:
+        return queries, embedded
+    return beside(queries, anchors.target), beside(embedded, anchors.source)

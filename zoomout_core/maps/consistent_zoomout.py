@@ -107,28 +107,13 @@ def consistent_zoomout(
         else functional_map_of(given.astype(np.int64), bases[source], bases[target], k_initial, k_initial)
         for (source, target), given in maps.items()
     }
-    eigenvalues = [basis.eigenvalues for basis in bases]
-    return ConsistentMaps(latent_through(sampled, eigenvalues, functional_maps, k_final, step), bases)
-
-
-def latent_through(
-    sampled: Sequence[SampledBasis],
-    eigenvalues: Sequence[Floats],
-    functional_maps: Mapping[PairOfShapes, Floats],
-    k_final: int,
-    step: int,
-) -> list[Floats]:
-    """The latent bases (k_final, d) of all shapes, by iterations on samples; see `consistent_zoomout`.
-
-    All functional maps (k, k), of pairs (source, target), must have one size.
-    """
     k = len(next(iter(functional_maps.values())))
     while True:
-        latent = latent_basis(functional_maps, [values[:k] for values in eigenvalues])
+        latent = latent_basis(functional_maps, [basis.eigenvalues[:k] for basis in bases])
         if k == k_final:
-            return latent
+            return ConsistentMaps(latent, bases)
         k = min(k + step, k_final)
-        embedded = [each.rows[:, : len(basis)] @ basis for each, basis in zip(sampled, latent, strict=True)]
+        embedded = [each.rows[:, : len(functions)] @ functions for each, functions in zip(sampled, latent, strict=True)]
         functional_maps = {
             (source, target): sampled[target].fit(
                 sampled[source].rows[nearest(embedded[target], embedded[source]), :k], k

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
@@ -121,8 +122,7 @@ def _embeddings(
     """Embeddings (n_t, k_t) of the target's vertices and (n_s, k_t) of the source's; corresponding ones are close."""
     C = check_functional_map(functional_map)
     check_fits_bases(C.shape, basis_source, basis_target)
-    k_target, k_source = C.shape
-    return basis_target.eigenvectors[:, :k_target], basis_source.eigenvectors[:, :k_source] @ C.T
+    return coordinates(basis_target.eigenvectors, basis_source.eigenvectors, C)
 
 
 def check_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve, solve_triangular
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
-from zoomout_core.maps.anchors import Anchors, beside
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.functional_map import (
     check_fits_bases,
     check_functional_map,
@@ -280,11 +280,7 @@ def nearest_samples(
     anchors: Anchors | None = None,
 ) -> Integers:
     """(..., s_t) number of the source sample that a functional map (..., k_t, k_s) assigns to each target sample."""
-    k_target, k_source = functional_map.shape[-2:]
-    embedded = source.rows[:, :k_source] @ np.swapaxes(functional_map, -1, -2)
-    if anchors is None:
-        return nearest(target.rows[:, :k_target], embedded)
-    return nearest(beside(target.rows[:, :k_target], anchors.target), beside(embedded, anchors.source))
+    return nearest(*coordinates(target.rows, source.rows, functional_map, anchors))
 
 
 class _Places(NamedTuple):

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import write_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.more_files import Faces, Polygons, join
 from zoomout_core.mesh.obj_files import parse_obj
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -30,8 +30,6 @@ from zoomout_core.runtime.outputs import atomic_write
 
 # Formats that trimesh reads with packages of the extra `formats`.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
-# Positions (n, 3), the vertex of each corner (c,), and the first corner of each face (f + 1,).
-Polygons = tuple[Floats, Integers, Integers]
 
 
 def read_surface(path: str | PathLike[str]) -> Surface:
@@ -220,13 +218,12 @@ def _read_with_blender(path: Path) -> Polygons:
 def _read_with_extra(path: Path) -> Polygons:
     """The faces of a file of another program's format."""
     try:
-        vertices, corner_vertex, sizes = MORE_READERS[path.suffix.lower()](path)
+        return MORE_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
             f"{path} requires the package {error.name}, which is not installed: pip install 'zoomout-core[formats]', "
             "or convert the file to OFF, PLY, OBJ, STL, glTF or GLB."
         ) from error
-    return vertices, corner_vertex, np.cumsum([0, *sizes.tolist()])
 
 
 def _read_with_trimesh(path: Path) -> Polygons:
@@ -246,17 +243,11 @@ def _read_with_trimesh(path: Path) -> Polygons:
         if path.suffix.lower() in WITH_EXTRA:
             how = f"pip install 'zoomout-core[formats]', or {how}"
         raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
-    vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
-    for points, faces in _parts(scene):
-        vertices.append(points)
-        triangles.append(faces + count)
-        count += len(points)
-    corner_vertex = np.concatenate(triangles).ravel()
-    return np.concatenate(vertices), corner_vertex, np.arange(0, len(corner_vertex) + 1, 3)
+    return join(_parts(scene))
 
 
-def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
-    """Positions (n, 3) and triangles (m, 3) of each mesh or point set, in the order of the file."""
+def _parts(scene: Any) -> Iterator[Faces]:
+    """The triangles of each mesh or point set, in the order of the file."""
     for name, geometry in scene.geometry.items():
         points = np.asarray(getattr(geometry, "vertices", ()), dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -265,4 +256,5 @@ def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]
             mirrored = np.linalg.det(transform[:3, :3]) < 0
-            yield (points @ transform[:3, :3].T + transform[:3, 3], triangles[:, ::-1] if mirrored else triangles)
+            corners = (triangles[:, ::-1] if mirrored else triangles).ravel()
+            yield points @ transform[:3, :3].T + transform[:3, 3], corners, np.full(len(triangles), 3)

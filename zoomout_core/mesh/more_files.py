@@ -14,11 +14,13 @@ from zoomout_core.mesh.surface import MeshError
 
 # Positions (n, 3), the vertex of each corner (c,), and the number of corners of each face (f,).
 Faces = tuple[Floats, Integers, Integers]
+# The same with the first corner of each face, and the number of corners (f + 1,).
+Polygons = tuple[Floats, Integers, Integers]
 # Meshio's cell types that are faces, and their numbers of corners; cells of higher order list their corners first.
 CELLS = {"triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
 
-def read_usd(path: Path) -> Faces:
+def read_usd(path: Path) -> Polygons:
     """All meshes of a USD stage at its first time, one after the other, with their transforms applied.
 
     Raises:
@@ -49,10 +51,10 @@ def read_usd(path: Path) -> Faces:
             turned = (np.linalg.det(transform[:3, :3]) < 0) != (mesh.GetOrientationAttr().Get(time) == "leftHanded")
             yield positions, _reverse_winding(corners, sizes) if turned else corners, sizes
 
-    return _join(parts())
+    return join(parts())
 
 
-def read_with_meshio(path: Path) -> Faces:
+def read_with_meshio(path: Path) -> Polygons:
     """The faces of a file that meshio reads; surfaces of solid cells are not extracted.
 
     Raises:
@@ -71,10 +73,10 @@ def read_with_meshio(path: Path) -> Faces:
     sizes = [np.full(len(each), each.shape[1]) for each in faces]
     polygons = [face for block in mesh.cells if block.type.startswith("polygon") for face in block.data]
     corners = [*(each.ravel() for each in faces), *map(np.asarray, polygons)]
-    return positions, _flat(corners), _flat([*sizes, np.array([len(face) for face in polygons])])
+    return positions, _flat(corners), _starts([*sizes, np.array([len(face) for face in polygons])])
 
 
-READERS: dict[str, Callable[[Path], Faces]] = {
+READERS: dict[str, Callable[[Path], Polygons]] = {
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), read_usd),
     **dict.fromkeys(
         (".bdf", ".inp", ".mesh", ".meshb", ".msh", ".nas", ".su2", ".ugrid", ".vol", ".vtk", ".vtu", ".xdmf"),
@@ -90,13 +92,17 @@ def _reverse_winding(corners: Integers, sizes: Integers) -> Integers:
     return np.asarray(corners[np.repeat(start + sizes - 1, sizes) - place])
 
 
-def _join(parts: Iterator[Faces]) -> Faces:
+def join(parts: Iterator[Faces]) -> Polygons:
     """Join meshes into one."""
     found = list(parts)
     count = np.cumsum([0, *(len(points) for points, _, _ in found)])
     corners = [each + first for (_, each, _), first in zip(found, count, strict=False)]
     points = np.concatenate([np.zeros((0, 3)), *(each for each, _, _ in found)])
-    return points, _flat(corners), _flat([sizes for _, _, sizes in found])
+    return points, _flat(corners), _starts([sizes for _, _, sizes in found])
+
+
+def _starts(sizes: list[Any]) -> Integers:
+    return np.concatenate([[0], np.cumsum(_flat(sizes))])
 
 
 def _flat(arrays: list[Any]) -> Integers:

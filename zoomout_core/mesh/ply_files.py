@@ -39,11 +39,7 @@ class _Element:
 
 
 def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, Integers]:
-    """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
-
-    Args:
-        columns: columns of a PLY file, see `ply_columns`.
-    """
+    """(n, 3) positions, (c,) the vertex of each corner, (f + 1,) the first corner of each face, from `ply_columns`."""
     vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
     face = columns.get("face", {})
     return vertices, *flatten(face.get("vertex_indices", face.get("vertex_index", [])))

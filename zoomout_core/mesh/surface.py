@@ -282,15 +282,10 @@ def single_precision_step(positions: ArrayLike) -> float:
 
 
 def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
-    """Check vertex numbers (m,); integral floats are accepted.
-
-    Args:
-        numbers: the user's numbers.
-        count: how many vertices there are.
-        what: describes them in the message.
+    """Check a user's vertex numbers (m,), from 0 to below a count; integral floats are accepted.
 
     Raises:
-        ValueError: they are not a list of integers from 0 to count - 1; the message names the first invalid one.
+        ValueError: `what` they are begins the message, which names the first invalid one.
     """
     array = np.asarray(numbers)
     if array.ndim != 1 or array.dtype.kind not in "iuf":

@@ -52,11 +52,11 @@ VOXELS = VoxelTuning()
 
 
 def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
-    """The outer hull of a mesh, as one closed surface if its pieces are close together.
+    """The outer hull of triangles (m, 3) in any orientation, as one closed surface if its pieces are close together.
 
     Args:
         vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, in any orientation.
+        triangles: (m, 3) vertex numbers.
         resolution: voxels along the longest extent.
         inset: depth of the hull, in voxels, below the outer sides of the voxels that triangles pass through.
 
