@@ -97,8 +97,11 @@ def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface)
     normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the extra last entry is for vertex_of = -1
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
     images = surface_map.interpolate(source.vertices)
+    working = target.working
+    triangles = target.triangles[working.triangle_of]
+    outward = np.where(working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)
     found = np.zeros(len(target.triangles), dtype=bool)
-    found[target.working.triangle_of] = folded_triangles(images, at_images, _outward_triangles(target))
+    found[working.triangle_of] = folded_triangles(images, at_images, outward)
     return found
 
 
@@ -130,9 +133,3 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
         for points in (target.vertices / np.sqrt(target.area), images)
     )
     return float(((image_length - length) ** 2).sum() / (length**2).sum())
-
-
-def _outward_triangles(surface: Surface) -> Integers:
-    """(m, 3) vertices of the surface's non-degenerate triangles, wound so that their normals point outwards."""
-    triangles = surface.triangles[surface.working.triangle_of]
-    return np.where(surface.working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)

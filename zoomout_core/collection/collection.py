@@ -297,9 +297,7 @@ class _Run:
                 self.failures[str(pair)] = reason
 
     def _preparing(self, item: Item) -> Task:
-        content = None
-        if not self._shared and item.path.is_file():
-            content = item.path.read_bytes()
+        content = item.path.read_bytes() if not self._shared and item.path.is_file() else None
         return Task(f"prepare {item.name}", prepare, (_absolute(item), content, self._place))
 
     def _matching(self, pair: PairName, beginning: Beginning | None) -> Task:

@@ -52,7 +52,11 @@ class SurfaceSearch:
         self.vertices, self.triangles = vertices, triangles
         self._used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
         self._tree = _tree(vertices[self._used])
-        self._at_vertex = _triangles_at(triangles, len(vertices))
+        # Where each vertex's entries begin, and the triangles at the vertices, one vertex after the other.
+        m = len(triangles)
+        entries = np.ones(3 * m, dtype=np.int8), triangles.ravel(), 3 * np.arange(m + 1)
+        table = csc_array(entries, shape=(len(vertices), m)).tocsr()
+        self._at_vertex = table.indptr, table.indices
 
     def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
         """Find the closest point for every query point, see `closest_points`."""
@@ -105,14 +109,6 @@ def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]
     """Distances and numbers of a tree's points nearest to each query, in several threads for many queries."""
     distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
     return np.asarray(distance), np.asarray(number)
-
-
-def _triangles_at(triangles: Integers, n: int) -> tuple[Indices, Indices]:
-    """(n + 1,) where each vertex's entries begin, and (3m,) the triangles at the vertices, one after the other."""
-    m = len(triangles)
-    ones = np.ones(3 * m, dtype=np.int8)
-    table = csc_array((ones, triangles.ravel(), 3 * np.arange(m + 1)), shape=(n, m)).tocsr()
-    return table.indptr, table.indices
 
 
 class _Closest:

@@ -98,7 +98,11 @@ def consistent_zoomout(
     fewest = min(len(basis.eigenvalues) for basis in bases)
     if k_final > fewest:
         raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")
-    check_connected(len(bases), list(maps))
+    groups = int(components(np.array(list(maps)).reshape(-1, 2).astype(np.int64), len(bases)).max()) + 1
+    if groups > 1:
+        raise ValueError(
+            f"The pairs split the {len(bases)} shapes into {groups} unconnected groups: add pairs that connect them."
+        )
     sampled = [SampledBasis.of(basis, farthest_points(basis.points, max(samples, k_final))) for basis in bases]
     k_initial = min(k_initial, k_final, *(min(each.shape) for each in maps.values() if each.ndim == 2))
     functional_maps: dict[PairOfShapes, Floats] = {
@@ -151,12 +155,3 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     _, turned = eigh(frequencies)
     # Scale so that the maps through the latent space are as large as the given ones.
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]
-
-
-def check_connected(count: int, pairs: Sequence[PairOfShapes]) -> None:
-    """Raise a ValueError unless pairs connect all of `count` shapes."""
-    groups = int(components(np.reshape(pairs, (-1, 2)).astype(np.int64), count).max(initial=0)) + 1
-    if groups > 1:
-        raise ValueError(
-            f"The pairs split the {count} shapes into {groups} unconnected groups: add pairs that connect them."
-        )

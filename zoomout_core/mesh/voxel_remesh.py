@@ -173,8 +173,8 @@ def surface_nets(field: Floats) -> tuple[Floats, Integers]:
         (n, 3) positions in units of the grid, and (m, 3) triangles, with normals away from positive values.
     """
     inside = field > 0
-    cells = tuple(size - 1 for size in field.shape)
-    number_inside = sum(inside[_cell_corner(corner, cells)].astype(np.int8) for corner in CORNERS)
+    x, y, z = cells = tuple(size - 1 for size in field.shape)
+    number_inside = sum(inside[i : i + x, j : j + y, k : k + z].astype(np.int8) for i, j, k in CORNERS)
     cell = np.flatnonzero((number_inside > 0) & (number_inside < 8))
     place = np.stack(np.unravel_index(cell, cells), axis=1)
     values = field[tuple((place[:, None] + CORNERS).transpose(2, 0, 1))]
@@ -198,7 +198,3 @@ def surface_nets(field: Floats) -> tuple[Floats, Integers]:
         quads.append(np.where(outwards[:, None], quad, quad[:, ::-1]))
     quad = np.concatenate(quads)
     return place + total / crossings, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-
-
-def _cell_corner(corner: Integers, cells: tuple[int, ...]) -> tuple[slice, ...]:
-    return tuple(slice(step, step + size) for step, size in zip(corner.tolist(), cells, strict=True))
