@@ -36,12 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 class ShapeFolder:
-    """A folder of prepared shapes.
-
-    Args:
-        folder: made if it is missing.
-        max_bytes: the most that the shapes may take; the least recently used are removed first.
-    """
+    """A folder of prepared shapes, made if it is missing; the least recently used beyond `max_bytes` are removed."""
 
     def __init__(self, folder: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> None:
         self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"

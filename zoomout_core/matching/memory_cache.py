@@ -76,7 +76,8 @@ def cached_working_mesh(surface: Surface) -> WorkingMesh:
 
 def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:
     """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
-    key = _content(part, k, samples, seed, proxy_vertices)
+    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
+    key = _hash(repr(((k, samples, seed, proxy_vertices), part.scale)), *arrays)
     shape, folder = _shapes.take(key), _folder
     if shape is None and folder is not None:
         shape = folder.load(key, part)
@@ -123,12 +124,6 @@ def forget_shapes() -> None:
     """
     _shapes.forget()
     _meshes.forget()
-
-
-def _content(part: WorkingMesh, *numbers: int | None) -> bytes:
-    """A hash of all that a shape depends on."""
-    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
-    return _hash(repr((numbers, part.scale)), *arrays)
 
 
 def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
