@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.surface import MeshError, measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
@@ -123,16 +122,11 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
         points = proxy.full.to_surface(proxy.vertices)
         on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
         return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
-    nodes = _surface_vertices(proxy)[proxy.full_vertex]
-    return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
-
-
-def _surface_vertices(proxy: Proxy) -> Integers:
-    """(n,) a vertex of the surface for each vertex of the main part."""
     inside = np.flatnonzero(proxy.full.vertex_of >= 0)
-    vertices = np.empty(len(proxy.full.vertices), dtype=np.int64)
-    vertices[proxy.full.vertex_of[inside]] = inside
-    return vertices
+    number = np.empty(len(proxy.full.vertices), dtype=np.int64)
+    number[proxy.full.vertex_of[inside]] = inside  # a vertex of the surface for each of the main part
+    nodes = number[proxy.full_vertex]
+    return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:

@@ -23,6 +23,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import message
 from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.transfer.groups import first_of_each
 
 # Columns that are solved together; bounds the memory.
 BLOCK = 16
@@ -142,7 +143,7 @@ def filling(surface: Surface, trusted: Booleans) -> Filling:
 
     doubtful = np.flatnonzero(~trusted)
     filled = doubtful[row[vertex_of[doubtful]] >= 0]
-    follower, place = _followers(working, known, ~anchored & _small_parts(working), doubtful)
+    follower, place = _followers(working, known, ~anchored & are_small(working), doubtful)
     giver = np.flatnonzero(trusted & (vertex_of >= 0))
     given = vertex_of[giver]
     one_giver = np.empty(len(known), dtype=np.int64)
@@ -183,8 +184,8 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     ), factor
 
 
-def _small_parts(working: WorkingMesh) -> Booleans:
-    """Which connected components, by number, are as small as buttons."""
+def are_small(working: WorkingMesh) -> Booleans:
+    """(c,) which connected components are as small as buttons."""
     areas = triangle_areas(working.vertices, working.triangles)
     return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
 
@@ -197,10 +198,8 @@ def _followers(
     follower = doubtful[(at >= 0) & following[working.component[at]]]
     if len(follower) == 0 or not known.any():
         return follower[:0], follower[:0]
-    places = np.flatnonzero(known)
-    component = working.component[working.vertex_of[follower]]
-    found = cKDTree(working.vertices[places]).query(working.vertices[working.vertex_of[follower]])
-    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
-    order = np.lexsort((distance, component))
-    first = order[np.flatnonzero(np.diff(component[order], prepend=-1))]
+    places, vertex = np.flatnonzero(known), working.vertex_of[follower]
+    distance, nearest = map(np.asarray, cKDTree(working.vertices[places]).query(working.vertices[vertex]))
+    component = working.component[vertex]
+    first = first_of_each(component, distance)
     return follower, places[nearest[first[np.searchsorted(component[first], component)]]]

@@ -12,14 +12,15 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.attribute import Domain, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import (
     CutSurface,
     adjacent_edges,
     cut_surface,
     edge_lengths,
-    expand_ranges,
     face_edges,
     nearer_than,
+    triangles_of_faces,
 )
 from zoomout_core.transfer.inpaint import Filling, filling
 
@@ -96,11 +97,9 @@ class MappedTarget:
     @cached_property
     def balls(self) -> tuple[Floats, Floats]:
         """(f_t, 3) centres and (f_t,) radii of balls around the corners of each face of the target, on the source."""
-        begin, size = self.target.face_start[:-1], np.diff(self.target.face_start)
-        corners = self.points[self.target.corner_vertex]
-        middle = np.add.reduceat(corners, begin) / size[:, None]
-        off = corners - np.repeat(middle, size, axis=0)
-        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
+        middle = mean_over_vertices(self.points, Domain.FACE, self.target)
+        off = self.points[self.target.corner_vertex] - middle[self.target.corner_face]
+        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), self.target.face_start[:-1]))
 
     @cached_property
     def filling(self) -> Filling | None:
@@ -132,14 +131,10 @@ class MappedTarget:
     def samples(self, faces: Integers) -> FaceSamples:
         """Four samples for each triangle of some faces (f,), in ascending order."""
         target = self.target
-        of_face = np.argsort(target.triangle_face, kind="stable")
-        start = np.searchsorted(target.triangle_face[of_face], faces)
-        end = np.searchsorted(target.triangle_face[of_face], faces, side="right")
-        face, triangle = expand_ranges(faces, start, end, of_face)
+        number, triangle = triangles_of_faces(target, faces)
         area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
         area += MIN_AREA * target.area / len(target.triangles)
-        face, triangle = np.repeat(face, len(SAMPLES)), np.repeat(triangle, len(SAMPLES))
-        area = np.repeat(area, len(SAMPLES))
+        face, triangle, area = (np.repeat(each, len(SAMPLES)) for each in (faces[number], triangle, area))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
         return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + CONFIDENCE_OFFSET))

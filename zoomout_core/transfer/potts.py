@@ -8,12 +8,15 @@ faces that disagree (a Potts model, by iterated conditional modes: Besag, On the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import expand_ranges
+from zoomout_core.transfer.cut_mesh import edge_lengths
+from zoomout_core.transfer.groups import expand_ranges, group_starts
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Weight of a face's votes relative to the length of border, in perimeters of the face: a border shortened by this much
 # outweighs all samples of the face.
@@ -32,12 +35,6 @@ class Candidates:
     face: Integers
     share: Floats
 
-    @property
-    def range(self) -> tuple[Integers, Integers]:
-        """(f,) first candidate of each face, and (f,) one past its last."""
-        end = np.cumsum(np.bincount(self.face))
-        return np.concatenate([[0], end[:-1]]), end
-
     def pairs(self, first_face: Integers, second_face: Integers) -> tuple[Integers, Integers, Integers]:
         """All pairs of candidates of one face and another.
 
@@ -48,23 +45,11 @@ class Candidates:
         Returns:
             (p,) the edge, (p,) the candidate of its first face and (p,) of its second.
         """
-        start, end = self.range
-        every = np.arange(len(self.face))
-        edge, first = expand_ranges(np.arange(len(first_face)), start[first_face], end[first_face], every)
-        pair, second = expand_ranges(np.arange(len(edge)), start[second_face[edge]], end[second_face[edge]], every)
+        end = np.cumsum(np.bincount(self.face))
+        start = np.concatenate([[0], end[:-1]])
+        edge, first = expand_ranges(start[first_face], end[first_face])
+        pair, second = expand_ranges(start[second_face[edge]], end[second_face[edge]])
         return edge[pair], first[pair], second
-
-    def contested_edges(self, first: Integers, second: Integers, face: Integers) -> tuple[Integers, Integers]:
-        """The edges at which a face has a choice.
-
-        Args:
-            first: (e, 2) corners of one face at each edge.
-            second: (e, 2) corners of the other.
-            face: (c,) the face of each corner.
-        """
-        choice = np.bincount(self.face) > 1
-        kept = choice[face[first[:, 0]]] | choice[face[second[:, 0]]]
-        return first[kept], second[kept]
 
 
 def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, Integers]:
@@ -83,6 +68,29 @@ def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, 
     votes = np.bincount(inverse, weight)
     owner, code = np.divmod(key, count)
     return Candidates(owner, votes / np.bincount(owner, votes)[owner]), code
+
+
+def elect_for_faces(
+    candidates: Candidates,
+    mapped: MappedTarget,
+    agree: Callable[[Integers, Integers, Integers, Integers], Booleans],
+) -> Integers:
+    """(f,) the chosen candidate of each face of the target; borders between faces are measured by their edges.
+
+    Args:
+        candidates: the k candidates of f faces.
+        mapped: the target on the source.
+        agree: tells for pairs of candidates (p,) and (p,), and the corners (p, 2) and (p, 2) of both faces at their
+            common edges, whether there is no border between the two.
+    """
+    target, choice = mapped.target, np.bincount(candidates.face) > 1
+    first, second = mapped.adjacent
+    contested = choice[target.corner_face[first[:, 0]]] | choice[target.corner_face[second[:, 0]]]
+    first, second = first[contested], second[contested]
+    edge, one, other = candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
+    length = edge_lengths(target.vertices[target.corner_vertex], first)[edge]
+    agreeing = agree(one, other, first[edge], second[edge])
+    return elect(candidates, VOTE_WEIGHT * mapped.circumference, one, other, length, agreeing)
 
 
 def elect(
@@ -130,6 +138,5 @@ def elect(
 
 def _best(face: Integers, score: Floats) -> Integers:
     """(f,) the candidate of each face with the highest score; the first one of ties."""
-    start = np.flatnonzero(np.diff(face, prepend=-1))
-    top = np.flatnonzero(score >= np.maximum.reduceat(score, start)[face])
-    return top[np.flatnonzero(np.diff(face[top], prepend=-1))]
+    top = np.flatnonzero(score >= np.maximum.reduceat(score, group_starts(face))[face])
+    return top[group_starts(face[top])]

@@ -117,9 +117,7 @@ def check_weights(
         left = find_stretched(tried)
         if len(left) < len(edges):
             weights, edges, smoothed = tried, left, smoothed | around
-    at_edges = np.zeros(len(smoothed), dtype=bool)
-    at_edges[edges] = True
-    return CheckedWeights(weights, smoothed, at_edges)
+    return CheckedWeights(weights, smoothed, _around(target, edges, 0))
 
 
 def extreme_turns(parents: Integers) -> Floats:
@@ -162,8 +160,10 @@ def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
     matrices = Rotation.from_rotvec(turns).as_matrix()
     for bone in _parents_first(parents):
         own = np.column_stack([matrices[bone], heads[bone] - matrices[bone] @ heads[bone]])
-        above = None if parents[bone] < 0 else transforms[parents[bone]]
-        transforms[bone] = own if above is None else _compose(above, own)
+        if parents[bone] >= 0:
+            above = transforms[parents[bone]]
+            own = np.column_stack([above[:, :3] @ own[:, :3], above[:, :3] @ own[:, 3] + above[:, 3]])
+        transforms[bone] = own
     return transforms
 
 
@@ -231,8 +231,7 @@ def smooth_weights(weights: csr_array, target: Surface, chosen: Booleans) -> csr
 
 def _around(target: Surface, edges: Integers, rings: int) -> Booleans:
     """(n,) the vertices within some rings of edges (e, 2)."""
-    chosen = np.zeros(len(target.vertices), dtype=bool)
-    chosen[edges] = True
+    chosen = np.isin(np.arange(len(target.vertices)), edges)
     every, _ = unique_edges(target.triangles)
     for _ in range(rings):
         chosen[every[chosen[every].any(axis=1)]] = True
@@ -243,24 +242,14 @@ def _parents_first(parents: Integers) -> list[int]:
     """The numbers of bones, parents before children."""
     order: list[int] = []
     known = set[int]()
-
-    def visit(bone: int) -> None:
+    for bone in range(len(parents)):
         chain = []
         while bone >= 0 and bone not in known:
             known.add(bone)
             chain.append(bone)
             bone = int(parents[bone])
-        order.extend(reversed(chain))
-
-    for bone in range(len(parents)):
-        visit(bone)
+        order += reversed(chain)
     return order
-
-
-def _compose(outer: Floats, inner: Floats) -> Floats:
-    """(3, 4) the affine map `outer` after `inner`."""
-    linear = outer[:, :3] @ inner[:, :3]
-    return np.column_stack([linear, outer[:, :3] @ inner[:, 3] + outer[:, 3]])
 
 
 def _lengths(points: Floats, edges: Integers) -> Floats:

@@ -75,8 +75,7 @@ def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -
     rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
     trust = np.where(sound, np.clip(confidence / FULL_CONFIDENCE, 0, 1), 0)
     trust[_strained_vertices(posed, rest, scale)] = 0
-    doubted = int((trust < 1).sum())
-    if not doubted:
+    if not (trust < 1).any():
         return Rest(rest, inverse, 0)
     turns = nearest_rotations(inverse) / scale
     return _smooth(posed, rest, inverse, turns, np.maximum(trust, MIN_TRUST))
@@ -106,9 +105,7 @@ def _strained_vertices(posed: Surface, rest: Floats, scale: float) -> Booleans:
     edges, _ = unique_edges(posed.triangles)
     now, then = (np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1) for points in (posed.vertices, rest))
     torn = (then * scale > UNPOSE.max_strain * now) | (now > UNPOSE.max_strain * scale * then)
-    strained = np.zeros(len(rest), dtype=bool)
-    strained[edges[torn].ravel()] = True
-    return strained
+    return np.isin(np.arange(len(rest)), edges[torn])
 
 
 def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:

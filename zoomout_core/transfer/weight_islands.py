@@ -8,13 +8,13 @@ are apart on purpose, such as the two sleeves that a single bone moves.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+from zoomout_core.transfer.groups import label_groups
 from zoomout_core.transfer.skinning import strongest
 
 # Largest area of an island relative to that of the region that it is cut off from: nothing tells which of two is right.
@@ -62,8 +62,7 @@ def _regions(surface: Surface, weights: csr_array) -> tuple[Integers, Integers]:
     member[mesh.vertex_of[used]] = used
     welded = np.stack([used, member[mesh.vertex_of[used]]], axis=1)  # borders that coincide
     links = np.concatenate([alike, welded[bone[welded[:, 0]] == bone[welded[:, 1]]]])
-    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(n, n))
-    return bone, np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return bone, label_groups(n, *links.T)
 
 
 def _dominant_label(region: Integers, label: Integers, areas: Floats, count: int) -> Integers:

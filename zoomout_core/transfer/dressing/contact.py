@@ -72,8 +72,14 @@ class SidedSurface:
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
-        # By position alone: worn objects may face either way.
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
+
+    def closest(self, points: Floats) -> tuple[Integers, Floats, Floats]:
+        """Triangles, barycentric coordinates and distances of the points closest to points (p, 3).
+
+        They are found by position alone, because worn objects may face either way.
+        """
+        return self._search.closest(points, np.zeros_like(points))
 
     def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
         """Find the side of the skin that points (p, 3) are on.
@@ -82,7 +88,7 @@ class SidedSurface:
             (p,) their distances, negative inside; (p, 3) the skin's normals; (p,) whether the side is known, which it
             is not beside a border.
         """
-        triangle, barycentric, distance = self._search.closest(points, np.zeros_like(points))
+        triangle, barycentric, distance = self.closest(points)
         corners = self._triangles[triangle]
         off = points - np.einsum("pc,pcx->px", barycentric, self.vertices[corners])
         normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self._normals[corners]))
@@ -205,8 +211,7 @@ def push_out_rigidly(
 
 def _around(points: Floats, chosen: Integers) -> Integers:
     """(f,) which of the points (n, 3) a push at chosen ones reaches."""
-    reach = PUSHED * CONTACT.spread
-    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=reach)
+    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
     return np.flatnonzero(np.isfinite(distance))
 
 
@@ -215,8 +220,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 
     There the skin's detail may penetrate a coarser triangle.
     """
-    search = OrientedSurface(positions, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
-    triangle, barycentric, distance = search.closest(skin.vertices, np.zeros_like(skin.vertices))
+    triangle, barycentric, distance = SidedSurface(positions, triangles).closest(skin.vertices)
     near = np.flatnonzero(distance < CONTACT.looked_at)
     rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
     return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))

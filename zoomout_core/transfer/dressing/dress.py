@@ -160,42 +160,28 @@ def carry(
     """
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
-    with stage(STAGE):
-        return _carry(body, shape, skin, carried, how, stiffness, gap)
-
-
-def _carry(
-    body: Surface,
-    shape: Floats,
-    skin: Surface,
-    carried: Sequence[Carried],
-    manners: Sequence[Manner],
-    stiffness: float,
-    gap: float,
-) -> Dressed:
-    following = Following(body, shape)
-    advance(0.1)
-    barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
-    advance(0.2)
-    fits = []
-    for number, (each, manner) in enumerate(zip(carried, manners, strict=True), start=1):
-        fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
-        advance(0.2 + 0.3 * number / len(carried))
-    stuck = 0
+    fits, stuck = list[_Fit](), 0
     found: dict[int, tuple[Floats, Floats, Booleans]] = {}
-    # From the skin outwards: each layer is a barrier for those above it.
-    order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
-    for done, number in enumerate(order, start=1):
-        fit = fits[number]
-        positions, wrong = fit.push_out(barriers, gap / following.unit_after)
-        stuck += wrong
-        found[number] = fit.of_vertices(positions, following)
-        if done < len(order) and fit.is_layer:
-            triangles = fit.facing_away(barriers[0].before)
-            barriers.append(
-                Barrier(SidedSurface(fit.form.rest, triangles), SidedSurface(positions, triangles), is_layer=True)
-            )
-        advance(0.5 + 0.5 * done / len(order))
+    with stage(STAGE):
+        following = Following(body, shape)
+        advance(0.1)
+        barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
+        advance(0.2)
+        for number, (each, manner) in enumerate(zip(carried, how, strict=True), start=1):
+            fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
+            advance(0.2 + 0.3 * number / len(carried))
+        # From the skin outwards: each layer is a barrier for those above it.
+        order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
+        for done, number in enumerate(order, start=1):
+            fit = fits[number]
+            positions, wrong = fit.push_out(barriers, gap / following.unit_after)
+            stuck += wrong
+            found[number] = fit.of_vertices(positions, following)
+            if done < len(order) and fit.is_layer:
+                triangles = fit.facing_away(barriers[0].before)
+                before, after = (SidedSurface(places, triangles) for places in (fit.form.rest, positions))
+                barriers.append(Barrier(before, after, is_layer=True))
+            advance(0.5 + 0.5 * done / len(order))
     vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
     notes = (warning("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     return Dressed(vertices, turns, stretched, notes)
@@ -253,7 +239,7 @@ class _Fit:
             return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, gap)
         soft = self.soft
         positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, gap, soft)
-        return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
+        return with_solid_parts(self.form, self.parts, soft, self.motion.images, positions), wrong
 
     def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats, Booleans]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
@@ -279,14 +265,10 @@ def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:
     """(n,) points at edges that grow far more than the body does there."""
-    found = np.zeros(len(form.rest), dtype=bool)
-    if not len(form.triangles):
-        return found
     edges, _ = unique_edges(form.triangles)
     before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (form.rest, positions))
     allowed = STRETCHED * np.maximum(motion.growth[edges].max(axis=1), 1) * before
-    found[edges[(after > allowed) & (after > MIN_LENGTH)]] = True
-    return found
+    return np.isin(np.arange(len(form.rest)), edges[(after > allowed) & (after > MIN_LENGTH)])
 
 
 def _sided_surface(surface: Surface, unit: float) -> SidedSurface:

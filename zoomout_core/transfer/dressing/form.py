@@ -86,9 +86,7 @@ class Form:
 
     def between(self, chosen: Integers) -> Integers:
         """(m, 3) the triangles between chosen points."""
-        inside = np.zeros(len(self.rest), dtype=bool)
-        inside[chosen] = True
-        return self.triangles[inside[self.triangles].all(axis=1)]
+        return self.triangles[np.isin(self.triangles, chosen).all(axis=1)]
 
     def probes(self, chosen: Integers, fine: float) -> csr_array:
         """(p, n) matrix that maps positions to the places to test.

@@ -22,8 +22,9 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut_mesh import CutSurface, cut_surface, expand_ranges
+from zoomout_core.transfer.cut_mesh import CutSurface, corners_of_faces, cut_surface, face_edges, triangles_of_faces
 from zoomout_core.transfer.frames import on_working_mesh
+from zoomout_core.transfer.groups import find, first_of_each, group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance of a crossing from an end of its edge, in edge lengths, below which it snaps to that end to avoid slivers.
@@ -168,18 +169,9 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
 
 def _edges_of(faces: Integers, mapped: MappedTarget) -> Integers:
     """(e, 2) the vertices of the edges of some faces of the target, each edge once, the smaller number first."""
-    target = mapped.target
-    start, end = target.face_start[faces], target.face_start[faces + 1]
-    _, corner = expand_ranges(faces, start, end, np.arange(len(target.corner_vertex)))
-    ends = np.sort(target.corner_vertex[np.stack([corner, _next_corner(corner, mapped)], axis=1)], axis=1)
-    ends = np.unique(ends, axis=0)
+    _, corner = corners_of_faces(mapped.target, faces)
+    ends = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
     return np.asarray(ends[ends[:, 0] != ends[:, 1]])
-
-
-def _next_corner(corner: Integers, mapped: MappedTarget) -> Integers:
-    target = mapped.target
-    face = target.corner_face[corner]
-    return np.where(corner + 1 < target.face_start[face + 1], corner + 1, target.face_start[face])
 
 
 def _leaves_sheet(
@@ -226,22 +218,17 @@ class _Around(NamedTuple):
 
 def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -> _Around:
     """The places around all faces: vertices on a seam, and crossings on edges (e, 2)."""
-    target = mapped.target
-    n = len(target.vertices)
-    corner = np.arange(len(target.corner_vertex))
-    vertex, following = target.corner_vertex, target.corner_vertex[_next_corner(corner, mapped)]
-    key = np.minimum(vertex, following) * n + np.maximum(vertex, following)
-    order = np.argsort(edge[:, 0] * n + edge[:, 1], kind="stable")
-    known = (edge[:, 0] * n + edge[:, 1])[order]
-    at = np.minimum(np.searchsorted(known, key), max(0, len(known) - 1))
-    crosses = known[at] == key if len(known) else np.zeros(len(key), dtype=bool)
-    face = np.concatenate([target.corner_face[on_seam[vertex]], target.corner_face[crosses]])
-    step = 2 * (corner - target.face_start[target.corner_face])
-    steps = np.concatenate([step[on_seam[vertex]], step[crosses] + 1])
-    place = np.concatenate([vertex[on_seam[vertex]], n + order[at[crosses]] if len(known) else np.empty(0, np.int64)])
+    target, n = mapped.target, len(mapped.target.vertices)
+    low, high = np.sort(target.corner_vertex[face_edges(target)], axis=1).T
+    crossing = find(edge[:, 0] * n + edge[:, 1], low * n + high)  # edges are in rising order
+    crosses, at_seam = crossing >= 0, on_seam[target.corner_vertex]
+    face = np.concatenate([target.corner_face[at_seam], target.corner_face[crosses]])
+    step = 2 * (np.arange(len(low)) - target.face_start[target.corner_face])
+    steps = np.concatenate([step[at_seam], step[crosses] + 1])
+    place = np.concatenate([target.corner_vertex[at_seam], n + crossing[crosses]])
     order = np.lexsort((steps, face))
     face = face[order]
-    first = np.flatnonzero(np.diff(face, prepend=-1))
+    first = group_starts(face)
     return _Around(face, steps[order], place[order], first, np.diff(first, append=len(face)))
 
 
@@ -311,26 +298,20 @@ def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integ
     Returns:
         (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.
     """
-    target = mapped.target
-    order = np.argsort(target.triangle_face, kind="stable")
-    start, end = (np.searchsorted(target.triangle_face[order], face, side) for side in ("left", "right"))
-    owner, triangle = expand_ranges(np.arange(len(face)), start, end, order)
-    corners = target.triangles[triangle]
-    a, b, c = mapped.points[corners].transpose(1, 0, 2)
-    weights, off = closest_on_triangles(points[owner], a, b, c)
-    best = np.lexsort((np.linalg.norm(off, axis=1), owner))
-    best = best[np.flatnonzero(np.diff(owner[best], prepend=-1))]
+    owner, triangle = triangles_of_faces(mapped.target, face)
+    corners = mapped.target.triangles[triangle]
+    weights, off = closest_on_triangles(points[owner], *mapped.points[corners].transpose(1, 0, 2))
+    best = first_of_each(owner, np.linalg.norm(off, axis=1))
     return corners[best], weights[best]
 
 
 def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay inside the face."""
     target = mapped.target
-    start, end = target.face_start[face], target.face_start[face + 1]
-    owner, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
-    here = target.vertices[target.corner_vertex[corner]] - point[owner]
-    there = target.vertices[target.corner_vertex[_next_corner(corner, mapped)]] - point[owner]
+    owner, corner = corners_of_faces(target, face)
+    ends = target.vertices[target.corner_vertex[face_edges(target)[corner]]]
+    here, there = ends[:, 0] - point[owner], ends[:, 1] - point[owner]
     normal = np.cross(here, there)
     sums = segment_sum(normal, owner)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
-    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > MIN_SPOKE_AREA)
+    return np.asarray(np.minimum.reduceat(share, group_starts(owner)) > MIN_SPOKE_AREA)

@@ -207,10 +207,8 @@ Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
 def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Landmarks:
     if given is None:
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
-    (corners, weights), on_target = (
-        _places(role, surface, each)
-        for role, surface, each in zip(("source", "target"), (source, target), given, strict=True)
-    )
+    of_source, of_target = given
+    (corners, weights), on_target = _places("source", source, of_source), _places("target", target, of_target)
     if len(corners) != len(on_target[0]):
         raise ValueError(
             f"There are {len(corners)} source and {len(on_target[0])} target landmarks: give one on each side for "
