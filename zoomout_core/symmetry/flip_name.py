@@ -53,9 +53,7 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
 def counterpart_of(name: str, names: Container[str | None]) -> str:
     """The name of the counterpart on the other side; the same name if it has no side.
 
-    Args:
-        name: name of a vertex group, a bone, a shape key or a material.
-        names: all such names. A side in the middle of a name counts only if these contain the other side's name.
+    A side in the middle of the name counts only if the names contain the other side's name.
     """
     flipped = flip_name(name)
     if flipped != name:

@@ -91,11 +91,8 @@ def has_mean(attribute: Attribute) -> bool:
 
 
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
-    """(count,) difference of each value from that on the other side; for weights the share in other groups.
-
-    Args:
-        attribute: an attribute of the symmetry's surface: numbers, weights, or labels, which are equal or not.
-        symmetry: a symmetry of the surface.
+    """(count,) difference of each value from that on the other side: of numbers their distance, of weights the share in
+    other groups, of labels 0 or 1.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
@@ -134,11 +131,9 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
 
 
 def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
-    """Add an empty group to weights for every name whose other side is missing.
+    """Add an empty group to weights, labelled by their groups, for every name whose other side is missing.
 
-    Args:
-        weights: weights, labelled by their groups' names.
-        others: other existing names, such as those of bones, see `counterpart_of`.
+    Other existing names, such as those of bones, also count as counterparts, see `counterpart_of`.
     """
     missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
     if not missing:

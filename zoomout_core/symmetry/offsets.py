@@ -30,23 +30,13 @@ COMPARISON_WIDTH = 0.1
 
 
 def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
-    """(n, 3) displacements with both sides exchanged, in the frame of each place.
-
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-    """
+    """(n, 3) displacements (n, 3) of the vertices with both sides exchanged, in the frame of each place."""
     carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
     return symmetry.surface_map.interpolate(carried)
 
 
 def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
-    """(n, 3) displacements made the same on both sides, or with both sides exchanged.
-
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
+    """(n, 3) displacements (n, 3) made the same on both sides, or with both sides exchanged; see `symmetrise`.
 
     Raises:
         MeshError: the direction needs two sides, but the symmetry has none.
@@ -56,12 +46,9 @@ def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction 
 
 
 def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
-    """Split displacements into a left and a right part (n, 3), whose sum is the whole.
+    """Split displacements (n, 3) into a left and a right part (n, 3), whose sum is the whole.
 
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-        blend: distance from the line over which the parts blend, relative to the square root of the area.
+    They blend within the distance `blend` from the line, relative to the square root of the area.
 
     Raises:
         MeshError: the symmetry has no two sides.
@@ -74,12 +61,7 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
 
 
 def left_share(symmetry: SelfMap, blend: float = BLEND) -> Floats:
-    """(n,) from 0 on the right to 1 on the left, smooth across the line; a vertex and its image sum to one.
-
-    Args:
-        symmetry: a symmetry of the surface.
-        blend: see `split_offsets`.
-    """
+    """(n,) from 0 on the right to 1 on the left, smooth across the line; a vertex and its image sum to one."""
     width = max(blend, 1e-9) * np.sqrt(symmetry.surface.area)
     along = np.clip((symmetry.distance / width + 1) / 2, 0, 1)
     return np.asarray(along**2 * (3 - 2 * along))

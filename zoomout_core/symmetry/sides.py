@@ -147,11 +147,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
     """How consistently places on the positive side are left of their images: from 1, always, to -1, always right.
 
-    Args:
-        distance: (n,) signed distance from the line.
-        surface_map: the symmetry.
-        surface: the surface.
-        left: (3,) unit vector.
+    The signed distance (n,) from the line tells the sides apart; `left` (3,) is a unit vector.
     """
     mass = vertex_areas(surface.vertices, surface.triangles)
     used = mass > 0

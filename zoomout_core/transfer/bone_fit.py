@@ -130,14 +130,7 @@ def refine_pose(
 ) -> Pose:
     """Refine a pose along normals, so that images may slide along a surface; the scale stays.
 
-    Args:
-        start: the initial pose.
-        points: as in `estimate_pose`.
-        images: as in `estimate_pose`, on a surface.
-        normals: (n, 3) unit normals of that surface.
-        weights: as in `estimate_pose`.
-        trust: as in `estimate_pose`.
-        parents: as in `estimate_pose`.
+    The normals (n, 3) are unit normals of that surface at the images; other arguments are as for `estimate_pose`.
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree, transforms = _tree(fit), fit.inside(start.transforms[fit.moving])

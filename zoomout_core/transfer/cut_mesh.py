@@ -235,14 +235,7 @@ def cut_surface(surface: Surface, values: Floats) -> CutSurface:
 
 
 def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> Booleans:
-    """(q,) whether a line segment may enter the ball around each point.
-
-    Args:
-        points: (q, 3) centres of the balls.
-        radius: (q,) their radii.
-        begin: (s, 3) first ends of the segments.
-        end: (s, 3) second ends.
-    """
+    """(q,) whether a line segment (s, 3) to (s, 3) may enter the ball of a radius (q,) around each point (q, 3)."""
     if len(begin) == 0:
         return np.zeros(len(points), dtype=bool)
     length = np.linalg.norm(end - begin, axis=1)

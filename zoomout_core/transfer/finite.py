@@ -24,14 +24,10 @@ def places_of(domain: Domain, surface: Surface) -> Floats:
 
 
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace an attribute's values that are not finite by those of the nearest places, and note it.
-
-    Args:
-        attribute: an attribute with an array of values, (count, ...).
-        surface: the surface of the attribute.
+    """Replace values that are not finite by those of the nearest places on a surface, and note it.
 
     Raises:
-        MeshError: none of its values is finite.
+        MeshError: none of the attribute's values is finite.
     """
     values = np.asarray(attribute.values)
     if values.dtype.kind != "f":

@@ -213,14 +213,10 @@ def without_sums(stiffness: csc_array) -> csc_array:
 
 
 def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) divergence of rotated gradients: the stiffness applied to values with these gradients.
+    """(3n, 3n) divergence of rotated gradients: a symmetric stiffness (n, n) applied to values with these gradients.
 
     For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, with the weights w_ij of edges
-    and the matrices M; for values (n, 3) as one column.
-
-    Args:
-        stiffness: (n, n), symmetric; rows sum to zero.
-        turns: (n, 3, 3) a matrix for each vertex.
+    and the matrices M (n, 3, 3); for values (n, 3) as one column. Rows of the stiffness sum to zero.
     """
     n = len(turns)
     row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices

@@ -66,13 +66,9 @@ class Filling:
     factor: SuperLU | None
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
-        """Fill in values (n, d), within the range of the trusted ones.
+        """Fill in values (n, d) from those of trusted vertices, within their range; not at all if these are not finite.
 
-        Nothing is filled in if trusted values are not finite.
-
-        Args:
-            values: values, of which only those of trusted vertices are used.
-            following: whether followers take the values of the vertices that they follow, or stay unchanged.
+        Followers take the values of the vertices that they follow, or stay unchanged.
         """
         known = self.merged @ values
         whole = values.copy()

@@ -110,17 +110,10 @@ class MappedTarget:
         return None if trusted.all() else filling(self.target, trusted)
 
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
-        """Locate points of the target on the source: the images of the corners, mixed in space.
+        """Locate points (q, 3) of the target's triangles (q,) on the source: the images of the corners, mixed in space.
 
         Unlike `SurfaceMap.at` this walks along the surface from the nearest corner's image, so it does not pass through
-        thin walls, and does not search the whole source.
-
-        Args:
-            triangle: (q,) target triangles.
-            barycentric: (q, 3) the points in them.
-
-        Returns:
-            (q,) source triangles and (q, 3) barycentric coordinates in them.
+        thin walls, and does not search the whole source. Returns triangles and barycentric coordinates of the source.
         """
         corners = self.target.triangles[triangle]
         nearest = corners[np.arange(len(corners)), np.argmax(barycentric, axis=1)]

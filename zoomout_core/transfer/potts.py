@@ -36,11 +36,7 @@ class Candidates:
     share: Floats
 
     def pairs(self, first_face: Integers, second_face: Integers) -> tuple[Integers, Integers, Integers]:
-        """All pairs of candidates of one face and another.
-
-        Args:
-            first_face: (e,) one face of each edge.
-            second_face: (e,) the other face.
+        """All pairs of candidates of one face and another, for edges between faces (e,) and (e,).
 
         Returns:
             (p,) the edge, (p,) the candidate of its first face and (p,) of its second.

@@ -121,12 +121,9 @@ def check_weights(
 
 
 def extreme_turns(parents: Integers) -> Floats:
-    """(f, b, 3) rotation vectors of bones against their parents, in radians about the axes of the world at rest.
+    """(f, b, 3) rotation vectors of bones against their parents (b,), in radians about the axes of the world at rest.
 
     In half of the poses all bones turn in the same sense, in the others every second one along a chain turns back.
-
-    Args:
-        parents: (b,) the number of each bone's parent, -1 for none.
     """
     depth = np.zeros(len(parents), dtype=np.int64)
     for bone in _parents_first(parents):
@@ -139,12 +136,7 @@ def extreme_turns(parents: Integers) -> Floats:
 
 
 def extreme_poses(heads: Floats, parents: Integers) -> Floats:
-    """(f, b, 3, 4) transforms of bones from the rest pose to the poses of `extreme_turns`.
-
-    Args:
-        heads: (b, 3) the place that each bone turns about, at rest.
-        parents: (b,) the number of each bone's parent, -1 for none.
-    """
+    """(f, b, 3, 4) transforms of bones with heads (b, 3) from the rest pose to the poses of `extreme_turns`."""
     return np.array([pose_of_turns(turns, heads, parents) for turns in extreme_turns(parents)])
 
 
@@ -168,12 +160,7 @@ def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
 
 
 def distinct_poses(poses: Floats, heads: Floats) -> Floats:
-    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move the bones.
-
-    Args:
-        poses: transforms of bones from rest.
-        heads: (b, 3) the place that each bone turns about, at rest.
-    """
+    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move bones that turn about heads (b, 3)."""
     if not len(poses):
         return poses
     corners = heads[:, None] + np.ptp(heads, axis=0).max() * np.vstack([np.zeros(3), np.eye(3)])
@@ -183,12 +170,9 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
 
 
 def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
-    """Pose a surface by linear blend skinning, and measure its edges.
+    """Pose a surface by linear blend skinning, and measure its edges; vertices without weights stay in place.
 
-    Args:
-        rest: the surface at rest.
-        weights: (n, b) sparse skin weights; vertices without any stay in place.
-        poses: (f, b, 3, 4) transforms of the bones.
+    The weights are (n, b), and the poses (f, b, 3, 4) transforms of the bones from rest.
     """
     edges, _ = unique_edges(rest.triangles)
     weighted = np.asarray(weights.sum(axis=1)).ravel() > 0
@@ -203,13 +187,9 @@ def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
 
 
 def stretched_edges(source: Played, target: Played, surface_map: SurfaceMap, size: float) -> Booleans:
-    """(e,) which edges of a target stretch much more than the source does at their images.
+    """(e,) which edges of a target stretch much more than the source does at their images, in the same poses.
 
-    Args:
-        source: the source in some poses.
-        target: the target in the same poses.
-        surface_map: from the target to the source.
-        size: of the target, such as its height.
+    The size is that of the target, such as its height.
     """
     at_vertex = np.ones(int(surface_map.source_triangles.max()) + 1)
     for end in source.edges.T:

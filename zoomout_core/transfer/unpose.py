@@ -82,12 +82,7 @@ def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -
 
 
 def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple[Floats, Floats, Booleans]:
-    """Positions at rest by the inverse of skinning.
-
-    Args:
-        positions: (n, 3) positions in the pose.
-        matrices: (n, 3, 4) affine maps from rest to the pose.
-        scale: the common scale of the bones.
+    """Positions (n, 3) in a pose, taken to rest by the inverse of affine maps (n, 3, 4) with a common scale.
 
     Returns:
         (n, 3) positions at rest, (n, 3, 3) the linear parts of the inverse, and (n,) where the blend of bones has not

@@ -26,12 +26,7 @@ def find_islands(
 ) -> Integers:
     """(n_t,) the number of the island of a bone that each vertex of a target is on, -1 for none.
 
-    Args:
-        surface_map: from the target to the source.
-        source: with the skin weights.
-        source_weights: (n_s, b) its weights.
-        target: that received them.
-        weights: (n_t, b) its weights.
+    The map compares the regions of the target's weights (n_t, b) with those of the source's (n_s, b).
     """
     bone, region = _regions(target, weights)
     _, of_source = _regions(source, source_weights)

@@ -106,16 +106,10 @@ def mix_weights(
 
 
 def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit: int) -> None:
-    """Keep of the shared groups only the largest at each vertex, in place; they keep their sum.
+    """Keep only the largest of the shared groups, a mask (groups,), at each vertex, in place; they keep their sum.
 
     A group that is among the largest at one vertex and not at the next one would make a step there. It fades out
     over some edges instead.
-
-    Args:
-        weights: (n, groups) sparse.
-        surface: whose vertices they are of.
-        shared: (groups,) mask of the groups that are limited.
-        limit: how many of these a vertex may have.
     """
     sums = weights @ shared.astype(float)
     dropped = _keep_largest(weights, shared, limit)
@@ -134,12 +128,7 @@ def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit:
 
 
 def rename_groups(weights: Attribute, names: Mapping[str, str]) -> Attribute:
-    """Weights under other names; groups that get the same one become one, whose weights are their sums.
-
-    Args:
-        weights: labelled by the groups' names.
-        names: new names by the old ones; other groups keep theirs.
-    """
+    """Weights with new names by the old ones; groups that get the same name are added up."""
     renamed = [names.get(label, label) for label in weights.labels]
     labels = tuple(dict.fromkeys(renamed))
     if len(labels) == len(renamed):

@@ -62,12 +62,7 @@ SMALLEST = 1e-300
 
 
 class SidedSurface:
-    """A surface with two sides.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, wound so that normals point outwards.
-    """
+    """A surface with two sides: vertices (n, 3), and triangles (m, 3) wound so that normals point outwards."""
 
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self._triangles = vertices, triangles
@@ -82,11 +77,9 @@ class SidedSurface:
         return self._search.closest(points, np.zeros_like(points))
 
     def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
-        """Find the side of the skin that points (p, 3) are on.
+        """The distances (p,) of points (p, 3), negative inside, and the skin's normals there (p, 3).
 
-        Returns:
-            (p,) their distances, negative inside; (p, 3) the skin's normals; (p,) whether the side is known, which it
-            is not beside a border.
+        Also returns (p,) whether the side is known, which it is not beside a border.
         """
         triangle, barycentric, distance = self.closest(points)
         corners = self._triangles[triangle]

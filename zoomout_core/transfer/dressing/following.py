@@ -71,13 +71,9 @@ class Motion(NamedTuple):
 
 
 class Following:
-    """The space around a body that takes another shape.
+    """The space around a body that takes another shape, given by the new positions (n, 3) of its vertices.
 
     Places are in units in which the original body has unit area, and its median growth is 1.
-
-    Args:
-        body: the body before.
-        shape: (n, 3) the vertices of its new shape.
 
     Attributes:
         unit: unit of places before, in the body's unit.

@@ -119,11 +119,7 @@ def bake(
 class _Islands:
     """The texels of an image that its islands own: those with their centre in an island.
 
-    Args:
-        uv: (m, 3, 2) UVs of the triangles that refer to the image.
-        island: (m,) numbers of their islands.
-        width: width of the image.
-        height: height of the image.
+    Made of the UVs (m, 3, 2) and islands (m,) of the triangles that refer to the image.
     """
 
     def __init__(self, uv: Floats, island: Integers, width: int, height: int) -> None:

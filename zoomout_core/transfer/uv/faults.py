@@ -38,13 +38,9 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
 
 
 def has_jagged_seams(source: Surface, source_uv: Floats, target: Surface, uv: Floats) -> bool:
-    """Whether a transferred UV map's seams zigzag visibly: they are longer than the source's, and along long edges.
+    """Whether the seams of a target's transferred UV map (c_t, 2) zigzag visibly.
 
-    Args:
-        source: the source.
-        source_uv: (c_s, 2) its UV map.
-        target: the target.
-        uv: (c_t, 2) its transferred UV map.
+    They do if they are longer than those of the source's UV map (c_s, 2), and along long edges.
     """
     before, after = _seam_lengths(source, source_uv), _seam_lengths(target, uv)
     scale = float(np.sqrt(target.area / source.area))

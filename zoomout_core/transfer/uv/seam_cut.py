@@ -121,12 +121,7 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
 
 
 def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
-    """Find where to cut the target along the seams of a UV map of the source.
-
-    Args:
-        uv: UV map of the source, with values (c, 2) at its corners.
-        mapped: the target on the source.
-    """
+    """Find where to cut the target along the seams of a UV map of the source, with values (c, 2) at its corners."""
     cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
     edge = _edges_of(np.flatnonzero(mapped.near_border(cut)), mapped)
     crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]

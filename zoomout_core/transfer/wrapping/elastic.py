@@ -80,12 +80,7 @@ class RestMesh:
 
     @classmethod
     def of(cls, frames: Frames, averaged_over: float) -> RestMesh:
-        """Make the rest mesh of a target with frames at all vertices.
-
-        Args:
-            frames: frames of the target's working mesh.
-            averaged_over: length over which values are averaged, at unit area.
-        """
+        """Make the rest mesh of a target with frames at all vertices, which averages over a length at unit area."""
         working, areas, stiffness = frames.mapped.target.working, frames.areas, frames.stiffness
         turns = np.linalg.det(frames.turns)
         scales = working.scale / np.sqrt(frames.mapped.source.area) / np.cbrt(np.abs(turns))
@@ -104,12 +99,7 @@ class RestMesh:
 
 
 class PinnedSystem:
-    """A sparse symmetric positive definite system whose solutions satisfy pins.
-
-    Args:
-        factors: factors of its (n, n) matrix.
-        pins: hard constraints of the solutions.
-    """
+    """A sparse symmetric positive definite system, given by its factors, whose solutions satisfy pins."""
 
     def __init__(self, factors: SuperLU, pins: Pins) -> None:
         self._factors, self._pins = factors, pins

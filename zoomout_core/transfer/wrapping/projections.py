@@ -89,14 +89,10 @@ class Projections:
         self._place(*self._search.closest(positions, self._outward_normals(positions))[:2])
 
     def goals(self, positions: Floats, image_pull: Floats) -> Floats:
-        """(n, 3) goals of vertices at positions (n, 3).
+        """(n, 3) goals of vertices at positions (n, 3), whose images have weights (n,).
 
         A goal is a weighted mean of the vertex's projection, of the source vertices to which it is the nearest, and of
         its image. Weights of projections and source vertices decrease with distance and difference of normals.
-
-        Args:
-            positions: (n, 3) of the vertices.
-            image_pull: (n,) weights of the images.
         """
         normals = self._outward_normals(positions)
         motion = self.places - positions
