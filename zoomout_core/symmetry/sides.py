@@ -31,17 +31,11 @@ MIN_ONE_SIDED_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """The zero set of a function on a surface.
+    """The zero set of a function on a surface."""
 
-    Attributes:
-        edges: (p, 2) vertices of the edge that contains each point.
-        points: (p, 3) on the surface's edges.
-        segments: (s, 2) numbers of points that are connected across a triangle.
-    """
-
-    edges: Integers
-    points: Floats
-    segments: Integers
+    edges: Integers  # (p, 2) vertices of the edge that contains each point
+    points: Floats  # (p, 3) on the surface's edges
+    segments: Integers  # (s, 2) numbers of points that are connected across a triangle
 
     @property
     def polylines(self) -> list[Integers]:

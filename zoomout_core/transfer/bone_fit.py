@@ -242,17 +242,11 @@ class _Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """The spanning tree of the bones.
+    """The spanning tree of the bones."""
 
-    Attributes:
-        order: (b,) bones outwards from the one that moves most, one tree after the other.
-        above: (b,) the preceding bone of each in the tree, -1 for the first of a tree.
-        joint: (b, 3) the point where each meets that bone.
-    """
-
-    order: Integers
-    above: Integers
-    joint: Floats
+    order: Integers  # (b,) bones outwards from the one that moves most, one tree after the other
+    above: Integers  # (b,) the preceding bone of each in the tree, -1 for the first of a tree
+    joint: Floats  # (b, 3) the point where each meets that bone
 
 
 def _tree(fit: _Fit) -> _Tree:

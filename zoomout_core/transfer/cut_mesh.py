@@ -39,19 +39,12 @@ MIN_NORMAL_COSINE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CutSurface:
-    """A surface and the connections of its corners.
+    """A surface and the connections of its corners."""
 
-    Attributes:
-        surface: the surface that is cut.
-        cut_vertex: (c,) number of the cut vertex that each corner belongs to.
-        island: (f,) number of the island, joined by edges without a cut, that each face belongs to.
-        border: (b, 2) the corners at both ends of each face edge without a joined face.
-    """
-
-    surface: Surface
-    cut_vertex: Integers
-    island: Integers
-    border: Integers
+    surface: Surface  # the surface that is cut
+    cut_vertex: Integers  # (c,) number of the cut vertex that each corner belongs to
+    island: Integers  # (f,) number of the island, joined by edges without a cut, that each face belongs to
+    border: Integers  # (b, 2) the corners at both ends of each face edge without a joined face
 
     @cached_property
     def triangle_island(self) -> Integers:

@@ -97,19 +97,12 @@ class MappedGraph:
 
 
 class LocatedPoints(NamedTuple):
-    """The places of points of the source on the target.
+    """The places of points of the source on the target."""
 
-    Attributes:
-        vertices: (q, 3) at the corners of the target's triangle.
-        nearest: (q,) the nearest of these vertices.
-        distance: (q,) its distance, on the source.
-        covered: (q,) whether the target covers the point.
-    """
-
-    vertices: Integers
-    nearest: Integers
-    distance: Floats
-    covered: Booleans
+    vertices: Integers  # (q, 3) at the corners of the target's triangle
+    nearest: Integers  # (q,) the nearest of these vertices
+    distance: Floats  # (q,) its distance, on the source
+    covered: Booleans  # (q,) whether the target covers the point
 
 
 def locate_points(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:

@@ -135,35 +135,21 @@ def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
 
 
 class _Pieces(NamedTuple):
-    """Parts of lines, each of which becomes a path.
+    """Parts of lines, each of which becomes a path."""
 
-    Attributes:
-        first: (p,) the first sample of each.
-        last: (p,) the last sample of each.
-        loose_first: (p,) whether its line begins there, without a connecting line.
-        loose_last: (p,) whether its line ends there, without a connecting line.
-    """
-
-    first: Integers
-    last: Integers
-    loose_first: Booleans
-    loose_last: Booleans
+    first: Integers  # (p,) the first sample of each
+    last: Integers  # (p,) the last sample of each
+    loose_first: Booleans  # (p,) whether its line begins there, without a connecting line
+    loose_last: Booleans  # (p,) whether its line ends there, without a connecting line
 
 
 class _Steps(NamedTuple):
-    """Steps of paths along edges of the target's graph.
+    """Steps of paths along edges of the target's graph."""
 
-    Attributes:
-        piece: (t,) the piece of the path.
-        graph_edge: (t,) the edge of the graph.
-        sample: (t,) the nearest sample of the line.
-        stray: (t,) distance of the edge's ends from the line.
-    """
-
-    piece: Integers
-    graph_edge: Integers
-    sample: Integers
-    stray: Floats
+    piece: Integers  # (t,) the piece of the path
+    graph_edge: Integers  # (t,) the edge of the graph
+    sample: Integers  # (t,) the nearest sample of the line
+    stray: Floats  # (t,) distance of the edge's ends from the line
 
 
 def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:

@@ -55,23 +55,14 @@ MAX_RELATIVE_GROWTH = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Rotation and growth from the source to n vertices of the target's working mesh.
+    """Rotation and growth from the source to n vertices of the target's working mesh."""
 
-    Attributes:
-        mapped: the target, mapped over the source.
-        number: (n,) the vertices of the working mesh.
-        stiffness: (n, n) stiffness of the edges between them.
-        areas: (n,) areas of the vertices, as shares of the whole area.
-        points: (n_w, 3) positions of all vertices of the working mesh on the source.
-        confidence: (n,) confidence of the map.
-    """
-
-    mapped: MappedTarget
-    number: Integers
-    stiffness: csc_array
-    areas: Floats
-    points: Floats
-    confidence: Floats
+    mapped: MappedTarget  # the target, mapped over the source
+    number: Integers  # (n,) the vertices of the working mesh
+    stiffness: csc_array  # (n, n) stiffness of the edges between them
+    areas: Floats  # (n,) areas of the vertices, as shares of the whole area
+    points: Floats  # (n_w, 3) positions of all vertices of the working mesh on the source
+    confidence: Floats  # (n,) confidence of the map
 
     @cached_property
     def trust(self) -> Floats:

@@ -36,21 +36,13 @@ CONFIDENCE_OFFSET = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FaceSamples:
-    """Points distributed evenly over faces of the target, and their places on the source; ordered by face.
+    """Points distributed evenly over faces of the target, and their places on the source; ordered by face."""
 
-    Attributes:
-        face: (q,) the target's face of each.
-        triangle: (q,) the source's triangle that contains each.
-        barycentric: (q, 3) the point in it.
-        area: (q,) the area that each represents.
-        weight: (q,) the area, weighted by confidence.
-    """
-
-    face: Integers
-    triangle: Integers
-    barycentric: Floats
-    area: Floats
-    weight: Floats
+    face: Integers  # (q,) the target's face of each
+    triangle: Integers  # (q,) the source's triangle that contains each
+    barycentric: Floats  # (q, 3) the point in it
+    area: Floats  # (q,) the area that each represents
+    weight: Floats  # (q,) the area, weighted by confidence
 
 
 @dataclass(frozen=True, eq=False)

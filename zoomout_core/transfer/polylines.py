@@ -18,38 +18,23 @@ from zoomout_core.transfer.groups import expand_ranges, group_starts, label_grou
 
 @dataclass(frozen=True, eq=False)
 class Polylines:
-    """Edges joined to chains, ordered by chain and along each.
+    """Edges joined to chains, ordered by chain and along each."""
 
-    Attributes:
-        edge: (k,) numbers of the edges.
-        chain: (k,) the chain of each.
-        begin: (k,) the first vertex of each, along its chain.
-        end: (k,) the last vertex of each.
-    """
-
-    edge: Integers
-    chain: Integers
-    begin: Integers
-    end: Integers
+    edge: Integers  # (k,) numbers of the edges
+    chain: Integers  # (k,) the chain of each
+    begin: Integers  # (k,) the first vertex of each, along its chain
+    end: Integers  # (k,) the last vertex of each
 
 
 @dataclass(frozen=True, eq=False)
 class PolylineSamples:
-    """Points along chains, ordered by chain and along each, from its first vertex to its last.
+    """Points along chains, ordered by chain and along each, from its first vertex to its last."""
 
-    Attributes:
-        chain: (q,) the chain of each.
-        along: (q,) the length of the chain up to each.
-        point: (q, 3) the position of each.
-        edge: (q,) the edge that contains each.
-        vertex: (q,) the vertex at each, -1 between vertices.
-    """
-
-    chain: Integers
-    along: Floats
-    point: Floats
-    edge: Integers
-    vertex: Integers
+    chain: Integers  # (q,) the chain of each
+    along: Floats  # (q,) the length of the chain up to each
+    point: Floats  # (q, 3) the position of each
+    edge: Integers  # (q,) the edge that contains each
+    vertex: Integers  # (q,) the vertex at each, -1 between vertices
 
 
 def polylines_of(edges: Integers) -> Polylines:

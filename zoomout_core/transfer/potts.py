@@ -25,15 +25,10 @@ VOTE_WEIGHT = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The candidates of each face, ordered by face, at least one for each.
+    """The candidates of each face, ordered by face, at least one for each."""
 
-    Attributes:
-        face: (k,) the face of each candidate.
-        share: (k,) its share of the face's votes, in [0, 1].
-    """
-
-    face: Integers
-    share: Floats
+    face: Integers  # (k,) the face of each candidate
+    share: Floats  # (k,) its share of the face's votes, in [0, 1]
 
     def pairs(self, first_face: Integers, second_face: Integers) -> tuple[Integers, Integers, Integers]:
         """All pairs of candidates of one face and another, for edges between faces (e,) and (e,).

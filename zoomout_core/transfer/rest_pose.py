@@ -56,15 +56,10 @@ REST = RestTuning()
 
 @dataclass(frozen=True, eq=False)
 class PosedTarget:
-    """A target, mapped over its source at rest, and its pose.
+    """A target, mapped over its source at rest, and its pose."""
 
-    Attributes:
-        mapped: the target over the source at rest, projected if it is the same body.
-        pose: the pose of the bones that takes it from the rest pose to the target.
-    """
-
-    mapped: MappedTarget
-    pose: Pose
+    mapped: MappedTarget  # the target over the source at rest, projected if it is the same body
+    pose: Pose  # the pose of the bones that takes it from the rest pose to the target
 
 
 def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:

@@ -55,31 +55,19 @@ STRETCH = StretchTuning()
 
 
 class CheckedWeights(NamedTuple):
-    """Skin weights, smoothed where they would tear the target.
+    """Skin weights, smoothed where they would tear the target."""
 
-    Attributes:
-        weights: (n_t, b) sparse.
-        smoothed: (n_t,) vertices whose weights were filled in from their surroundings.
-        stretched: (n_t,) vertices at edges that stretch too far still.
-    """
-
-    weights: csr_array
-    smoothed: Booleans
-    stretched: Booleans
+    weights: csr_array  # (n_t, b) sparse
+    smoothed: Booleans  # (n_t,) vertices whose weights were filled in from their surroundings
+    stretched: Booleans  # (n_t,) vertices at edges that stretch too far still
 
 
 class Played(NamedTuple):
-    """A surface in some poses.
+    """A surface in some poses."""
 
-    Attributes:
-        edges: (e, 2) vertex numbers.
-        growth: (e,) the largest ratio of an edge's length in a pose to that at rest.
-        length: (e,) its largest length in a pose.
-    """
-
-    edges: Integers
-    growth: Floats
-    length: Floats
+    edges: Integers  # (e, 2) vertex numbers
+    growth: Floats  # (e,) the largest ratio of an edge's length in a pose to that at rest
+    length: Floats  # (e,) its largest length in a pose
 
 
 def check_weights(

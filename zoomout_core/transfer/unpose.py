@@ -50,17 +50,11 @@ UNPOSE = UnposeTuning()
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A surface in the rest pose.
+    """A surface in the rest pose."""
 
-    Attributes:
-        positions: (n, 3) positions of its vertices.
-        linear: (n, 3, 3) matrices that take differences of positions in the pose to those at rest, around each vertex.
-        smoothed: how many vertices keep their own shape, because the inverse of skinning is not trusted there.
-    """
-
-    positions: Floats
-    linear: Floats
-    smoothed: int
+    positions: Floats  # (n, 3) positions of its vertices
+    linear: Floats  # (n, 3, 3) matrices that take differences of positions around each vertex from the pose to rest
+    smoothed: int  # how many vertices keep their own shape, because the inverse of skinning is not trusted there
 
 
 def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:

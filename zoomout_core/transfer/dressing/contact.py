@@ -90,31 +90,19 @@ class SidedSurface:
 
 
 class Barrier(NamedTuple):
-    """A surface that a worn object must not enter.
+    """A surface that a worn object must not enter."""
 
-    Attributes:
-        before: the surface before the change of shape.
-        after: the surface after it.
-        is_layer: whether it is another worn object; then places beneath it, or far from it, are free.
-    """
-
-    before: SidedSurface
-    after: SidedSurface
-    is_layer: bool = False
+    before: SidedSurface  # the surface before the change of shape
+    after: SidedSurface  # the surface after it
+    is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
 
 
 class _Bounds(NamedTuple):
-    """Places that must stay on their side of a barrier.
+    """Places that must stay on their side of a barrier."""
 
-    Attributes:
-        skin: the barrier after the change of shape.
-        which: (b,) numbers of the places.
-        margin: (b,) the distance that they must keep.
-    """
-
-    skin: SidedSurface
-    which: Integers
-    margin: Floats
+    skin: SidedSurface  # the barrier after the change of shape
+    which: Integers  # (b,) numbers of the places
+    margin: Floats  # (b,) the distance that they must keep
 
     @classmethod
     def of(cls, barrier: Barrier, places: Floats, growth: Floats, gap: float) -> _Bounds:

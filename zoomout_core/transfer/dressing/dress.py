@@ -189,21 +189,13 @@ def carry(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A form moved with the body.
+    """A form moved with the body."""
 
-    Attributes:
-        form: the worn object.
-        motion: the motion of its points with the body.
-        positions: (n, 3) its current positions.
-        parts: points of its solid parts.
-        is_rigid: whether it is one solid part as a whole.
-    """
-
-    form: Form
-    motion: Motion
-    positions: Floats
-    parts: list[Integers]
-    is_rigid: bool
+    form: Form  # the worn object
+    motion: Motion  # the motion of its points with the body
+    positions: Floats  # (n, 3) its current positions
+    parts: list[Integers]  # points of its solid parts
+    is_rigid: bool  # whether it is one solid part as a whole
 
     @classmethod
     def of(cls, form: Form, following: Following, manner: Manner, stiffness: float) -> _Fit:

@@ -52,25 +52,15 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The form of a worn object.
+    """The form of a worn object."""
 
-    Attributes:
-        places: (n_v, 3) its vertices.
-        number: (n_v,) the point of each vertex, -1 for an unconnected one.
-        rest: (n, 3) its points: vertices of a surface, merged at coincident borders.
-        stiffness: (n, n) stiffness of their connections; rows sum to zero.
-        areas: (n,) areas of the points; lengths for lines.
-        triangles: (m, 3) triangles between them; none for lines.
-        component: (n,) the number of each point's connected component.
-    """
-
-    places: Floats
-    number: Integers
-    rest: Floats
-    stiffness: csc_array
-    areas: Floats
-    triangles: Integers
-    component: Integers
+    places: Floats  # (n_v, 3) its vertices
+    number: Integers  # (n_v,) the point of each vertex, -1 for an unconnected one
+    rest: Floats  # (n, 3) its points: vertices of a surface, merged at coincident borders
+    stiffness: csc_array  # (n, n) stiffness of their connections; rows sum to zero
+    areas: Floats  # (n,) areas of the points; lengths for lines
+    triangles: Integers  # (m, 3) triangles between them; none for lines
+    component: Integers  # (n,) the number of each point's connected component
 
     @classmethod
     def of(cls, carried: Surface | Lines, unit: float) -> Form:

@@ -35,30 +35,19 @@ INSIDE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The images that an atlas refers to.
+    """The images that an atlas refers to."""
 
-    Attributes:
-        images: each (height, width, channels), rows from top to bottom, with equal numbers of channels.
-        number: (m,) the image of each triangle.
-    """
-
-    images: Sequence[Bytes]
-    number: Integers
+    images: Sequence[Bytes]  # each (height, width, channels), rows from top to bottom, with equal numbers of channels
+    number: Integers  # (m,) the image of each triangle
 
 
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """An image for the target's atlas.
+    """An image for the target's atlas."""
 
-    Attributes:
-        image: (height, width, channels), rows from top to bottom.
-        covered: (height, width) the texels that triangles of the target cover or touch; the others are gutters.
-        outside: (m_t,) triangles of the target that are outside of the image, wholly or in part.
-    """
-
-    image: Bytes
-    covered: Booleans
-    outside: Booleans
+    image: Bytes  # (height, width, channels), rows from top to bottom
+    covered: Booleans  # (height, width) the texels that triangles of the target cover or touch; the others are gutters
+    outside: Booleans  # (m_t,) triangles of the target that are outside of the image, wholly or in part
 
 
 def bake(

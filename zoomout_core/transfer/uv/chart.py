@@ -19,21 +19,13 @@ MAX_SLOPE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A UV map of the source, cut at its seams.
+    """A UV map of the source, cut at its seams."""
 
-    Attributes:
-        cut: the source, cut open.
-        uv: (c, 2) values at its corners.
-        density: (islands,) mean UV length per unit of length.
-        lower: (islands, 2) lower bounds of each island's UDIM tile, infinite if it spans several in that direction.
-        upper: (islands, 2) upper bounds of the same.
-    """
-
-    cut: CutSurface
-    uv: Floats
-    density: Floats
-    lower: Floats
-    upper: Floats
+    cut: CutSurface  # the source, cut open
+    uv: Floats  # (c, 2) values at its corners
+    density: Floats  # (islands,) mean UV length per unit of length
+    lower: Floats  # (islands, 2) lower bounds of each island's UDIM tile, infinite where it spans several
+    upper: Floats  # (islands, 2) upper bounds of the same
 
     def at(self, triangle: Integers, barycentric: Floats) -> Floats:
         """(q, 2) UVs at points of the source."""

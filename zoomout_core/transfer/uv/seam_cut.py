@@ -40,30 +40,18 @@ class SeamCut:
     """New vertices on edges of the target and within faces, and cuts through its faces from one place to another.
 
     Places are numbered: first the target's n vertices, then the new ones on edges, then those within faces.
-
-    Attributes:
-        edge: (e, 2) vertices of the edges that receive a new vertex.
-        fraction: (e,) its position on the edge, from the first vertex.
-        face: (f,) faces that are divided by one straight cut.
-        ends: (f, 2) the places between which each face is divided.
-        meeting: (h,) faces with a meeting point of seams inside, where they receive a new vertex.
-        corners: (h, 3) three vertices of each of these faces.
-        weights: (h, 3) barycentric coordinates of the meeting point between these.
-        spokes: h arrays of the places around a face, in order, that are joined to the meeting point.
-        surface_map: (n + e + h) places on the source, also of vertices that were snapped to a seam.
-        left: number of faces that are crossed in other ways; they stay whole.
     """
 
-    edge: Integers
-    fraction: Floats
-    face: Integers
-    ends: Integers
-    meeting: Integers
-    corners: Integers
-    weights: Floats
-    spokes: tuple[Integers, ...]
-    surface_map: SurfaceMap
-    left: int
+    edge: Integers  # (e, 2) vertices of the edges that receive a new vertex
+    fraction: Floats  # (e,) its position on the edge, from the first vertex
+    face: Integers  # (f,) faces that are divided by one straight cut
+    ends: Integers  # (f, 2) the places between which each face is divided
+    meeting: Integers  # (h,) faces with a meeting point of seams inside, where they receive a new vertex
+    corners: Integers  # (h, 3) three vertices of each of these faces
+    weights: Floats  # (h, 3) barycentric coordinates of the meeting point between these
+    spokes: tuple[Integers, ...]  # h arrays of the places around a face, in order, that are joined to the meeting point
+    surface_map: SurfaceMap  # (n + e + h) places on the source, also of vertices that were snapped to a seam
+    left: int  # number of faces that are crossed in other ways; they stay whole
 
     def interpolate(self, values: Floats) -> Floats:
         """(n + e + h, d) values of all places, from values (n, d) of the target's vertices."""
@@ -194,21 +182,13 @@ def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[F
 
 
 class _Around(NamedTuple):
-    """Places where seams cross the outlines of faces, face by face and around each.
+    """Places where seams cross the outlines of faces, face by face and around each."""
 
-    Attributes:
-        face: (q,) the face.
-        step: (q,) position around the face: vertices at even steps, edges at odd ones.
-        place: (q,) the number of the place.
-        first: (g,) where the places of each face begin.
-        count: (g,) number of places of each face.
-    """
-
-    face: Integers
-    step: Integers
-    place: Integers
-    first: Integers
-    number: Integers
+    face: Integers  # (q,) the face
+    step: Integers  # (q,) position around the face: vertices at even steps, edges at odd ones
+    place: Integers  # (q,) the number of the place
+    first: Integers  # (g,) where the places of each face begin
+    number: Integers  # (g,) number of places of each face
 
 
 def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -> _Around:
@@ -239,21 +219,13 @@ def _divide_faces(mapped: MappedTarget, around: _Around) -> tuple[Integers, Inte
 
 
 class _Meetings(NamedTuple):
-    """Points within faces where seams meet.
+    """Points within faces where seams meet."""
 
-    Attributes:
-        face: (h,) the face.
-        vertex: (h,) the source's vertex at each point.
-        corners: (h, 3) the corners of the target's triangle that contains it.
-        weights: (h, 3) its barycentric coordinates.
-        spokes: h arrays of the places around the face.
-    """
-
-    face: Integers
-    vertex: Integers
-    corners: Integers
-    weights: Floats
-    spokes: tuple[Integers, ...]
+    face: Integers  # (h,) the face
+    vertex: Integers  # (h,) the source's vertex at each point
+    corners: Integers  # (h, 3) the corners of the target's triangle that contains it
+    weights: Floats  # (h, 3) its barycentric coordinates
+    spokes: tuple[Integers, ...]  # h arrays of the places around the face
 
 
 def _meetings(cut: CutSurface, mapped: MappedTarget, around: _Around) -> _Meetings:

@@ -29,21 +29,13 @@ INWARD_SHIFT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The sheets that each face of the target might be on, and its corners there.
+    """The sheets that each face of the target might be on, and its corners there."""
 
-    Attributes:
-        candidates: the k candidates.
-        seed: (k,) a triangle of the source on each.
-        row: (k,) where the corners of each begin in the rows.
-        uv: (rows, 2) UVs of each corner of each candidate's face.
-        gap: (rows,) distance in space of the corner beyond the sheet's border.
-    """
-
-    candidates: Candidates
-    seed: Integers
-    row: Integers
-    uv: Floats
-    gap: Floats
+    candidates: Candidates  # the k candidates
+    seed: Integers  # (k,) a triangle of the source on each
+    row: Integers  # (k,) where the corners of each begin in the rows
+    uv: Floats  # (rows, 2) UVs of each corner of each candidate's face
+    gap: Floats  # (rows,) distance in space of the corner beyond the sheet's border
 
     @cached_property
     def size(self) -> Floats:

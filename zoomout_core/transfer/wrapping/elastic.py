@@ -25,15 +25,10 @@ MIN_PULL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Pins:
-    """Places of the working mesh that must reach given positions.
+    """Places of the working mesh that must reach given positions."""
 
-    Attributes:
-        matrix: (p, n) barycentric coordinates of the places.
-        positions: (p, 3) positions to reach.
-    """
-
-    matrix: csr_array
-    positions: Floats
+    matrix: csr_array  # (p, n) barycentric coordinates of the places
+    positions: Floats  # (p, 3) positions to reach
 
     @property
     def vertices(self) -> Integers:
@@ -56,27 +51,16 @@ def no_pins(n: int) -> Pins:
 
 @dataclass(frozen=True, eq=False)
 class RestMesh:
-    """The target's working mesh at rest, and its scales.
+    """The target's working mesh at rest, and its scales."""
 
-    Attributes:
-        rest: (n, 3) its vertices.
-        normals: (n, 3) their normals.
-        corners: (m, 3) its triangles, wound outwards.
-        stiffness: (n, n) stiffness of its edges.
-        areas: (n,) areas of its vertices.
-        scales: (n,) target length of its edges, relative to rest.
-        handedness: (n,) -1 where the map mirrors it, else 1.
-        averaging: averages values along the surface by area, over a length at unit area.
-    """
-
-    rest: Floats
-    normals: Floats
-    corners: Integers
-    stiffness: csc_array
-    areas: Floats
-    scales: Floats
-    handedness: Floats
-    averaging: ScreenedSmoothing
+    rest: Floats  # (n, 3) its vertices
+    normals: Floats  # (n, 3) their normals
+    corners: Integers  # (m, 3) its triangles, wound outwards
+    stiffness: csc_array  # (n, n) stiffness of its edges
+    areas: Floats  # (n,) areas of its vertices
+    scales: Floats  # (n,) target length of its edges, relative to rest
+    handedness: Floats  # (n,) -1 where the map mirrors it, else 1
+    averaging: ScreenedSmoothing  # averages values along the surface by area, over a length at unit area
 
     @classmethod
     def of(cls, frames: Frames, averaged_over: float) -> RestMesh:

@@ -18,17 +18,11 @@ from zoomout_core.transfer.cut_mesh import face_edges
 
 
 class LimitPoints(NamedTuple):
-    """Points of the limit surface of a cage with n vertices, e edges of faces and f faces: one at each of these.
+    """Points of the limit surface of a cage with n vertices, e edges of faces and f faces: one at each of these."""
 
-    Attributes:
-        limit: (n + e + f, n) the points, as mixtures of the cage's vertices; rows sum to one.
-        flat: (n + e + f, n) the vertices, the middles of edges, and those of faces.
-        near: (n + e + f,) a vertex next to each.
-    """
-
-    limit: csr_array
-    flat: csr_array
-    near: Integers
+    limit: csr_array  # (n + e + f, n) the points, as mixtures of the cage's vertices; rows sum to one
+    flat: csr_array  # (n + e + f, n) the vertices, the middles of edges, and those of faces
+    near: Integers  # (n + e + f,) a vertex next to each
 
 
 def limit_points(cage: Surface) -> LimitPoints:
