@@ -218,13 +218,7 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
 
 
 def _finish(
-    pair: Pair,
-    candidate: Candidate,
-    fit: Fit,
-    back: SurfaceMap,
-    functional_map: Floats,
-    order: int,
-    left: Floats,
+    pair: Pair, candidate: Candidate, fit: Fit, back: SurfaceMap, functional_map: Floats, order: int, left: Floats
 ) -> Symmetry:
     """Make the symmetry of the whole surface from the shape fitted to its other side, and the inverse map."""
     shape, surface, reverses = pair.source_shape, pair.source, candidate.reverses_orientation

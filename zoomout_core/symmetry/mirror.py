@@ -32,13 +32,9 @@ ONE_WAY = ("left_to_right", "right_to_left")
 
 
 def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
-    """Exchange the sides of an attribute.
+    """Exchange the sides of an attribute of the symmetry's surface, with options of its kind as for `transfer`.
 
-    Args:
-        attribute: an attribute of the symmetry's surface. Weights have the names of their groups as labels; a group
-            without a counterpart gets one.
-        symmetry: a symmetry of the surface.
-        options: options of the attribute's kind, as for `transfer`.
+    Weights have the names of their groups as labels; a group without a counterpart gets one.
 
     Raises:
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
@@ -91,8 +87,9 @@ def has_mean(attribute: Attribute) -> bool:
 
 
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
-    """(count,) difference of each value from that on the other side: of numbers their distance, of weights the share in
-    other groups, of labels 0 or 1.
+    """(count,) difference of each value from that on the other side; for weights the share in other groups.
+
+    Labels are equal, with a difference of 0, or not, with 1.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)

@@ -60,15 +60,9 @@ class Line:
 def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
 
-    Near the line it is half the distance between a vertex and its image; farther away than about a tenth of the root of
-    the area it is about constant.
-
-    Args:
-        there: the symmetry, of the shape's mesh.
-        shape: the shape.
-
-    Returns:
-        Distances at unit area; None if the symmetry does not divide the surface in two.
+    The symmetry is a map of the shape's mesh, and distances are at unit area. Near the line they are half the distance
+    between a vertex and its image; farther away than about a tenth of the root of the area they are about constant.
+    None if the symmetry does not divide the surface in two.
     """
     here = shape.distances.T
     images = there.interpolate(here)
@@ -90,13 +84,8 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
 def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
     """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
 
-    Loose parts are on the side of the nearby body: paired parts as a whole, self-paired ones vertex by vertex.
-
-    Args:
-        on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
-        surface_map: the symmetry of the surface.
-        shape: the surface's main part, or the hull around it.
-        surface: the surface.
+    The distance `on_mesh` (n_mesh,) is that of the shape, its main part or the hull around it, at unit area. Loose
+    parts are on the side of the nearby body: paired parts as a whole, self-paired ones vertex by vertex.
     """
     full = shape.proxy.full
     inside = full.vertex_of >= 0

@@ -48,11 +48,7 @@ class Blend:
 
 
 def blend(
-    transferred: Attribute,
-    present: Attribute | None,
-    target: Surface,
-    how: Blend,
-    sharing: Collection[str] = (),
+    transferred: Attribute, present: Attribute | None, target: Surface, how: Blend, sharing: Collection[str] = ()
 ) -> Attribute:
     """Blend a transferred attribute with the target's own.
 
@@ -83,13 +79,22 @@ def blend(
     return replace(transferred, values=np.where(amount > 0.5, new, old))
 
 
+def mask_of(mask: ArrayLike | None, target: Surface) -> Floats:
+    """(n_t,) a mask of the target's vertices, 1 everywhere when not given.
+
+    Raises:
+        ValueError: the mask does not fit the target.
+    """
+    n = len(target.vertices)
+    values = np.ones(n) if mask is None else np.asarray(mask, dtype=np.float64)
+    if values.shape != (n,) or not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
+    return values
+
+
 def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     """(count,) share of each transferred value; the corners of a face are chosen together."""
-    n = len(target.vertices)
-    mask = np.ones(n) if how.mask is None else np.asarray(how.mask, dtype=np.float64)
-    if mask.shape != (n,) or not ((mask >= 0) & (mask <= 1)).all():
-        raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
-    mask = how.factor * mask
+    mask = how.factor * mask_of(how.mask, target)
     if attribute.domain is Domain.CORNER and RULES[attribute.kind].mixable:
         return np.asarray(mask[target.corner_vertex])
     return mean_over_vertices(mask, attribute.domain, target)

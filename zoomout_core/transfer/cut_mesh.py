@@ -156,12 +156,10 @@ def _dot(first: Floats, second: Floats) -> Floats:
 
 
 def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
-    """Find where faces meet: both faces' corners at both ends of each common edge, in the same order.
+    """Find where faces meet: (e, 2) corners of one face and (e, 2) of the other at both ends of each common edge.
 
-    Borders that coincide in space are one edge, even if the mesh's vertices are split.
-
-    Returns:
-        (e, 2) corners of one face and (e, 2) of the other; each pair of faces at an edge once.
+    Each pair of faces at an edge occurs once. Borders that coincide in space are one edge, even if the mesh's vertices
+    are split.
     """
     welded = surface.working.vertex_of[surface.corner_vertex]
     welded = np.where(welded >= 0, welded, len(surface.vertices) + surface.corner_vertex)
@@ -193,9 +191,8 @@ def corners_of_faces(surface: Surface, faces: Integers) -> tuple[Integers, Integ
 def triangles_of_faces(surface: Surface, faces: Integers) -> tuple[Integers, Integers]:
     """The triangles of some faces (f,), like `corners_of_faces`."""
     order = np.argsort(surface.triangle_face, kind="stable")
-    owner, place = expand_ranges(
-        *(np.searchsorted(surface.triangle_face[order], faces, side) for side in ("left", "right"))
-    )
+    face = surface.triangle_face[order]
+    owner, place = expand_ranges(np.searchsorted(face, faces), np.searchsorted(face, faces, "right"))
     return owner, order[place]
 
 

@@ -78,10 +78,9 @@ class MappedGraph:
     """The target's graph, mapped onto the source.
 
     Attributes:
-        mapped: the target on the source.
-        edge_graph: the graph of the target.
         points: (k, 3) positions of its vertices on the source.
         edge_length: median length of its edges there.
+        scale: the same relative to that on the target.
     """
 
     def __init__(self, mapped: MappedTarget, edge_graph: EdgeGraph) -> None:

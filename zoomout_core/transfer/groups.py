@@ -16,13 +16,13 @@ def group_starts(group: Indices) -> Integers:
 
 
 def first_of_each(group: Indices, *keys: Floats | Integers) -> Integers:
-    """(g,) the item of each group (q,) with the smallest of the keys, each (q,), of which the last counts most."""
+    """(g,) the item of each group (q,) with the smallest keys, (q,) each; the last key counts most."""
     order = np.lexsort((*keys, group))
     return order[group_starts(group[order])]
 
 
 def expand_ranges(start: Integers, end: Integers) -> tuple[Integers, Integers]:
-    """The numbers in the ranges from start (r,) to end (r,), one range after the other: (q,) their range, and (q,)."""
+    """The numbers from start (r,) up to end (r,) of each range: (q,) the range of each, and (q,) the numbers."""
     count = end - start
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]

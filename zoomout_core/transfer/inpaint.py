@@ -42,28 +42,16 @@ MIN_WEIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """The vertices of a surface to fill in, prepared for any number of values.
+    """The vertices of a surface to fill in, prepared for any number of values."""
 
-    Attributes:
-        filled: (f,) doubtful vertices with trusted ones on their part of the surface.
-        row: (f,) position of each among k trusted places, followed by u doubtful ones.
-        follower: (c,) vertices of small loose parts without any trusted vertex.
-        followed: (c,) the trusted vertex nearest to the part of each.
-        left: number of doubtful vertices that stay unchanged: on larger parts without any trusted vertex, without a
-            face, or all if none is trusted.
-        merged: (k, n) sparse; means of the trusted vertices in one place.
-        coupling: (u, k) sparse; the block of the system for the trusted places.
-        factor: the factors of the remaining block, or None if u is zero.
-    """
-
-    filled: Integers
-    row: Integers
-    follower: Integers
-    followed: Integers
-    left: int
-    merged: csr_array
-    coupling: csr_array
-    factor: SuperLU | None
+    filled: Integers  # (f,) doubtful vertices with trusted ones on their part of the surface
+    row: Integers  # (f,) position of each among k trusted places, followed by u doubtful ones
+    follower: Integers  # (c,) vertices of small loose parts without any trusted vertex
+    followed: Integers  # (c,) the trusted vertex nearest to the part of each
+    left: int  # number of doubtful vertices that stay unchanged: on larger parts without a trusted vertex, or no face
+    merged: csr_array  # (k, n) sparse; means of the trusted vertices in one place
+    coupling: csr_array  # (u, k) sparse; the block of the system for the trusted places
+    factor: SuperLU | None  # the factors of the remaining block, or None if u is zero
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
         """Fill in values (n, d) from those of trusted vertices, within their range; not at all if these are not finite.

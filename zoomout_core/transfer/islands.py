@@ -57,10 +57,7 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
 def without_specks(label: Integers, island: Integers, surface: Surface) -> Integers:
     """Labels (f,) of faces, where single faces take that of their neighbours if their island is elsewhere.
 
-    Args:
-        label: labels of the target's faces.
-        island: (f,) the source's island of each label.
-        surface: the target.
+    The islands (f,) are the source's, which the labels come from.
     """
     own = islands_of(surface, label)
     speck = (np.bincount(own)[own] == 1) & (np.bincount(island)[island] > 1)

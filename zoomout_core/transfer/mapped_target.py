@@ -47,23 +47,14 @@ class FaceSamples:
 
 @dataclass(frozen=True, eq=False)
 class MappedTarget:
-    """The target mapped over the source.
+    """The target mapped over the source."""
 
-    Attributes:
-        source: the surface with the data.
-        target: the surface that receives it.
-        surface_map: the place of each target vertex on the source.
-        confidence: (n_t,) confidence of the map, in [0, 1].
-        fill_below: vertices of less confidence are filled in from the others; None for none.
-        has_partner: (n_t,) which vertices have a counterpart on the source; others are filled in. None for all.
-    """
-
-    source: Surface
-    target: Surface
-    surface_map: SurfaceMap
-    confidence: Floats
-    fill_below: float | None = None
-    has_partner: Booleans | None = None
+    source: Surface  # the surface with the data
+    target: Surface  # the surface that receives it
+    surface_map: SurfaceMap  # the place of each target vertex on the source
+    confidence: Floats  # (n_t,) confidence of the map, in [0, 1]
+    fill_below: float | None = None  # vertices of less confidence are filled in from the others; None for none
+    has_partner: Booleans | None = None  # (n_t,) which have a counterpart, others are filled in; None for all
 
     @cached_property
     def points(self) -> Floats:

@@ -44,15 +44,9 @@ class Candidates:
 
 
 def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, Integers]:
-    """Count votes.
+    """Count votes for codes (q,), each with the face that owns it (q,) and a weight (q,); every face has a vote.
 
-    Args:
-        owner: (q,) the face that each vote is for; every face has one.
-        code: (q,) the value that is voted for.
-        weight: (q,) the weight of the vote.
-
-    Returns:
-        The candidates, and (k,) the code of each.
+    Returns the candidates, and (k,) the code of each.
     """
     count = code.max() + 1
     key, inverse = np.unique(owner * count + code, return_inverse=True)
@@ -62,9 +56,7 @@ def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, 
 
 
 def elect_for_faces(
-    candidates: Candidates,
-    mapped: MappedTarget,
-    agree: Callable[[Integers, Integers, Integers, Integers], Booleans],
+    candidates: Candidates, mapped: MappedTarget, agree: Callable[[Integers, Integers, Integers, Integers], Booleans]
 ) -> Integers:
     """(f,) the chosen candidate of each face of the target; borders between faces are measured by their edges.
 
@@ -85,12 +77,7 @@ def elect_for_faces(
 
 
 def elect(
-    candidates: Candidates,
-    loyalty: Floats,
-    first: Integers,
-    second: Integers,
-    length: Floats,
-    agree: Booleans,
+    candidates: Candidates, loyalty: Floats, first: Integers, second: Integers, length: Floats, agree: Booleans
 ) -> Integers:
     """Choose a candidate for each face, with a short border between faces that disagree.
 

@@ -80,13 +80,8 @@ def check_weights(
 ) -> CheckedWeights:
     """Play a source and a target, and smooth the target's weights around edges that stretch too far.
 
-    Args:
-        source: the source at rest.
-        source_weights: (n_s, b) its skin weights.
-        target: the target at rest.
-        weights: (n_t, b) its skin weights.
-        surface_map: from the target to the source.
-        poses: (f, b, 3, 4) transforms of the bones from rest.
+    Both surfaces are at rest, with skin weights (n_s, b) and (n_t, b); the map leads from the target to the source. The
+    poses (f, b, 3, 4) are transforms of the bones from rest.
     """
     played = play(source, source_weights, poses)
     size = float(np.ptp(target.vertices, axis=0).max())
@@ -210,8 +205,8 @@ def _parents_first(parents: Integers) -> list[int]:
     """The numbers of bones, parents before children."""
     order: list[int] = []
     known = set[int]()
-    for bone in range(len(parents)):
-        chain = []
+    for start in range(len(parents)):
+        chain, bone = list[int](), start
         while bone >= 0 and bone not in known:
             known.add(bone)
             chain.append(bone)

@@ -101,11 +101,10 @@ def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust:
     working = posed.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
-    weights = diags_array(sure)
-    trusted = csc_array(without_sums(csc_array(weights @ stiffness @ weights)))
+    trusted = without_sums(csc_array(diags_array(sure) @ stiffness @ diags_array(sure)))
     smoothing = ScreenedSmoothing.of(sure * areas, stiffness, FRAMES.smoothing_length)
     linear = on_working_mesh(working, turns)
-    size = np.linalg.norm(linear[:, 0], axis=1).mean() if len(linear) else 1.0
+    size = np.linalg.norm(linear[:, 0], axis=1).mean()
     spread = smoothing.smooth(linear.reshape(-1, 9)).reshape(-1, 3, 3)
     linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
     gradients = trusted @ here
@@ -115,7 +114,5 @@ def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust:
     used = (number >= 0)[:, None]
     doubt = (1 - trust)[:, None, None] * used[:, :, None]
     return Rest(
-        np.where(used, placed[number], rest),
-        (1 - doubt) * inverse + doubt * linear[number],
-        int((trust < 1).sum()),
+        np.where(used, placed[number], rest), (1 - doubt) * inverse + doubt * linear[number], int((trust < 1).sum())
     )

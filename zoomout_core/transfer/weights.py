@@ -106,7 +106,7 @@ def mix_weights(
 
 
 def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit: int) -> None:
-    """Keep only the largest of the shared groups, a mask (groups,), at each vertex, in place; they keep their sum.
+    """Keep only the `limit` largest of the shared groups, a mask (groups,), at each vertex, in place; sums stay.
 
     A group that is among the largest at one vertex and not at the next one would make a step there. It fades out
     over some edges instead.

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
@@ -57,8 +57,6 @@ class ContactTuning(Tuning, set_by="dress"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
-# Guard against division by zero.
-SMALLEST = 1e-300
 
 
 class SidedSurface:
@@ -104,25 +102,8 @@ class _Bounds(NamedTuple):
     which: Integers  # (b,) numbers of the places
     margin: Floats  # (b,) the distance that they must keep
 
-    @classmethod
-    def of(cls, barrier: Barrier, places: Floats, growth: Floats, gap: float) -> _Bounds:
-        """Bounds of the original places (p, 3) near a barrier, with the growth (p,) of their surroundings."""
-        off, _, known = barrier.before.sides(places)
-        lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
-        which = np.flatnonzero(known & (off > lowest) & (off < highest))
-        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
-        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
-        return cls(barrier.after, which, margin)
-
-    def near(self, places: Floats) -> _Bounds:
-        """The bounds of the current places (p, 3) that may change sides."""
-        off, _, _ = self.skin.sides(places[self.which])
-        some = off < self.margin + CONTACT.looked_at
-        return _Bounds(self.skin, self.which[some], self.margin[some])
-
-    def among(self, chosen: Booleans) -> _Bounds:
-        """The bounds of chosen places, a mask (p,)."""
-        some = chosen[self.which]
+    def only(self, some: Booleans) -> _Bounds:
+        """The bounds in a mask (b,)."""
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
@@ -167,8 +148,8 @@ def push_out(
         loads = there.T @ (weights[:, None] * pushes)
         positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
         # Places that have not moved keep their margins.
-        is_free = np.isin(np.arange(len(positions)), free)
-        moving = [each.among(probes @ is_free > 0) for each in bounds]
+        is_moving = probes @ np.isin(np.arange(len(positions)), free) > 0
+        moving = [each.only(is_moving[each.which]) for each in bounds]
     return positions, _wrong(bounds, probes @ positions)
 
 
@@ -210,8 +191,18 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 def _bounds(
     barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, gap: float
 ) -> list[_Bounds]:
-    found = (_Bounds.of(barrier, probes @ form.rest, probes @ growth, gap) for barrier in barriers)
-    return [each.near(probes @ positions) for each in found]
+    """Bounds of the places that were originally near each barrier, and may now change sides."""
+    before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
+    bounds = []
+    for barrier in barriers:
+        off, _, known = barrier.before.sides(before)
+        lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
+        which = np.flatnonzero(known & (off > lowest) & (off < highest))
+        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
+        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
+        off, _, _ = barrier.after.sides(now[which])
+        bounds.append(_Bounds(barrier.after, which, margin).only(off < margin + CONTACT.looked_at))
+    return bounds
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:

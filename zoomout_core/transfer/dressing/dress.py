@@ -38,7 +38,6 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
-STAGE = "Dressing"
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
@@ -144,16 +143,9 @@ def carry(
     stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
-    """Fit worn objects to a body that takes another shape.
+    """Fit worn objects to a body whose vertices take another shape (n, 3), see `dress`.
 
-    Args:
-        body: the body before.
-        shape: (n, 3) the new positions of its vertices.
-        skin: the surface, in the new shape, that objects must not enter.
-        carried: the objects, surfaces and lines, in the body's frame and unit.
-        manners: how to fit each, see `dress`.
-        stiffness: how far soft objects keep their form, in [0, 1].
-        gap: minimum distance from the skin of everything that was outside of it, in the unit of the shape.
+    The skin is the surface, in the new shape, that objects must not enter. The gap is in the unit of the shape.
 
     Raises:
         ValueError: a number is out of its range, or there is not a manner for each.
@@ -162,7 +154,7 @@ def carry(
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
     fits, stuck = list[_Fit](), 0
     found: dict[int, tuple[Floats, Floats, Booleans]] = {}
-    with stage(STAGE):
+    with stage("Dressing"):
         following = Following(body, shape)
         advance(0.1)
         barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
@@ -203,8 +195,12 @@ class _Fit:
         if manner == "rigid":
             moved = procrustes(form.rest, motion.images, form.areas)(form.rest)
             return cls(form, motion, moved, [], True)
-        parts = solid_parts(form) if manner == "automatic" else []
-        return cls(form, motion, _soft(form, motion, stiffness), parts, False)
+        # Near the positions moved by the body, with the rest edges rotated and scaled.
+        length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
+        pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
+        gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+        moved = ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
+        return cls(form, motion, moved, solid_parts(form) if manner == "automatic" else [], False)
 
     @property
     def is_layer(self) -> bool:
@@ -245,14 +241,6 @@ class _Fit:
             motion = following.motion(self.form.places[alone])
             found[alone], turns[alone] = motion.images, motion.turns
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
-
-
-def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
-    """(n, 3) positions near those moved by the body, with the rest edges rotated and scaled."""
-    length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
-    pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-    gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-    return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
 
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:

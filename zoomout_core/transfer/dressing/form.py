@@ -11,14 +11,13 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 # Minimum length of a line, as a share of the longest one.
 SHORTEST = 1e-6
-# Guard against division by zero.
-SMALLEST = 1e-300
 
 
 class Lines:

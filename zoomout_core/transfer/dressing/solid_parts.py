@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.transfer.dressing.form import SMALLEST, Form
+from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.groups import group_starts, label_groups
 from zoomout_core.tuning import Tuning, tuned
 
@@ -70,12 +70,8 @@ def solid_parts(form: Form) -> list[Integers]:
 def with_solid_parts(form: Form, parts: list[Integers], soft: Integers, images: Floats, positions: Floats) -> Floats:
     """(n, 3) positions of a form with solid parts moved by similarities.
 
-    Args:
-        form: the form at rest.
-        parts: the points of each solid part.
-        soft: the other points.
-        images: (n, 3) positions of the points moved with the body.
-        positions: (n, 3) positions of the points by the soft fit.
+    A part follows the soft points beside it, which are at positions (n, 3) of the soft fit. Without any, it follows the
+    body, which moves its points to images (n, 3).
     """
     if not parts:
         return positions

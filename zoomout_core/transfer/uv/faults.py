@@ -55,13 +55,9 @@ def _seam_lengths(surface: Surface, uv: Floats) -> Floats:
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
-    """Which faces have UVs that are flipped relative to the source's, degenerate, or strongly stretched.
+    """Which faces have UVs (c, 2) that are flipped relative to the source's, degenerate, or strongly stretched.
 
-    Args:
-        chart: the source's UV map.
-        mapped: the target on the source.
-        seed: (f,) a triangle of the source at each face.
-        uv: (c, 2) UVs of the target.
+    The seeds (f,) are triangles of the source, one at each face.
     """
     source, target = mapped.source, mapped.target
     island = chart.cut.triangle_island[seed]

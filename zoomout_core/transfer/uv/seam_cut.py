@@ -111,7 +111,9 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
 def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     """Find where to cut the target along the seams of a UV map of the source, with values (c, 2) at its corners."""
     cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
-    edge = _edges_of(np.flatnonzero(mapped.near_border(cut)), mapped)
+    _, corner = corners_of_faces(mapped.target, np.flatnonzero(mapped.near_border(cut)))
+    edge = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
+    edge = edge[edge[:, 0] != edge[:, 1]]
     crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]
     edge = edge[crossing]
     fraction, place = _crossings(cut, mapped, edge)
@@ -148,13 +150,6 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
         surface_map=surface_map,
         left=int((around.number > 2).sum()) - len(meetings.face),
     )
-
-
-def _edges_of(faces: Integers, mapped: MappedTarget) -> Integers:
-    """(e, 2) the vertices of the edges of some faces of the target, each edge once, the smaller number first."""
-    _, corner = corners_of_faces(mapped.target, faces)
-    ends = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
-    return np.asarray(ends[ends[:, 0] != ends[:, 1]])
 
 
 def _leaves_sheet(

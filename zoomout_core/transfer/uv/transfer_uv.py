@@ -47,13 +47,7 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _agree(
-    sheets: Sheets,
-    chart: Chart,
-    target: Surface,
-    one: Integers,
-    other: Integers,
-    first: Integers,
-    second: Integers,
+    sheets: Sheets, chart: Chart, target: Surface, one: Integers, other: Integers, first: Integers, second: Integers
 ) -> Booleans:
     """(e,) whether two candidates are continuous across their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]

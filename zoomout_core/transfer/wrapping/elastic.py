@@ -16,7 +16,7 @@ from scipy.sparse.linalg import SuperLU
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import rotations_of_blends
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
-from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.mesh.triangles import unique_edges, vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
 # Minimum weight of a goal: parts without any goal would make the system singular.
@@ -44,9 +44,11 @@ class Pins:
         return np.asarray(positions + self.matrix.T @ (compliance @ missing))
 
 
-def no_pins(n: int) -> Pins:
-    """Empty pins of a working mesh of n vertices."""
-    return Pins(csr_array((0, n)), np.zeros((0, 3)))
+def neighbour_means(triangles: Integers, n: int) -> csr_array:
+    """(n, n) matrix of the means over the neighbours of each of n vertices; zero without neighbours."""
+    edges, _ = unique_edges(triangles)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    return csr_array((1 / np.bincount(rows, minlength=n)[rows], (rows, columns)), shape=(n, n))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +107,7 @@ class PinnedSystem:
 class Elastic:
     """The linear system of an elastic mesh whose vertices are attracted by goals.
 
-    Args:
-        rest_mesh: the mesh at rest.
-        pull: (n,) the weight of each vertex's goal, in [0, 1].
-        length: length over which edges resist the goals, at unit area.
-        pins: hard constraints.
+    The goals have weights `pull` (n,) in [0, 1]; edges resist them over a length, at unit area.
     """
 
     def __init__(self, rest_mesh: RestMesh, pull: Floats, length: float, pins: Pins) -> None:

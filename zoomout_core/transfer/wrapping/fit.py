@@ -13,14 +13,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, segment_sum
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.cut_mesh import edge_lengths
 from zoomout_core.transfer.frames import frames_of, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh, no_pins
+from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh
 from zoomout_core.transfer.wrapping.projections import Projections
 from zoomout_core.tuning import Tuning, tuned
 
@@ -57,8 +59,6 @@ class FitTuning(Tuning, set_by="wrap"):
 
 
 FIT = FitTuning()
-# Guard against division by zero.
-SMALLEST = 1e-300
 # Weight of a vertex whose surroundings are wrongly mapped.
 MIN_SOUNDNESS = 1e-4
 
@@ -75,10 +75,7 @@ class Fit:
 
     Attributes:
         weight: (n,) the same for the working mesh's vertices.
-        rest_mesh: the target at rest.
-        projections: projections of its vertices onto the source.
         turns: (n, 3, 3) rotations of its vertices.
-        pins: the given pins.
         trust: (n,) how far the map is followed.
         length: length over which edges resist in the last stage, at unit area.
     """
@@ -148,7 +145,8 @@ class Fit:
         """(n,) scales of the mesh, averaged over long distances where the map is trusted."""
         middle = float(np.median(self.rest_mesh.scales))
         scales = np.log(np.clip(self.rest_mesh.scales / middle, 1 / FIT.max_stretch, FIT.max_stretch))
-        elastic = Elastic(self.rest_mesh, self.trust, FIT.scales_over, no_pins(len(scales)))
+        no_pins = Pins(csr_array((0, len(scales))), np.zeros((0, 3)))
+        elastic = Elastic(self.rest_mesh, self.trust, FIT.scales_over, no_pins)
         sums = elastic.smooth(np.column_stack([scales, np.ones(len(scales))]))
         return np.asarray(middle * np.exp(sums[:, 0] / sums[:, 1]))
 

@@ -6,12 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import area_normals, triangle_normals, unique_edges
+from zoomout_core.mesh.triangles import area_normals, triangle_normals
 from zoomout_core.runtime.progress import advance
-from zoomout_core.transfer.wrapping.elastic import MIN_PULL, Elastic
+from zoomout_core.transfer.wrapping.elastic import MIN_PULL, Elastic, neighbour_means
 from zoomout_core.transfer.wrapping.fit import Fit, turn_normals
 from zoomout_core.tuning import Tuning, tuned
 
@@ -51,9 +50,7 @@ class Unfolding:
     def __init__(self, fit: Fit) -> None:
         self._fit, self._corners = fit, fit.working.oriented_triangles
         n = len(fit.weight)
-        edges, _ = unique_edges(self._corners)
-        rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-        self._means = csr_array((1 / np.bincount(rows, minlength=n)[rows], (rows, columns)), shape=(n, n))
+        self._means = neighbour_means(self._corners, n)
         self._normals = triangle_normals(fit.working.vertices, self._corners)
         self._expected = self._turn_normals(fit.turns)
         scales = fit.rest_mesh.scales[self._corners].mean(axis=1)
