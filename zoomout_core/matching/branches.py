@@ -106,9 +106,7 @@ def _branches(surface: Surface, shape: ShapeAnalysis) -> _Branches:
     kept = np.flatnonzero(np.bincount(group, minlength=1)[group] >= MIN_TIPS)
     distances = np.full((len(surface.vertices), len(kept)), np.inf, dtype=np.float32)
     if len(kept):
-        of_body = np.full(len(surface.vertices), -1)
-        used = surface.working.vertex_of >= 0
-        of_body[used] = shape.proxy.full.vertex_of[surface.working.vertex_of[used]]
+        of_body = shape.proxy.full.vertex_of
         on = np.flatnonzero(of_body >= 0)
         distances[on] = shape.proxy.place.interpolate(on_proxy[kept].T)[of_body[on]]
     return _Branches(distances, between[np.ix_(kept, kept)], length[kept], group[kept])

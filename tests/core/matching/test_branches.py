@@ -107,6 +107,22 @@ def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dic
     assert found.filled.any()
 
 
+def test_vertices_that_are_split_like_at_uv_seams_make_no_difference(pair: Pair) -> None:
+    torn = send({4: 5})
+    corners = [surface.triangles.ravel() for surface in (pair.source, pair.target)]
+    source, target = (
+        zo.Surface(surface.vertices[corner][::-1], np.arange(len(corner))[::-1].reshape(-1, 3))
+        for surface, corner in zip((pair.source, pair.target), corners, strict=True)
+    )
+    first = np.zeros(len(pair.source.vertices), dtype=int)
+    first[corners[0]] = len(corners[0]) - 1 - np.arange(len(corners[0]))
+    split = Pair(source, target, *(analyse(each.working, 60, 300, 0) for each in (source, target)), 60, 5)
+    given = zo.SurfaceMap.from_vertices(first[torn.vertex[corners[1][::-1]]], source)
+    found = repair(split, given).surface_map.vertex
+    finger, image = hand(SPREAD)[1][corners[1][::-1]], hand(CLOSED)[1][corners[0][::-1]][found]
+    assert (finger != image)[(finger > 0) & (image > 0)].mean() < 0.01
+
+
 def test_a_finger_of_which_a_patch_is_on_another_one_is_matched_anew(pair: Pair) -> None:
     _, finger, along = hand(SPREAD)
     right, wrong = send({}), send({4: 5})
