@@ -6,16 +6,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from math import prod
-from pathlib import Path
 from typing import IO, Any, TypeAlias
 from zipfile import ZipFile
 
 import numpy as np
 
+from zoomout_core.runtime.input_files import MAX_BYTES, ExpansionError, check_expansion, open_regular
+
 # Reads from the start of a file: the shape of its array, whether it is in column-major order, and its type.
 Header: TypeAlias = Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]]
-# Default limit of bytes for the arrays of a file: a map of 67 million vertices.
-MAX_BYTES = 1 << 31
 HEADERS: dict[tuple[int, int], Header] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -35,19 +34,23 @@ def read_arrays(
 
     Raises:
         FileNotFoundError: the file is missing.
-        ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`.
+        ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`, or too much for
+            its size.
     """
-    if not Path(path).exists():
-        raise FileNotFoundError(f"There is no file {path}: check the path.")
-    if not Path(path).is_file():
-        raise ArrayFileError("it is not a file")
     try:
-        with ZipFile(path) as archive:
+        opened = open_regular(path)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"There is no file {path}: check the path.") from None
+    except OSError as error:
+        raise ArrayFileError(str(error.strerror)) from error
+    try:
+        with opened, ZipFile(opened) as archive:
             held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             wanted = {name: held[name] for name in names or held if name in held}
             size = sum(info.file_size for info in wanted.values())
             if size > max_bytes:
                 raise ArrayFileError(f"its arrays take {size} bytes, and {max_bytes} are allowed")
+            check_expansion(archive, wanted.values())
             found = {}
             for name, info in wanted.items():
                 with archive.open(info) as file:
@@ -55,6 +58,8 @@ def read_arrays(
             return found
     except ArrayFileError:
         raise
+    except ExpansionError as error:
+        raise ArrayFileError(str(error)) from error
     except Exception as error:  # on a broken file zipfile, zlib and numpy raise various errors
         raise ArrayFileError("it is not an .npz file, or it is damaged") from error
 
