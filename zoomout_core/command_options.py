@@ -33,6 +33,18 @@ threads_option = click.option(
 in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
 
 
+def folders_option(command: Any) -> Any:
+    """Let a command read what a mesh file names in further folders."""
+    option = click.option(
+        "--allow-folder",
+        "folders",
+        multiple=True,
+        type=click.Path(exists=True, file_okay=False),
+        help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
+    )
+    return option(command)
+
+
 def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 

@@ -7,7 +7,7 @@ morph targets are merged, and the other data belongs to the corners.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,14 +64,18 @@ class _Mesh:
     weight: Floats
 
 
-def read_gltf(path: Path) -> Asset:
+def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
     """Read a glTF or GLB file.
+
+    Args:
+        path: the file.
+        folders: further folders in which its buffers and images may be.
 
     Raises:
         MeshError: it cannot be read, is compressed, or has no triangles.
         ImportError: pygltflib is not installed.
     """
-    document = Document(path)
+    document = Document(path, folders)
     worlds, parent = document.worlds()
     nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
     meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
@@ -91,8 +95,9 @@ def read_gltf(path: Path) -> Asset:
         *_shape_keys(meshes, matrices),
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
-    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes))
-    return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
+    skin, materials = skeleton.skin(meshes, vertices), materials_of(document)
+    left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
+    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes))
 
 
 def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
@@ -145,7 +150,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
     first = np.cumsum([0, *counts])
     rows = _rows_of_all(attributes, counts)
     targets = max((len(each.targets or []) for each in primitives), default=0)
-    keys = tuple((mesh.extras or {}).get("targetNames") or [])[:targets]
+    keys = _key_names(mesh.extras)[:targets]
     keys += tuple(f"Target {key + 1}" for key in range(len(keys), targets))
     offsets = np.zeros((first[-1], targets, 3))
     for each, start, count in zip(primitives, first, counts, strict=False):
@@ -175,6 +180,12 @@ def _mesh(document: Document, number: int) -> _Mesh:
         joint[chosen],
         weight[chosen],
     )
+
+
+def _key_names(extras: Any) -> tuple[str, ...]:
+    """The names of morph targets in the free data of a mesh, which may be of any type."""
+    names = extras.get("targetNames") if isinstance(extras, dict) else None
+    return tuple(map(str, names)) if isinstance(names, list) else ()
 
 
 def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:
@@ -267,7 +278,7 @@ def materials_of(document: Document) -> tuple[Material, ...]:
         look = material.pbrMetallicRoughness
         color = look.baseColorFactor if look is not None and look.baseColorFactor else [1.0, 1.0, 1.0, 1.0]
         texture = None if look is None else look.baseColorTexture
-        image = None if texture is None else document.image(document.gltf.textures[texture.index].source)
+        image = None if texture is None else document.image_of(texture.index)
         materials.append(Material(material.name or f"Material {number + 1}", tuple(color), image))
     return tuple(materials)
 

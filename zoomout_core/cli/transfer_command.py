@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
+from zoomout_core.assets.files import MESHES, WRITERS, check_format, check_siblings, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
 from zoomout_core.batch import (
     Job,
@@ -24,7 +25,7 @@ from zoomout_core.batch import (
     write_report,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import batch_options, folders_option, match_options, progress_bar, start_arguments
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -51,6 +52,7 @@ MATCHED = 0.8
     show_default=True,
     help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
+@folders_option
 @json_option
 @match_options
 def transfer(
@@ -63,6 +65,7 @@ def transfer(
     shape: str,
     candidate: int,
     force: bool,
+    folders: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -85,11 +88,13 @@ def transfer(
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
-        arguments, asset = start_arguments(**options), read_asset(source)
+        inputs = [] if in_place else inputs_of(source, *(job.target for job in jobs), folders=folders)
+        for job in jobs:
+            check_siblings(job.output, inputs)
+        arguments, asset = start_arguments(**options), read_asset(source, folders)
+        choices = candidate, force, wanted, shape.replace("-", " "), arguments
         with progress_bar():
-            outcomes = run_jobs(
-                jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
-            )
+            outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -116,10 +121,18 @@ def check_kinds(kinds: str) -> list[str]:
 
 
 def _run_job(
-    source: Asset, candidate: int, force: bool, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
+    source: Asset,
+    folders: Sequence[str],
+    inputs: Sequence[Path],
+    candidate: int,
+    force: bool,
+    kinds: list[str],
+    shape: str,
+    arguments: dict[str, Any],
+    job: Job,
 ) -> tuple[dict[str, Any], list[str]]:
     """Transfer to one target, and write it; returns the figures and lines of its outcome."""
-    target = read_asset(job.target)
+    target = read_asset(job.target, folders)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
@@ -129,8 +142,8 @@ def _run_job(
     with portion(MATCHED, 1.0):
         made = transfer_asset(source, target, result, kinds, shape)
     job.output.parent.mkdir(exist_ok=True)
-    left_out = write_asset(made.asset, job.output)
-    notes = [*source.notes, *result.notes, *made.notes, *left_out]
+    left_out = write_asset(made.asset, job.output, inputs)
+    notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     lines = [
         f"Transferred: {', '.join(received)}.",

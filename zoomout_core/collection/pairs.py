@@ -15,6 +15,7 @@ from scipy.spatial.distance import cdist
 from zoomout_core.arrays import Floats
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import read_whole
 
 # Eigenvalues used to compare shapes: the first, of the constant function, is always zero.
 COMPARED = slice(1, 40)
@@ -85,7 +86,7 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
         MeshError: the file cannot be read, a line does not have two names, or a name is unknown.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_whole(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise MeshError(f"{path} could not be read as a list of pairs ({reason}): give a text file.") from error

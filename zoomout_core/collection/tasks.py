@@ -20,19 +20,20 @@ from typing import TypeVar
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
-from zoomout_core.matching.disk_cache import package_version
 from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
-from zoomout_core.mesh.files import existing, read_shape
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.version import package_version
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
 # Folders of workers without access to the results: prepared shapes to send, and received ones.
@@ -151,7 +152,7 @@ def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
     path = _path_of(item, place, sent=content is not None)
     if content is not None:
         write_whole(path, content)
-    key = content_key(existing(path).read_bytes())
+    key = content_key(file_bytes(existing(path)))
     output = place.folder / place_of_shape(item.name)
     summary = _known(ShapeSummary.load, output, place.key(key))
     seconds = 0.0
@@ -227,8 +228,8 @@ def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kind
     known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds)
     output.parent.mkdir(parents=True, exist_ok=True)
-    left_out = write_asset(made.asset, output)
-    return (*made.notes, *left_out)
+    left_out = write_asset(made.asset, output, inputs_of(source, target))
+    return (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
 
 
 def _folder_of_worker() -> Path:

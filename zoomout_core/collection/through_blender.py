@@ -16,10 +16,10 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
-from zoomout_core.matching.disk_cache import package_version
 from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.version import package_version
 
 # Folders of the results: surfaces that Blender read, and records of its transfers.
 SURFACES, CARRIED = "surfaces", "carried"

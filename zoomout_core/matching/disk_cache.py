@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.array_files import read_arrays
 from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
@@ -87,14 +87,6 @@ class ShapeFolder:
             with suppress(OSError):  # another process removed it, or keeps it open
                 path.unlink()
             total -= size
-
-
-def package_version() -> str:
-    """That of the installed package, which what is stored depends on."""
-    try:
-        return version("zoomout-core")
-    except PackageNotFoundError:  # run from its sources
-        return "sources"
 
 
 def _arrays(shape: ShapeAnalysis) -> dict[str, Any]:

@@ -9,27 +9,38 @@ faces of several sizes. Trimesh reads the other formats; it keeps their vertices
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import write_surface
+from zoomout_core.mesh.gltf_files import read_gltf_file
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.more_files import Faces, Polygons, join
 from zoomout_core.mesh.obj_files import parse_obj
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-from zoomout_core.mesh.text_tables import decode, flatten, number_table
+from zoomout_core.mesh.text_tables import flatten, number_table, text_lines
+from zoomout_core.runtime.input_files import check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
-# Formats that trimesh reads with packages of the extra `formats`.
+# Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
+OF_TRIMESH = WITH_EXTRA | {".3dxml", ".ctm", ".step", ".stl", ".stl_ascii", ".stp", ".xaml", ".xyz"}
+# Zip archives of XML, which takes 40 times its size in memory, so that it may expand less than other data: to this many
+# times the size of the file, or to the bytes in the second constant. Meshes of millions of vertices expand fivefold.
+ARCHIVES = frozenset({".3dxml", ".3mf", ".zae"})
+XML_EXPANSION, XML_ALLOWED = 25, 1 << 23
 
 
 def read_surface(path: str | PathLike[str]) -> Surface:
@@ -112,24 +123,6 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         raise MeshError(f"{path}: {error}") from error
 
 
-def existing(path: str | PathLike[str]) -> Path:
-    """The path of an existing file, else a MeshError."""
-    if not isinstance(path, str | PathLike):
-        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
-    path = Path(path)
-    if not path.is_file():
-        raise MeshError("There is no file {path}: check the path.", path=path)
-    return path
-
-
-def file_bytes(path: Path) -> bytes:
-    """The content of a file, else a MeshError."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path} could not be opened ({error.strerror}): check its permissions.") from error
-
-
 def read_polygons(path: str | PathLike[str]) -> Polygons:
     """The polygons of a mesh file, unchecked; raises as `read_shape`."""
     return _read(path)[0]
@@ -139,7 +132,12 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
     """The polygons of `read_polygons`, and the vertex columns of a PLY file."""
     path = existing(path)
     readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
-    readers |= {".off": _read_off, ".obj": lambda path: parse_obj(file_bytes(path)).polygons()}
+    readers |= {
+        ".off": _read_off,
+        ".obj": lambda path: parse_obj(file_bytes(path)).polygons(),
+        ".gltf": _read_gltf,
+        ".glb": _read_gltf,
+    }
     try:
         if path.suffix.lower() == ".ply":
             columns = ply_columns(file_bytes(path))
@@ -159,8 +157,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
 
 def _read_off(path: Path) -> Polygons:
     """Keyword and counts, then a line per vertex, then a line per face, where colours may follow."""
-    text = decode(file_bytes(path))
-    lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
+    lines = [line for line in (line.partition("#")[0].strip() for line in text_lines(file_bytes(path))) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
         raise ValueError("it does not begin with OFF")
@@ -226,18 +223,48 @@ def _read_with_extra(path: Path) -> Polygons:
         ) from error
 
 
-def _read_with_trimesh(path: Path) -> Polygons:
-    """The triangles of all meshes and point sets in a file, in file order, transformed as in its scene."""
+def _read_gltf(path: Path) -> Polygons:
+    """The shape of a file, without its materials and images."""
+    file = read_gltf_file(path)
+    buffers = {f"buffer {number}": content for number, content in enumerate(file.buffers)}
+    unread = ("images", "materials", "samplers", "textures")
+    tree = {name: each for name, each in file.tree.items() if name not in unread}
+    tree["buffers"] = [{"uri": name, "byteLength": len(content)} for name, content in buffers.items()]
+    shape = ("attributes", "indices", "mode", "targets")
+    tree["meshes"] = [
+        {**mesh, "primitives": [{name: each[name] for name in shape if name in each} for each in mesh["primitives"]]}
+        for mesh in file.tree.get("meshes") or []
+    ]
+    return _read_with_trimesh(path, json.dumps(tree).encode(), ".gltf", buffers)
+
+
+def _read_with_trimesh(
+    path: Path, content: bytes | None = None, ending: str | None = None, files: dict[str, bytes] | None = None
+) -> Polygons:
+    """The triangles of all meshes and point sets in a file, in file order, transformed as in its scene.
+
+    Args:
+        path: the file.
+        content: its content, if it was read already.
+        ending: the extension that stands for its format.
+        files: contents of the files that it names, and that are needed; it reads no others.
+    """
+    ending = ending or path.suffix.lower()
+    unsupported = MeshError(f"The format of {path} is not supported: convert it to OFF, PLY, OBJ, STL, glTF or GLB.")
+    if files is None and ending not in OF_TRIMESH:
+        raise unsupported
     try:
         import trimesh
     except ImportError as error:
         raise ImportError("Reading mesh files needs trimesh: pip install 'zoomout-core[cli]'.") from error
+    content = file_bytes(path) if content is None else content
+    if ending in ARCHIVES:
+        with ZipFile(BytesIO(content)) as archive:
+            check_expansion(archive, expansion=XML_EXPANSION, allowed=XML_ALLOWED)
     try:
-        scene = trimesh.load_scene(str(path), process=False)
+        scene = trimesh.load_scene(BytesIO(content), file_type=ending[1:], resolver=files or {}, process=False)
     except NotImplementedError as error:
-        raise MeshError(
-            f"The format of {path} is not supported: convert it to OFF, PLY, OBJ, STL, glTF or GLB."
-        ) from error
+        raise unsupported from error
     except ImportError as error:
         how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
         if path.suffix.lower() in WITH_EXTRA:

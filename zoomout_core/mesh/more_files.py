@@ -3,14 +3,22 @@
 
 from __future__ import annotations
 
+import lzma
+import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.gltf_files import MAX_ELEMENTS
+from zoomout_core.mesh.opening import existing, file_bytes, outside
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.text_tables import text_lines
+from zoomout_core.runtime.input_files import ExpansionError, OutsideError, beside, most_bytes
 
 # Positions (n, 3), the vertex of each corner (c,), and the number of corners of each face (f,).
 Faces = tuple[Floats, Integers, Integers]
@@ -24,11 +32,12 @@ def read_usd(path: Path) -> Polygons:
     """All meshes of a USD stage at its first time, one after the other, with their transforms applied.
 
     Raises:
-        MeshError: it cannot be opened.
+        MeshError: it cannot be opened, it refers to files outside its folder, or instances multiply its meshes.
         ImportError: usd-core is not installed.
     """
     from pxr import Tf, Usd, UsdGeom
 
+    _check_layers(path)
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -36,8 +45,12 @@ def read_usd(path: Path) -> Polygons:
     time = Usd.TimeCode(stage.GetStartTimeCode()) if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.Default()
     placed = UsdGeom.XformCache(time)
 
+    most = max(MAX_ELEMENTS, path.stat().st_size)
+
     def parts() -> Iterator[Faces]:
+        seen = 0
         for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+            seen += 1
             if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputeVisibility(time) == "invisible":
                 continue
             mesh = UsdGeom.Mesh(prim)
@@ -45,6 +58,9 @@ def read_usd(path: Path) -> Polygons:
                 np.array(attribute.Get(time) if attribute.Get(time) is not None else ())
                 for attribute in (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr())
             )
+            seen += len(points) + len(corners)
+            if seen > most:
+                raise MeshError(f"The instances of {path} have more than {most} points in all: give it without them.")
             transform = np.array(placed.GetLocalToWorldTransform(prim))
             # Points are rows, so the transform is multiplied from the right.
             positions = points.reshape(-1, 3).astype(np.float64) @ transform[:3, :3] + transform[3, :3]
@@ -54,17 +70,42 @@ def read_usd(path: Path) -> Polygons:
     return join(parts())
 
 
+def _check_layers(path: Path) -> None:
+    """Check that the layers of a stage are files in its folder, before they are opened."""
+    from pxr import Sdf, Tf
+
+    waiting, checked = [path], set()
+    while waiting:
+        layer = waiting.pop()
+        if layer in checked or not layer.exists():
+            continue
+        checked.add(layer)
+        if not layer.is_file():
+            raise outside(path, str(layer))
+        try:
+            opened = Sdf.Layer.FindOrOpen(str(layer))
+        except Tf.ErrorException:
+            continue  # it is reported when the stage is opened
+        for name in opened.GetCompositionAssetDependencies() if opened is not None else ():
+            try:
+                waiting.append(beside(name, layer.parent))
+            except OutsideError as error:
+                raise outside(path, name) from error
+
+
 def read_with_meshio(path: Path) -> Polygons:
     """The faces of a file that meshio reads; surfaces of solid cells are not extracted.
 
     Raises:
-        MeshError: it cannot be read.
+        MeshError: it cannot be read, or refers to files outside its folder.
         ImportError: meshio is not installed.
     """
     import meshio
 
+    _check_files(path)
     try:
-        mesh = meshio.read(path)
+        with _bounded_decompression(path):
+            mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:  # meshio exits as if from its own command
         raise MeshError(f"{path} could not be read ({error}): check that the file is complete.") from error
     points = np.asarray(mesh.points, dtype=np.float64)
@@ -74,6 +115,57 @@ def read_with_meshio(path: Path) -> Polygons:
     polygons = [face for block in mesh.cells if block.type.startswith("polygon") for face in block.data]
     corners = [*(each.ravel() for each in faces), *map(np.asarray, polygons)]
     return positions, _flat(corners), _starts([*sizes, np.array([len(face) for face in polygons])])
+
+
+@contextmanager
+def _bounded_decompression(path: Path) -> Iterator[None]:
+    """Bound the decompression of meshio, which has no bound of its own, while it reads a file."""
+    from meshio.vtu import _vtu
+
+    before = _vtu.zlib, _vtu.lzma
+    _vtu.zlib, _vtu.lzma = _Bounded(zlib.decompressobj, path), _Bounded(lzma.LZMADecompressor, path)
+    try:
+        yield
+    finally:
+        _vtu.zlib, _vtu.lzma = before
+
+
+class _Bounded:
+    """Stands for a module of compression in meshio: decompresses no more than a file of some size may contain.
+
+    Args:
+        decompressor: makes an object that decompresses up to a number of bytes.
+        path: the file.
+    """
+
+    def __init__(self, decompressor: Callable[[], Any], path: Path) -> None:
+        self._decompressor, self._left = decompressor, most_bytes(path.stat().st_size)
+
+    def decompress(self, content: bytes) -> bytes:
+        found = bytes(self._decompressor().decompress(content, self._left + 1))
+        self._left -= len(found)
+        if self._left < 0:
+            raise ExpansionError("its data would expand too far for its size")
+        return found
+
+
+def _check_files(path: Path) -> None:
+    """Check the files that an Abaqus or XDMF file names, which meshio would open anywhere."""
+    ending = path.suffix.lower()
+    if ending == ".inp":
+        words = (line.partition(",")[0].strip().replace("*", "").upper() for line in text_lines(file_bytes(path)))
+        if "INCLUDE" in words:
+            raise MeshError(f"{path} includes other files, which are not read: merge them into one file.")
+    elif ending == ".xdmf":
+        for item in ElementTree.fromstring(file_bytes(path)).iter("DataItem"):
+            if item.get("Format") == "Binary":
+                raise MeshError(f"{path} has its data in binary files, which are not read: export it as HDF or XML.")
+            if item.get("Format") == "HDF":
+                name = (item.text or "").strip().partition(":")[0]
+                try:
+                    file_bytes(existing(beside(name, path.parent)))
+                except OutsideError as error:
+                    raise outside(path, name) from error
 
 
 READERS: dict[str, Callable[[Path], Polygons]] = {

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.text_tables import decode, flatten
+from zoomout_core.mesh.text_tables import flatten, text_lines
 
 # Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
@@ -61,7 +61,7 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     end = content.find(b"end_header")
     if not content.startswith(b"ply") or end < 0:
         raise ValueError("it has no PLY header")
-    header = [line.split() for line in decode(content[:end]).splitlines()]
+    header = [line.split() for line in text_lines(content[:end])]
     body = content[content.index(b"\n", end) + 1 :]
     encoding = next(words[1] for words in header if words[:1] == ["format"])
     if encoding == "ascii":

@@ -68,7 +68,7 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
         folders: further folders in which it may be.
 
     Raises:
-        OutsideError: it is outside these folders: its name is absolute or climbs above the folder, or follows a link.
+        OutsideError: it is outside these folders: its name is absolute or an address, climbs, or follows a link.
     """
     parts = PureWindowsPath(name)  # takes both separators, on every system
     try:
@@ -77,7 +77,8 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
             for path in given:
                 if path.is_relative_to(allowed):
                     return path
-        if not (parts.drive or parts.root or ".." in parts.parts) and given[1].is_relative_to(os.path.realpath(folder)):
+        absolute = parts.drive or parts.root or "://" in name
+        if not absolute and ".." not in parts.parts and given[1].is_relative_to(os.path.realpath(folder)):
             return given[1]
     except ValueError:  # a name with a null character
         raise OutsideError(name) from None

@@ -45,7 +45,12 @@ def check_output(
         if place.exists() and not os.access(place, os.W_OK):
             raise OutputError(f"{place} is not writable: change its permissions, or choose another place.")
     if not in_place and any(is_same_file(path, one) for one in inputs):
-        raise OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
+        raise replaces_input(path)
+
+
+def replaces_input(path: Path) -> OutputError:
+    """The error that an output would replace an input."""
+    return OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
 
 
 def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
@@ -80,15 +85,21 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write_together(
+    output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()
+) -> Iterator[Path]:
     """A path of the same name in a temporary folder, for a file that refers to others, such as textures.
 
     On success, all files of that folder are moved beside `output`, the file itself last.
 
+    Args:
+        output: the file to write.
+        inputs: files that must not be replaced.
+
     Raises:
-        OutputError: it could not be written; the earlier file is unchanged.
+        OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
     """
-    path = Path(os.path.realpath(output))
+    path, inputs = Path(os.path.realpath(output)), tuple(inputs)
     with _saying_why(path):
         folder = _part_of(path)
         try:
@@ -98,6 +109,8 @@ def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
             parts = sorted(folder.iterdir(), key=lambda part: part == main)
             for part in parts:
                 _complete(part)
+                if any(is_same_file(path.with_name(part.name), one) for one in inputs):
+                    raise replaces_input(path.with_name(part.name))
             for part in parts:
                 _replace(path.with_name(part.name), part)
         finally:

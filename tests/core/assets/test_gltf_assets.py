@@ -170,7 +170,10 @@ def edited(path: Path, change: object) -> None:
     [
         (lambda made: made | {"extensionsRequired": ["KHR_draco_mesh_compression"]}, "compressed by Draco: export it"),
         (lambda made: made | {"meshes": [{"primitives": []}]}, "contains no triangles"),
-        (lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]}, "too early"),
+        (
+            lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]},
+            "than its view",
+        ),
         (lambda made: made | {"accessors": []}, "could not be read"),
     ],
 )

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The materials, images and buffers beside an output replace neither an input nor a file that an input names."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from broken_gltf import DATA, content_of, document
+from doors import assert_refused, contents, run
+from test_named_files import SECRET as PNG
+from test_named_files import with_library
+
+import zoomout_core as zo
+from zoomout_core.assets.files import check_siblings, inputs_of
+from zoomout_core.cli import main
+from zoomout_core.runtime.outputs import OutputError
+
+
+def textured(folder: Path, stem: str, library: str = "", image: str = "paint.png") -> Path:
+    """Write an OBJ file with materials and an image, by any names."""
+    library = library or f"{stem}.mtl"
+    for name in (library, image):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / image).write_bytes(PNG)
+    path = with_library(folder, library, image)
+    path = path.rename(folder / f"{stem}.obj")
+    text = (folder / "a.mtl").read_text()
+    (folder / "a.mtl").unlink()
+    (folder / library).write_text(text.replace(image, Path(image).name) if "/" in library else text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("source", "output"),
+    [
+        ({"stem": "a", "library": "b.mtl"}, "b.obj"),
+        ({"stem": "a", "image": "b_0.png"}, "b.obj"),
+        ({"stem": "a"}, "a.obj"),
+    ],
+)
+def test_siblings_of_an_obj_file(source: dict[str, str], output: str, tmp_path: Path) -> None:
+    path = textured(tmp_path, **source)
+    asset, before = zo.read_asset(path), contents(tmp_path)
+    inputs = inputs_of(path)
+    with pytest.raises(OutputError, match="is an input, and would be overwritten: choose another output"):
+        zo.write_asset(asset, tmp_path / output, inputs)
+    with pytest.raises(OutputError, match="is an input, and would be overwritten"):
+        check_siblings(tmp_path / output, inputs)
+    assert contents(tmp_path) == before
+    zo.write_asset(asset, tmp_path / "other.obj", inputs)
+    check_siblings(tmp_path / "other.obj", inputs)
+    assert contents(tmp_path).items() > before.items()
+
+
+@pytest.mark.parametrize("how", ["hard link", "soft link", "folder"])
+def test_siblings_by_another_path(how: str, tmp_path: Path) -> None:
+    path = textured(tmp_path, "a", image="b_0.png")
+    out = tmp_path / "out"
+    if how == "folder":
+        out.symlink_to(tmp_path)
+    else:
+        out.mkdir()
+        (out / "b_0.png").hardlink_to(tmp_path / "b_0.png")
+        if how == "soft link":
+            (tmp_path / "b_0.png").unlink()
+            (tmp_path / "b_0.png").symlink_to(out / "b_0.png")
+    before = contents(tmp_path)
+    with pytest.raises(OutputError, match="would be overwritten"):
+        zo.write_asset(zo.read_asset(path), out / "b.obj", inputs_of(path))
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(("buffer", "image"), [("b.bin", "paint.png"), ("data.bin", "b_0.png")])
+def test_siblings_of_a_gltf_file(buffer: str, image: str, tmp_path: Path) -> None:
+    tree = document()
+    tree["buffers"][0]["uri"], tree["images"], tree["textures"] = buffer, [{"uri": image}], [{"source": 0}]
+    tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+    (tmp_path / "a.gltf").write_bytes(content_of(tree))
+    (tmp_path / buffer).write_bytes(DATA)
+    (tmp_path / image).write_bytes(PNG)
+    asset, before = zo.read_asset(tmp_path / "a.gltf"), contents(tmp_path)
+    with pytest.raises(OutputError, match="would be overwritten"):
+        zo.write_asset(asset, tmp_path / "b.gltf", inputs_of(tmp_path / "a.gltf"))
+    with pytest.raises(OutputError, match="would be overwritten"):
+        check_siblings(tmp_path / "b.gltf", inputs_of(tmp_path / "a.gltf"))
+    assert contents(tmp_path) == before
+    zo.write_asset(asset, tmp_path / "c.gltf", inputs_of(tmp_path / "a.gltf"))
+    assert {"c.gltf", "c.bin", "c_0.png"} == contents(tmp_path).keys() - before.keys()
+    written = json.loads((tmp_path / "c.gltf").read_text())
+    assert [each["uri"] for each in (*written["buffers"], *written["images"])] == ["c.bin", "c_0.png"]
+    again = zo.read_asset(tmp_path / "c.gltf")
+    assert again.materials == asset.materials
+    assert again.surface.vertices.tolist() == asset.surface.vertices.tolist()
+
+
+@pytest.mark.parametrize("names", [{"library": "out/target.mtl"}, {"image": "out/target_0.png"}])
+def test_the_command_keeps_what_its_inputs_name(
+    names: dict[str, str], meshes: tuple[Path, Path], tmp_path: Path
+) -> None:
+    path = textured(tmp_path, "source", **names)
+    before = contents(tmp_path)
+    ran = run(main, "transfer", path, meshes[1], "-o", tmp_path / "out" / "target.obj", "--kinds", "materials")
+    assert_refused(ran, "is an input, and would be overwritten: choose another output, or pass --in-place")
+    assert contents(tmp_path) == before
