@@ -58,8 +58,10 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     files = _ImageFiles(made, buffer, path)
     keeps_materials = document is not None and asset.materials == materials_of(document)
     if document is not None and keeps_materials:
+        known = len(document.notes)
         _keep_images(made, document, files)
         variants, notes = _variants(document)
+        notes += tuple(document.notes[known:])
     else:
         variants, notes = {}, _write_materials(made, asset, files)
     weighed = _nodes_with_weights(document)
