@@ -24,6 +24,7 @@ from meshlab_filter.project import files_of, load_inputs
 from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import FAILED, PARTLY, is_folder, plan, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
@@ -137,7 +138,8 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     current. A MeshLab project (.mlp) among them stands for its meshes with their transforms.
     """
     try:
-        check_output(output, [script, *(file for path in inputs for file in files_of(path))], in_place)
+        kept = inputs_of(*(file for path in inputs for file in files_of(path)))
+        check_output(output, [script, *kept], in_place)
         read_script(script)
         ms = new_mesh_set()
         textures: TextureFiles = {}
@@ -147,7 +149,7 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
             reports = run_script(ms, script)
         if ms.mesh_number() == 0:
             raise MeshError("The script leaves no mesh to write: keep at least one.")
-        save_beside(ms, Path(output), textures, {}, in_place)
+        save_beside(ms, Path(output), textures, {}, in_place, kept)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for report in reports:

@@ -55,8 +55,9 @@ def read_whole(path: str | os.PathLike[str]) -> bytes:
 
 def _check_regular(path: str | os.PathLike[str], status: os.stat_result) -> None:
     if not stat.S_ISREG(status.st_mode):
-        what = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, a device or a socket"
-        raise OSError(errno.EINVAL, f"it is {what}, not a file", os.fspath(path))
+        is_folder = stat.S_ISDIR(status.st_mode)
+        reason = "it is a folder, not a file" if is_folder else "it is a pipe, a device or a socket, not a file"
+        raise OSError(errno.EINVAL, reason, os.fspath(path))
 
 
 def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = ()) -> Path:

@@ -13,6 +13,7 @@ import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from filecmp import cmp
 from pathlib import Path
 from secrets import token_hex
 from time import time
@@ -94,7 +95,7 @@ def atomic_write_together(
 
     Args:
         output: the file to write.
-        inputs: files that must not be replaced.
+        inputs: files that must not be replaced; one that would get the content that it has is left as it is.
 
     Raises:
         OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
@@ -109,10 +110,13 @@ def atomic_write_together(
             parts = sorted(folder.iterdir(), key=lambda part: part == main)
             for part in parts:
                 _complete(part)
-                if any(is_same_file(path.with_name(part.name), one) for one in inputs):
+            kept = [part for part in parts if any(is_same_file(path.with_name(part.name), one) for one in inputs)]
+            for part in kept:
+                if not cmp(part, path.with_name(part.name), shallow=False):
                     raise replaces_input(path.with_name(part.name))
             for part in parts:
-                _replace(path.with_name(part.name), part)
+                if part not in kept:
+                    _replace(path.with_name(part.name), part)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
