@@ -43,8 +43,8 @@ def test_it_is_one_sentence(name: str, read: object, tmp_path: Path) -> None:
     [
         (b"", "Expecting value"),
         (b"{", "Expecting property name"),
-        (b"[]", "it is no object"),
-        (b"null", "it is no object"),
+        (b"[]", "the file is \\[\\], not an object"),
+        (b"null", "the file is null, not an object"),
         (b'{"nodes": ' + b"[" * 100_000, "nested too deeply"),
         (b"\xff\xfe\x00", "can't decode"),
         (b"glTF\x01\0\0\0\x0c\0\0\0", "its version is 1"),

@@ -15,6 +15,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_file
 from zoomout_core.mesh.opening import shown
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import OutsideError
 
 if TYPE_CHECKING:
@@ -225,8 +226,13 @@ class Buffer:
             values: values of a type that glTF supports.
             target: the use of the buffer.
             bounded: whether to store the minimum and maximum of each column.
+
+        Raises:
+            MeshError: bounded values are too large for single floats.
         """
         rows = values.reshape(len(values), -1)
+        if bounded and not np.isfinite(rows).all():
+            raise MeshError("Coordinates or times are too large for glTF, which stores single floats: scale them down.")
         code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
         width = rows.dtype.itemsize * rows.shape[1]
         padding = np.zeros((len(rows), -width % 4 if target == ARRAY_BUFFER else 0), np.uint8)

@@ -229,6 +229,7 @@ def _read_gltf(path: Path) -> Polygons:
     buffers = {f"buffer {number}": content for number, content in enumerate(file.buffers)}
     unread = ("images", "materials", "samplers", "textures")
     tree = {name: each for name, each in file.tree.items() if name not in unread}
+    tree["asset"] = {"version": "2.0"}
     tree["buffers"] = [{"uri": name, "byteLength": len(content)} for name, content in buffers.items()]
     shape = ("attributes", "indices", "mode", "targets")
     tree["meshes"] = [

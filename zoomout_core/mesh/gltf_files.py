@@ -121,6 +121,15 @@ CHOICES: dict[str, Container[object]] = {
     "accessors[].sparse.indices.componentType": UNSIGNED,
     "meshes[].primitives[].mode": range(7),
 }
+OBJECTS = (
+    "asset",
+    "extensions",
+    "accessors[].sparse",
+    "animations[].channels[].target",
+    "materials[].pbrMetallicRoughness",
+    "meshes[].primitives[].extensions",
+    *(f"{table}[].extensions" for table in TABLES),
+)
 SWITCHES = ("accessors[].normalized",)
 
 
@@ -196,11 +205,26 @@ def parse_gltf(content: bytes) -> tuple[dict[str, Any], bytes]:
     """
     text, binary = _chunks(content) if content.startswith(b"glTF") else (content, b"")
     try:
-        tree = json.loads(text.decode("utf-8-sig"))
+        tree = json.loads(
+            text.decode("utf-8-sig"), object_hook=_without_nulls, parse_constant=_finite, parse_float=_finite
+        )
     except RecursionError:
         raise StructureError("it is nested too deeply") from None
     check_structure(tree, len(content))
     return tree, binary
+
+
+def _without_nulls(part: dict[str, Any]) -> dict[str, Any]:
+    """An object without values that are null, which stand for missing ones."""
+    return {name: value for name, value in part.items() if value is not None}
+
+
+def _finite(text: str) -> float:
+    """A number of JSON, which has no infinite ones."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise StructureError(f"it contains the number {text}")
+    return value
 
 
 def data_of(uri: str) -> bytes:
@@ -277,8 +301,9 @@ def check_structure(tree: Any, size: int = 0) -> None:
     Raises:
         StructureError: it contradicts the specification.
     """
-    if not isinstance(tree, dict):
-        raise StructureError("it is no object")
+    for path in OBJECTS:
+        for value in _values(tree, path):
+            _expect(isinstance(value, dict), path, value, "an object")
     for table in TABLES:
         for each in _values(tree, f"{table}[]"):
             _expect(isinstance(each, dict), table, each, "an object")
@@ -300,7 +325,7 @@ def check_structure(tree: Any, size: int = 0) -> None:
     for path, names in REQUIRED.items():
         for value in _values(tree, path):
             for name in names:
-                _expect(isinstance(value, dict) and value.get(name) is not None, path, value, f"an object with {name}")
+                _expect(isinstance(value, dict) and name in value, path, value, f"an object with {name}")
     for path, table in REFERENCES.items():
         count = len(tree.get(table) or [])
         for value in _values(tree, path):
@@ -314,32 +339,32 @@ def check_structure(tree: Any, size: int = 0) -> None:
     _check_accessors(tree)
 
 
-def _values(part: Any, path: str) -> Iterator[Any]:
-    """The values at a path; parts that are missing or null are skipped."""
-    if part is None:
-        return
+def _values(part: Any, path: str, whole: str = "") -> Iterator[Any]:
+    """The values at a path; what is missing is skipped.
+
+    Args:
+        part: the object, list or value where the path begins.
+        path: the path.
+        whole: the path from the root, for errors.
+    """
+    whole = whole or path
+    above = whole.removesuffix(path).rstrip(".") or "the file"
+    name, _, rest = path.partition(".")
     if not path:
         yield part
-        return
-    name, _, rest = path.partition(".")
-    if name.endswith("[]"):
-        if name != "[]":
-            yield from _values(_inside(part, name[:-2], path), f"[].{rest}" if rest else "[]")
-            return
-        _expect(isinstance(part, list), path, part, "a list")
+    elif name == "[]":
+        _expect(isinstance(part, list), above, part, "a list")
         for each in part:
-            yield from _values(each, rest)
+            yield from _values(each, rest, whole)
     elif name == "*":
-        _expect(isinstance(part, dict), path, part, "an object")
+        _expect(isinstance(part, dict), above, part, "an object")
         for each in part.values():
-            yield from _values(each, rest)
+            yield from _values(each, rest, whole)
     else:
-        yield from _values(_inside(part, name, path), rest)
-
-
-def _inside(part: Any, name: str, path: str) -> Any:
-    _expect(isinstance(part, dict), path, part, "an object")
-    return part.get(name)
+        _expect(isinstance(part, dict), above, part, "an object")
+        name = name.removesuffix("[]")
+        if name in part:
+            yield from _values(part[name], path.removeprefix(name).removeprefix("."), whole)
 
 
 def _expect(is_right: bool, path: str, value: Any, wanted: str) -> None:
