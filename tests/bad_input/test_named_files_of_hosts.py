@@ -49,15 +49,19 @@ def with_element(folder: Path, name: str) -> Path:
     return folder / "a.dae"
 
 
+def assert_refused_by_meshlab(path: Path) -> None:
+    meshes = pymeshlab.MeshSet()
+    with pytest.raises(MeshError, match=REFUSED):
+        load_mesh(meshes, path)
+    assert meshes.mesh_number() == 0
+
+
 @pytest.mark.parametrize("name", CLIMBING)
 def test_meshlab_gets_none(name: str, folder: Path) -> None:
     given = CLIMBING[name].format(there=folder.parent)
     paths = [with_library(folder, "a.mtl", given), with_comment(folder, given), with_element(folder, given)]
     for path in (*paths, with_image(folder, given)):
-        meshes = pymeshlab.MeshSet()
-        with pytest.raises(MeshError, match=REFUSED):
-            load_mesh(meshes, path)
-        assert meshes.mesh_number() == 0
+        assert_refused_by_meshlab(path)
 
 
 @pytest.mark.parametrize("name", CLIMBING)
@@ -69,6 +73,22 @@ def test_blender_gets_none(name: str, folder: Path) -> None:
             with pytest.raises(MeshError, match=REFUSED):
                 open_scene(bpy.context, path)
             assert not bpy.data.images
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "a.png /etc/hostname",
+        "-o 1 1 1 /etc/hostname",
+        "/etc/hostname a.png",
+        "a.png \\\n/etc/hostname",
+        "/etc/hostname # a",
+    ],
+)
+def test_each_word_of_a_statement_may_be_a_name(statement: str, folder: Path) -> None:
+    assert_refused_by_meshlab(with_library(folder, "a.mtl", statement))
+    (folder / "b.obj").write_text(f"mtllib {statement}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
+    assert_refused_by_meshlab(folder / "b.obj")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")

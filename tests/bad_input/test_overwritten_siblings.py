@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,11 @@ def textured(folder: Path, stem: str, library: str = "", image: str = "paint.png
     return path
 
 
+def edit_image(path: Path) -> None:
+    """Change an image that was read already, so that writing what was read would lose the change."""
+    path.write_bytes(PNG + b"edited")
+
+
 @pytest.mark.parametrize(
     ("source", "output"),
     [
@@ -42,8 +48,9 @@ def textured(folder: Path, stem: str, library: str = "", image: str = "paint.png
 )
 def test_siblings_of_an_obj_file(source: dict[str, str], output: str, tmp_path: Path) -> None:
     path = textured(tmp_path, **source)
-    asset, before = zo.read_asset(path), contents(tmp_path)
-    inputs = inputs_of(path)
+    asset, inputs = zo.read_asset(path), inputs_of(path)
+    edit_image(tmp_path / source.get("image", "paint.png"))
+    before = contents(tmp_path)
     with pytest.raises(OutputError, match="is an input, and would be overwritten: choose another output"):
         zo.write_asset(asset, tmp_path / output, inputs)
     with pytest.raises(OutputError, match="is an input, and would be overwritten"):
@@ -66,9 +73,11 @@ def test_siblings_by_another_path(how: str, tmp_path: Path) -> None:
         if how == "soft link":
             (tmp_path / "b_0.png").unlink()
             (tmp_path / "b_0.png").symlink_to(out / "b_0.png")
+    asset, inputs = zo.read_asset(path), inputs_of(path)
+    edit_image(tmp_path / "b_0.png")
     before = contents(tmp_path)
     with pytest.raises(OutputError, match="would be overwritten"):
-        zo.write_asset(zo.read_asset(path), out / "b.obj", inputs_of(path))
+        zo.write_asset(asset, out / "b.obj", inputs)
     assert contents(tmp_path) == before
 
 
@@ -80,7 +89,9 @@ def test_siblings_of_a_gltf_file(buffer: str, image: str, tmp_path: Path) -> Non
     (tmp_path / "a.gltf").write_bytes(content_of(tree))
     (tmp_path / buffer).write_bytes(DATA)
     (tmp_path / image).write_bytes(PNG)
-    asset, before = zo.read_asset(tmp_path / "a.gltf"), contents(tmp_path)
+    asset = zo.read_asset(tmp_path / "a.gltf")
+    edit_image(tmp_path / image)
+    before = contents(tmp_path)
     with pytest.raises(OutputError, match="would be overwritten"):
         zo.write_asset(asset, tmp_path / "b.gltf", inputs_of(tmp_path / "a.gltf"))
     with pytest.raises(OutputError, match="would be overwritten"):
@@ -93,6 +104,14 @@ def test_siblings_of_a_gltf_file(buffer: str, image: str, tmp_path: Path) -> Non
     again = zo.read_asset(tmp_path / "c.gltf")
     assert again.materials == asset.materials
     assert again.surface.vertices.tolist() == asset.surface.vertices.tolist()
+
+
+def test_an_input_that_would_stay_the_same_is_left_alone(tmp_path: Path) -> None:
+    path = textured(tmp_path, "a", image="b_0.png")
+    os.utime(tmp_path / "b_0.png", (1, 1))
+    zo.write_asset(zo.read_asset(path), tmp_path / "b.obj", inputs_of(path))
+    assert (tmp_path / "b_0.png").stat().st_mtime == 1
+    assert zo.read_asset(tmp_path / "b.obj").materials[0].image == PNG
 
 
 @pytest.mark.parametrize("names", [{"library": "out/target.mtl"}, {"image": "out/target_0.png"}])

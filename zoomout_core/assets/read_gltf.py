@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf import Document
+from zoomout_core.assets.gltf import INSTANCES, Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -112,6 +112,8 @@ def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
         for channel in each.channels
         if channel.target.path == "weights"
     }
+    if any(INSTANCES in (document.gltf.nodes[node].extensions or {}) for node in nodes):
+        found.append("copies of meshes (EXT_mesh_gpu_instancing)")
     if len(moving) > 1:
         found.append("animated weights of several meshes' morph targets")
     return found

@@ -16,6 +16,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.assets.gltf import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
+    INSTANCES,
     Buffer,
     Document,
     is_file,
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 
 # Joints per vertex in a set.
 INFLUENCES = 4
-# Extensions of glTF for materials to choose from, and for copies of a mesh.
-VARIANTS, INSTANCES = "KHR_materials_variants", "EXT_mesh_gpu_instancing"
+# The extension of glTF for materials to choose from.
+VARIANTS = "KHR_materials_variants"
 
 
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
@@ -64,9 +65,11 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
         notes += tuple(document.notes[known:])
     else:
         variants, notes = {}, _write_materials(made, asset, files)
+    extras, lost = _extras(document)
+    notes += lost
     weighed = _nodes_with_weights(document)
     keys = asset.find(SHAPE_KEYS)
-    mesh = gltf.Mesh(name=path.stem, primitives=_primitives(asset, buffer), extras=_extras(document))
+    mesh = gltf.Mesh(name=path.stem, primitives=_primitives(asset, buffer), extras=extras)
     for primitive in mesh.primitives:
         if primitive.material in variants:
             primitive.extensions = {VARIANTS: variants[primitive.material]}
@@ -202,12 +205,15 @@ def _variants(document: Document) -> tuple[dict[int | None, Any], tuple[str, ...
     return kept, (note,) if lost else ()
 
 
-def _extras(document: Document | None) -> dict[str, Any]:
-    """The free data of a document's mesh, if it has only one."""
-    if document is None or len(document.gltf.meshes) != 1:
-        return {}
-    extras = document.gltf.meshes[0].extras
-    return {name: value for name, value in extras.items() if name != "targetNames"} if isinstance(extras, dict) else {}
+def _extras(document: Document | None) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The free data of a document's mesh; if it has several with such data, a note instead."""
+    meshes = [] if document is None else document.gltf.meshes
+    parts = [each.extras or {} for mesh in meshes for each in (mesh, *mesh.primitives)]
+    found = [{name: value for name, value in extras.items() if name != "targetNames"} for extras in parts]
+    if len(meshes) == 1 and not any(found[1:]):
+        return found[0], ()
+    note = "The meshes have free data (extras) of their own, which was left out, because they were joined."
+    return {}, (note,) if any(found) else ()
 
 
 def _write_materials(made: GLTF2, asset: Asset, files: _ImageFiles) -> tuple[str, ...]:

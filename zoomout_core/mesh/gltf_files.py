@@ -193,7 +193,7 @@ def read_gltf_file(path: Path, folders: Iterable[Path] = ()) -> GltfFile:
     try:
         _check_views(tree, buffers)
     except StructureError as error:
-        raise _damaged(path, error) from error
+        raise _damage_error(path, error) from error
     return GltfFile(tree, buffers, path, file.folders)
 
 
@@ -280,11 +280,11 @@ def _buffers(file: GltfFile, binary: bytes) -> tuple[bytes, ...]:
                 reason=error.strerror,
             ) from error
         except ValueError as error:
-            raise _damaged(file.path, error) from error
+            raise _damage_error(file.path, error) from error
     return tuple(read.get(each.get("uri"), binary) for each in file.tree.get("buffers") or [])
 
 
-def _damaged(path: Path, error: ValueError) -> MeshError:
+def _damage_error(path: Path, error: ValueError) -> MeshError:
     return MeshError(f"{path} could not be read ({error}): check that the file is complete, or export it again.")
 
 

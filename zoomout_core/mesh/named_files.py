@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from html import unescape
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -17,10 +18,11 @@ from zoomout_core.mesh.text_tables import decode
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
 
 # Statements that name files, in OBJ, .mtl and PLY files, and the element that does in COLLADA files.
-LIBRARY = re.compile(r"^[^\S\n]*mtllib[^\S\n]+(.+)$", re.MULTILINE)
-IMAGE = re.compile(r"^[^\S\n]*(?:map_\w+|bump|disp|decal|refl|norm)[^\S\n]+(.+)$", re.MULTILINE | re.IGNORECASE)
-TEXTURE = re.compile(r"^comment TextureFile (.+)$", re.MULTILINE)
-ELEMENT = re.compile(r"<init_from>\s*(?:<ref>)?\s*([^<]+?)\s*<")
+FLAGS = re.MULTILINE | re.IGNORECASE
+LIBRARY = re.compile(r"^[^\S\n]*mtllib[^\S\n]+(.+)$", FLAGS)
+IMAGE = re.compile(r"^[^\S\n]*(?:map_\w+|bump|disp|decal|refl|norm)[^\S\n]+(.+)$", FLAGS)
+TEXTURE = re.compile(r"^comment[^\S\n]+TextureFile[^\S\n]+(.+)$", FLAGS)
+ELEMENT = re.compile(r"<init_from[^>]*>\s*(?:<ref>)?\s*([^<]+?)\s*<")
 
 
 class NamedFile(NamedTuple):
@@ -69,20 +71,24 @@ def check_named_files(path: str | PathLike[str], folders: Iterable[Path] = ()) -
 
 
 def _of_obj(path: Path, content: bytes, folders: tuple[Path, ...]) -> Iterator[NamedFile]:
-    for library in LIBRARY.findall(decode(content).replace("\\\n", " ")):
-        named = NamedFile(library.partition("#")[0].strip(), path.parent)
-        yield named
+    for library in _names(LIBRARY, content):
+        yield NamedFile(library, path.parent)
         try:
-            place = beside(named.name, named.folder, folders)
-            text = decode(read_whole(place)).replace("\\\n", " ")
+            place = beside(library, path.parent, folders)
+            materials = read_whole(place)
         except (OutsideError, OSError):
             continue  # it is not read in any case
-        for image in IMAGE.findall(text):
-            # Options precede the name, which may have spaces.
-            words = image.partition("#")[0].split()
-            if words:
-                whole = " ".join(words)
-                yield NamedFile(whole if (place.parent / whole).exists() else words[-1], place.parent)
+        yield from (NamedFile(image, place.parent) for image in _names(IMAGE, materials))
+
+
+def _names(statement: re.Pattern[str], content: bytes) -> dict[str, None]:
+    """The names in statements: a name may have spaces, but several names or options may also stand there."""
+    found: dict[str, None] = {}
+    for text in statement.findall(decode(content).replace("\\\n", " ")):
+        words = text.partition("#")[0].split()
+        if words:
+            found |= dict.fromkeys((" ".join(words), *words))
+    return found
 
 
 def _of_ply(path: Path, content: bytes, _: tuple[Path, ...]) -> Iterator[NamedFile]:
@@ -91,7 +97,7 @@ def _of_ply(path: Path, content: bytes, _: tuple[Path, ...]) -> Iterator[NamedFi
 
 
 def _of_collada(path: Path, content: bytes, _: tuple[Path, ...]) -> Iterator[NamedFile]:
-    return (NamedFile(unquote(name), path.parent) for name in ELEMENT.findall(decode(content)))
+    return (NamedFile(unquote(unescape(name)), path.parent) for name in ELEMENT.findall(decode(content)))
 
 
 def _of_gltf(path: Path, content: bytes, _: tuple[Path, ...]) -> Iterator[NamedFile]:

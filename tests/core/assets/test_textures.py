@@ -174,3 +174,25 @@ def test_variants_of_other_materials_go(tmp_path: Path) -> None:
     assert write_asset(asset, tmp_path / "b.glb") == ()
     tree = tree_of(tmp_path / "b.glb")
     assert VARIANTS not in json.dumps(tree)
+
+
+def test_free_data_of_several_parts_is_said(tmp_path: Path) -> None:
+    with_variants(tmp_path / "a.glb", [1, None], [0, 1])
+    asset = read_asset(tmp_path / "a.glb")
+    assert asset.document is not None
+    asset.document.gltf.meshes[0].primitives[1].extras = {"part": 2}
+    (note,) = write_asset(asset, tmp_path / "b.glb")
+    assert note.startswith("The meshes have free data (extras) of their own")
+    assert tree_of(tmp_path / "b.glb")["meshes"][0]["extras"] == {"targetNames": ["Lean"]}
+
+
+def test_copies_by_an_extension_are_said(tmp_path: Path) -> None:
+    path = write_textured(tmp_path, {"a.png": PNG}, {"source": 0})
+    tree = json.loads(path.read_text())
+    (node,) = [node for node in tree["nodes"] if "mesh" in node]
+    node["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
+    path.write_text(json.dumps(tree))
+    asset = read_asset(path)
+    assert asset.notes == ("tube.gltf contains copies of meshes (EXT_mesh_gpu_instancing), which are left out.",)
+    write_asset(asset, tmp_path / "b.glb")
+    assert all("extensions" not in node for node in tree_of(tmp_path / "b.glb")["nodes"])
