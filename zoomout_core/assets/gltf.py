@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # glTF's codes for buffers of vertices and of indices.
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 # The extension of glTF for copies of a mesh.
 INSTANCES = "EXT_mesh_gpu_instancing"
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 
 def library() -> Any:

@@ -182,9 +182,7 @@ def read_gltf_file(path: Path, folders: Iterable[Path] = ()) -> GltfFile:
     except MeshError:
         raise
     except ValueError as error:
-        raise MeshError(
-            f"{path} could not be read ({error}): check that the file is complete, or export it again."
-        ) from error
+        raise _damage_error(path, error) from error
     for extension in tree.get("extensionsRequired") or []:
         if extension in COMPRESSED:
             raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")

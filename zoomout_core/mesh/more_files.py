@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import lzma
+import os
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,6 +28,9 @@ Polygons = tuple[Floats, Integers, Integers]
 # Meshio's cell types that are faces, and their numbers of corners; cells of higher order list their corners first.
 CELLS = {"triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
+# Elements that each prim of an instance counts for, whatever it contains: so many take a millisecond.
+PRIM = 2000
+
 
 def read_usd(path: Path) -> Polygons:
     """All meshes of a USD stage at its first time, one after the other, with their transforms applied.
@@ -45,12 +49,18 @@ def read_usd(path: Path) -> Polygons:
     time = Usd.TimeCode(stage.GetStartTimeCode()) if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.Default()
     placed = UsdGeom.XformCache(time)
 
+    for layer in stage.GetUsedLayers():  # also those that the search path led to
+        place = layer.realPath.partition("[")[0]
+        if place and not Path(os.path.realpath(place)).is_relative_to(os.path.realpath(path.parent)):
+            raise outside(path, place)
     most = max(MAX_ELEMENTS, path.stat().st_size)
 
     def parts() -> Iterator[Faces]:
         seen = 0
         for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-            seen += 1
+            seen += PRIM * prim.IsInstanceProxy()
+            if seen > most:
+                raise MeshError(f"The instances of {path} have more than {most} points in all: give it without them.")
             if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputeVisibility(time) == "invisible":
                 continue
             mesh = UsdGeom.Mesh(prim)
@@ -59,8 +69,6 @@ def read_usd(path: Path) -> Polygons:
                 for attribute in (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr())
             )
             seen += len(points) + len(corners)
-            if seen > most:
-                raise MeshError(f"The instances of {path} have more than {most} points in all: give it without them.")
             transform = np.array(placed.GetLocalToWorldTransform(prim))
             # Points are rows, so the transform is multiplied from the right.
             positions = points.reshape(-1, 3).astype(np.float64) @ transform[:3, :3] + transform[3, :3]
@@ -80,13 +88,12 @@ def _check_layers(path: Path) -> None:
         if layer in checked or not layer.exists():
             continue
         checked.add(layer)
-        if not layer.is_file():
-            raise outside(path, str(layer))
         try:
-            opened = Sdf.Layer.FindOrOpen(str(layer))
+            opened = Sdf.Layer.FindOrOpen(str(existing(layer)))
         except Tf.ErrorException:
             continue  # it is reported when the stage is opened
-        for name in opened.GetCompositionAssetDependencies() if opened is not None else ():
+        # A reference within the layer has no name.
+        for name in filter(None, opened.GetCompositionAssetDependencies() if opened is not None else ()):
             try:
                 waiting.append(beside(name, layer.parent))
             except OutsideError as error:

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Formats that other libraries read: they open no file outside the folder, and instances multiply in bounds."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from time import process_time
+
+import pytest
+
+import zoomout_core as zo
+from zoomout_core.mesh.surface import MeshError
+
+LAYERS = {
+    "a layer": "(subLayers = [@{name}@])",
+    "a reference": 'def "A" (references = @{name}@</M>)\n{{\n}}',
+    "a payload": 'def "A" (payload = @{name}@</M>)\n{{\n}}',
+}
+MESH = """#usda 1.0
+def Mesh "M"
+{
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+}
+"""
+
+
+@pytest.mark.parametrize("name", ["../other.usda", "{there}/other.usda", "link.usda", "other.usda"])
+@pytest.mark.parametrize("how", LAYERS)
+def test_layers_outside_the_folder_are_refused(
+    how: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pxr")
+    (tmp_path / "other.usda").write_text(MESH)
+    folder = tmp_path / "stage"
+    folder.mkdir()
+    (folder / "link.usda").symlink_to(tmp_path / "other.usda")
+    monkeypatch.chdir(tmp_path)  # where USD looks, too
+    path = folder / "a.usda"
+    path.write_text("#usda 1.0\n" + LAYERS[how].format(name=name.format(there=tmp_path)) + "\n")
+    with pytest.raises(MeshError, match=r"outside its folder|contains no faces"):
+        zo.read_surface(path)
+    (folder / "mesh.usda").write_text(MESH)
+    path.write_text("#usda 1.0\n" + LAYERS[how].format(name="./mesh.usda") + "\n")
+    assert len(zo.read_surface(path).triangles) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
+def test_a_layer_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    os.mkfifo(tmp_path / "pipe.usda")
+    (tmp_path / "a.usda").write_text("#usda 1.0\n(subLayers = [@./pipe.usda@])\n")
+    with pytest.raises(MeshError, match="is a pipe, a device or a socket"):
+        zo.read_surface(tmp_path / "a.usda")
+
+
+@pytest.mark.parametrize("leaf", [MESH.partition("\n")[2], 'def Xform "M"\n{\n}\n'])
+def test_instances_of_instances_have_an_end(leaf: str, tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    text = "#usda 1.0\n" + leaf.replace('"M"', '"M0"')
+    for level in range(1, 41):
+        copies = "".join(
+            f'def "{name}" (\ninstanceable = true\nreferences = </M{level - 1}>\n)\n{{\n}}\n' for name in "ab"
+        )
+        text += f'def Xform "M{level}"\n{{\n{copies}}}\n'
+    (tmp_path / "a.usda").write_text(text)
+    start = process_time()
+    with pytest.raises(MeshError, match=r"The instances of .* have more than 33554432 points"):
+        zo.read_surface(tmp_path / "a.usda")
+    assert process_time() - start < 20
+
+
+@pytest.mark.parametrize(
+    "line", ["*INCLUDE, INPUT=/etc/hosts", "*include,input=b.inp", "*Include, a=b.inp, INPUT=../b.inp"]
+)
+def test_abaqus_files_include_no_others(line: str, tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    (tmp_path / "a.inp").write_text(f"*NODE\n1, 0, 0, 0\n{line}\n")
+    with pytest.raises(MeshError, match="includes other files, which are not read: merge them"):
+        zo.read_surface(tmp_path / "a.inp")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "why"),
+    [
+        ("Binary", "data.bin", "has its data in binary files"),
+        ("Binary", "/etc/hosts", "has its data in binary files"),
+        ("HDF", "/etc/hosts:/data", "outside its folder"),
+        ("HDF", "../data.h5:/data", "outside its folder"),
+        ("HDF", "none.h5:/data", "There is no file"),
+    ],
+)
+def test_xdmf_files_read_no_others(kind: str, name: str, why: str, tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    item = f'<DataItem Format="{kind}" Dimensions="3 3" DataType="Float">{name}</DataItem>'
+    (tmp_path / "a.xdmf").write_text(f"<Xdmf><Domain><Grid><Geometry>{item}</Geometry></Grid></Domain></Xdmf>")
+    with pytest.raises(MeshError, match=why):
+        zo.read_surface(tmp_path / "a.xdmf")
