@@ -134,6 +134,7 @@ BROKEN: dict[str, Callable[[dict[str, Any]], None]] = {
         "accessors", 0, to={"componentType": 5126, "count": 4_000_000_000, "type": "VEC3"}
     ),
     "less than no elements": changed("accessors", 0, "count", to=-3),
+    "no elements": changed("accessors", 2, "count", to=0),
     "half an element": changed("accessors", 0, "count", to=2.5),
     "more elements than the view has": changed("accessors", 0, "count", to=4),
     "an offset beyond the view": changed("accessors", 0, "byteOffset", to=4),

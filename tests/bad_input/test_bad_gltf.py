@@ -82,3 +82,11 @@ def test_free_data_of_any_type_is_no_fault(extras: object, tmp_path: Path) -> No
     asset = zo.read_asset(path)
     assert zo.write_asset(asset, tmp_path / "again.glb") == ()
     assert len(zo.read_asset(tmp_path / "again.glb").surface.triangles) == 1
+
+
+def test_coordinates_beyond_single_floats_are_one_sentence(tmp_path: Path) -> None:
+    surface = zo.Surface([[0.0, 0, 0], [1e50, 0, 0], [0, 1e50, 0]], [[0, 1, 2]])
+    for ending in (".glb", ".gltf"):
+        with pytest.raises(MeshError, match="too large for the single floats of glTF: check"):
+            zo.write_asset(zo.Asset(surface), tmp_path / f"a{ending}")
+    assert not list(tmp_path.iterdir())

@@ -230,11 +230,14 @@ class Buffer:
             bounded: whether to store the minimum and maximum of each column.
 
         Raises:
-            MeshError: bounded values are too large for single floats.
+            MeshError: bounded values are infinite, or too large for single floats.
         """
         rows = values.reshape(len(values), -1)
         if bounded and not np.isfinite(rows).all():
-            raise MeshError("Coordinates or times are too large for glTF, which stores single floats: scale them down.")
+            raise MeshError(
+                "Some coordinates or times are infinite, or too large for the single floats of glTF: check that no node "
+                "of the source has a scale of zero, or scale the meshes down."
+            )
         code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
         width = rows.dtype.itemsize * rows.shape[1]
         padding = np.zeros((len(rows), -width % 4 if target == ARRAY_BUFFER else 0), np.uint8)

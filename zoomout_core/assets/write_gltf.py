@@ -39,6 +39,7 @@ INFLUENCES = 4
 VARIANTS = "KHR_materials_variants"
 
 
+@np.errstate(over="ignore")  # what overflows is refused in a sentence
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     """Write an asset to a .glb or .gltf file; its skin provides the rest positions of its vertices.
 

@@ -70,7 +70,6 @@ REFERENCES = {
 }
 TABLES = sorted({"animations", "accessors", "images", "meshes", *REFERENCES.values()})
 COUNTS = (
-    "accessors[].count",
     "accessors[].byteOffset",
     "accessors[].sparse.count",
     "accessors[].sparse.indices.byteOffset",
@@ -311,6 +310,8 @@ def check_structure(tree: Any, size: int = 0) -> None:
     for path in COUNTS:
         for value in _values(tree, path):
             _expect(_is_count(value), path, value, "a number from 0")
+    for value in _values(tree, "accessors[].count"):
+        _expect(_is_count(value) and value > 0, "accessors[].count", value, "a number from 1")
     for path in SWITCHES:
         for value in _values(tree, path):
             _expect(isinstance(value, bool), path, value, "true or false")
