@@ -235,8 +235,8 @@ class Buffer:
         rows = values.reshape(len(values), -1)
         if bounded and not np.isfinite(rows).all():
             raise MeshError(
-                "Some coordinates or times are infinite, or too large for the single floats of glTF: check that no node "
-                "of the source has a scale of zero, or scale the meshes down."
+                "Some coordinates or times are infinite, or too large for the single floats of glTF: check that no "
+                "node of the source has a scale of zero, or scale the meshes down."
             )
         code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
         width = rows.dtype.itemsize * rows.shape[1]
