@@ -166,6 +166,21 @@ def test_what_is_no_image_is_not_copied(folder: Path) -> None:
         assert asset.materials[0].image is None
 
 
+def test_a_missing_image_does_not_end_a_transfer(folder: Path, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    surface = zo.read_surface(meshes[0])
+    lines = [f"v {x} {y} {z}" for x, y, z in surface.vertices]
+    lines += [f"f {' '.join(map(str, each))}" for each in surface.triangles + 1]
+    (folder / "a.mtl").write_text("newmtl Red\nKd 1 0 0\nmap_Kd ../secret.png\n")
+    (folder / "a.obj").write_text("\n".join(["mtllib a.mtl", "usemtl Red", *lines]) + "\n")
+    (tmp_path / "out").mkdir()
+    output = tmp_path / "out" / "a.glb"
+    ran = run(main, "transfer", folder / "a.obj", meshes[1], "-o", output, "--detail", "fast", "--force")
+    assert ran.exit_code == 0, ran.output
+    assert "The image '../secret.png' is outside the folder of the file, and was not read." in ran.output
+    assert SECRET not in output.read_bytes()
+    assert zo.read_asset(output).materials[0].color == (1, 0, 0, 1)
+
+
 # --- pipes, devices and sockets -----------------------------------------------------------------------------
 
 

@@ -123,3 +123,13 @@ def test_the_command_keeps_what_its_inputs_name(
     ran = run(main, "transfer", path, meshes[1], "-o", tmp_path / "out" / "target.obj", "--kinds", "materials")
     assert_refused(ran, "is an input, and would be overwritten: choose another output, or pass --in-place")
     assert contents(tmp_path) == before
+
+
+def test_a_map_replaces_no_buffer_of_an_input(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    tree = document()
+    tree["buffers"][0]["uri"] = "map.npz"
+    (tmp_path / "a.gltf").write_bytes(content_of(tree))
+    (tmp_path / "map.npz").write_bytes(DATA)
+    ran = run(main, "match", tmp_path / "a.gltf", meshes[1], "-o", tmp_path / "map.npz")
+    assert_refused(ran, "map.npz is an input, and would be overwritten")
+    assert (tmp_path / "map.npz").read_bytes() == DATA

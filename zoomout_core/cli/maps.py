@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.outputs import check_output
@@ -15,10 +16,10 @@ def check_map_output(path: str, inputs: Iterable[str], in_place: bool = False) -
     """Check that a map can be written to a path, before it is computed.
 
     Raises:
-        OutputError: the folder is missing or cannot be written to, or the file is an input.
+        OutputError: the folder is missing or cannot be written to, or the file is an input or named by one.
         MeshError: the path does not end in .npz.
     """
-    check_output(path, inputs, in_place)
+    check_output(path, inputs_of(*inputs), in_place)
     if Path(path).suffix != ".npz":
         raise MeshError(f"{path} does not end in .npz: maps are written to .npz files only.")
 
