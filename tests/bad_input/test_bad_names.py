@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_named_files import SECRET as PNG
+from naming import SECRET as PNG
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Material, material_numbers

@@ -13,6 +13,7 @@ from time import perf_counter
 import pytest
 from broken_gltf import DATA, content_of, document
 from doors import contents, run
+from naming import CLIMBING, SECRET, make_pipe, with_image, with_library
 
 import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
@@ -21,24 +22,6 @@ from zoomout_core.mesh.named_files import check_named_files
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
 
-# A one-pixel image, which must not get into any output.
-SECRET = bytes.fromhex(
-    "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c4944415408d763f8cfc0000003010100"
-    "18dd8db00000000049454e44ae426082"
-)
-# Names of a file beside the folder of the mesh, as files give them; {there} is its folder.
-CLIMBING = {
-    "absolute": "{there}/secret.png",
-    "absolute with two slashes": "/{there}/secret.png",
-    "climbing": "../secret.png",
-    "climbing in the middle": "textures/../../secret.png",
-    "climbing by Windows' separators": "..\\secret.png",
-    "climbing far": "../" * 40 + "{there}/secret.png",
-    "of a drive": "C:{there}/secret.png",
-    "of a server": "\\\\server\\share\\secret.png",
-    "through a link to a folder": "link/secret.png",
-    "through a link to the file": "link.png",
-}
 ESCAPED = {
     "climbing, escaped": "%2e%2e/secret.png",
     "climbing, all escaped": "%2E%2E%2Fsecret.png",
@@ -57,22 +40,6 @@ def folder(tmp_path: Path) -> Path:
     (made / "link").symlink_to(tmp_path)
     (made / "link.png").symlink_to(tmp_path / "secret.png")
     return made
-
-
-def with_image(folder: Path, uri: str) -> Path:
-    """Write a glTF document with an image."""
-    tree = document()
-    tree["images"], tree["textures"] = [{"uri": uri}], [{"source": 0}]
-    tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
-    (folder / "a.gltf").write_bytes(content_of(tree))
-    return folder / "a.gltf"
-
-
-def with_library(folder: Path, library: str, image: str) -> Path:
-    """Write an OBJ file with the name of its materials, and beside it materials with the name of an image."""
-    (folder / "a.mtl").write_text(f"newmtl Red\nKd 1 0 0\nmap_Kd {image}\n")
-    (folder / "a.obj").write_text(f"mtllib {library}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl Red\nf 1 2 3\n")
-    return folder / "a.obj"
 
 
 def assert_private(path: Path) -> None:
@@ -182,10 +149,6 @@ def test_a_missing_image_does_not_end_a_transfer(folder: Path, meshes: tuple[Pat
 
 
 # --- pipes, devices and sockets -----------------------------------------------------------------------------
-
-
-def make_pipe(path: Path) -> None:
-    os.mkfifo(path)
 
 
 def make_socket(path: Path) -> None:

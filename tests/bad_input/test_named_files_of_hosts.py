@@ -10,7 +10,7 @@ import bpy
 import pymeshlab
 import pytest
 from doors import assert_refused, contents, run
-from test_named_files import CLIMBING, SECRET, make_pipe, with_image, with_library
+from naming import CLIMBING, SECRET, make_pipe, with_image, with_library
 
 import blender_addon
 from blender_addon.scene.files import open_scene, save_scene

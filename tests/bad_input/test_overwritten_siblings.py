@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from broken_gltf import DATA, content_of, document
 from doors import assert_refused, contents, run
-from test_named_files import SECRET as PNG
-from test_named_files import with_library
+from naming import SECRET as PNG
+from naming import with_library
 
 import zoomout_core as zo
 from zoomout_core.assets.files import check_siblings, inputs_of
