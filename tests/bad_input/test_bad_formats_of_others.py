@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from pathlib import Path
 from time import process_time
 
@@ -11,7 +12,11 @@ import pytest
 
 import zoomout_core as zo
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.xml_instances import check_instances
 
+MODEL = '<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>{}</resources>{}</model>'
+SHOWN = '<visual_scene id="s"><instance_node url="#n39"/></visual_scene>'
+SCENE = f"<COLLADA><library_nodes>{{}}</library_nodes>{SHOWN}</COLLADA>"
 LAYERS = {
     "a layer": "(subLayers = [@{name}@])",
     "a reference": 'def "A" (references = @{name}@</M>)\n{{\n}}',
@@ -98,3 +103,50 @@ def test_xdmf_files_read_no_others(kind: str, name: str, why: str, tmp_path: Pat
     (tmp_path / "a.xdmf").write_text(f"<Xdmf><Domain><Grid><Geometry>{item}</Geometry></Grid></Domain></Xdmf>")
     with pytest.raises(MeshError, match=why):
         zo.read_surface(tmp_path / "a.xdmf")
+
+
+def of_components(number: int, *parts: int) -> str:
+    """An object of a 3MF file that consists of others."""
+    return f'<object id="{number}"><components>{"".join(map(component, parts))}</components></object>'
+
+
+def component(number: int) -> str:
+    return f'<component objectid="{number}"/>'
+
+
+def of_nodes(number: int, *parts: int) -> str:
+    """A node of a COLLADA file that consists of others."""
+    return f'<node id="n{number}">{"".join(map(instance, parts))}</node>'
+
+
+def instance(number: int) -> str:
+    return f'<instance_node url="#n{number}"/>'
+
+
+GRAPHS = {
+    "doubled": [(number, number - 1, number - 1) for number in range(1, 40)],
+    "a cycle": [(number, number % 39 + 1) for number in range(1, 40)],
+    "itself": [(39, 39)],
+}
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_instances_in_xml_have_an_end(name: str, tmp_path: Path) -> None:
+    objects = "".join(of_components(*each) for each in GRAPHS[name])
+    with zipfile.ZipFile(tmp_path / "a.3mf", "w") as archive:
+        archive.writestr("3D/3dmodel.model", MODEL.format(objects, '<build><item objectid="39"/></build>'))
+    scene = SCENE.format("".join(of_nodes(*each) for each in GRAPHS[name]))
+    (tmp_path / "a.dae").write_text(scene)
+    with zipfile.ZipFile(tmp_path / "a.zae", "w") as archive:
+        archive.writestr("a.dae", scene)
+    start = process_time()
+    for ending in (".3mf", ".dae", ".zae"):
+        with pytest.raises(MeshError, match=r"it has more than 10000 instances|is an instance of itself"):
+            zo.read_surface(tmp_path / f"a{ending}")
+    assert process_time() - start < 2
+
+
+def test_usual_instances_are_read() -> None:
+    many = "".join(of_nodes(number, 39) for number in range(1000, 5000))
+    check_instances(SCENE.format(f'<node id="n39"><node/><node/></node>{many}').encode())
+    check_instances(b"<COLLADA>")

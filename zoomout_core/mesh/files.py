@@ -31,6 +31,7 @@ from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.text_tables import flatten, number_table, text_lines
+from zoomout_core.mesh.xml_instances import check_instances
 from zoomout_core.runtime.input_files import check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
@@ -262,6 +263,11 @@ def _read_with_trimesh(
     if ending in ARCHIVES:
         with ZipFile(BytesIO(content)) as archive:
             check_expansion(archive, expansion=XML_EXPANSION, allowed=XML_ALLOWED)
+            for name in archive.namelist():
+                if name.lower().endswith((".model", ".dae")):
+                    check_instances(archive.read(name))
+    elif ending == ".dae":
+        check_instances(content)
     try:
         scene = trimesh.load_scene(BytesIO(content), file_type=ending[1:], resolver=files or {}, process=False)
     except NotImplementedError as error:
