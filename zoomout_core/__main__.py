@@ -7,6 +7,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
+from zoomout_core.runtime.child_process import leave_out_working_folder
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
@@ -15,6 +16,7 @@ def run(commands: str, name: str, extra: str) -> None:
 
     `name` is what the user calls it, `extra` the extra of the package `zoomout-core` that installs its requirements.
     """
+    leave_out_working_folder()
     try:
         _run(commands, name)
     except KeyboardInterrupt:
