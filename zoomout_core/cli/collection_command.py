@@ -21,7 +21,7 @@ from zoomout_core.cli.report import json_option
 from zoomout_core.cli.transfer_command import check_kinds
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
-from zoomout_core.collection.engine import Engine, InThisProcess, local_engine, remote_engine
+from zoomout_core.collection.engine import Engine, InThisProcess, has_dask, local_engine, remote_engine
 from zoomout_core.collection.pairs import read_pairs
 from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
@@ -235,7 +235,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
             raise MeshError("A cluster brings its own workers: omit --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
-        workers = min(usable_cores(), count) if find_spec("distributed") else 1
+        workers = min(usable_cores(), count) if has_dask() else 1
     return local_engine(workers, retries)
 
 

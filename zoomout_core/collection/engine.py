@@ -4,16 +4,21 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 from uuid import uuid4
 
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
+from zoomout_core.runtime.child_process import child_environment, modules_of_python_in
 from zoomout_core.runtime.progress import advance, renaming, stage
 
 # Seconds between two checks for finished tasks.
@@ -24,6 +29,10 @@ CONNECTING = 20
 ARRIVING = 60
 # Tasks submitted to a cluster at a time: more than its workers, and few enough for its scheduler to keep up.
 MAX_UNDER_WAY = 2000
+# The first version of Python that can leave out the working folder.
+SAFE_PATH_SINCE = (3, 11)
+# Where processes on this machine listen: other machines cannot connect.
+LOOPBACK = "127.0.0.1"
 LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
 
 
@@ -278,8 +287,12 @@ def sentence_of(error: BaseException | None) -> str:
 def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     """An engine on this machine: this process for one worker, else a Dask cluster of one process per core.
 
+    The processes listen on this machine only, and require each other's certificates, which are made for each cluster:
+    whoever can send a task to a worker can run any code as its user.
+
     Raises:
         ImportError: several workers were asked for, and Dask is not installed.
+        OSError: the processes would import modules of the working folder instead of Python's.
     """
     if workers == 1:
         yield InThisProcess(retries)
@@ -287,17 +300,64 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     distributed = _import_distributed(retries)
     import dask
 
+    check_working_folder()
     # Each process computes on a core of its own. Dask's default settings return the memory of every freed array to the
     # system at once, and request it again: 97 s of processor time instead of 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
+    settings = {
+        "distributed.nanny.pre-spawn-environ": alone,
+        # Their HTTP servers cannot be turned off, but need not answer.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+    }
     with (
-        dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),
+        TemporaryDirectory(prefix="zoomout-", ignore_cleanup_errors=True) as folder,
+        dask.config.set(settings),
+        _environment(child_environment()),
         distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            n_workers=workers,
+            threads_per_worker=1,
+            host=LOOPBACK,
+            dashboard_address=f"{LOOPBACK}:0",
+            scheduler_kwargs={"dashboard": False},
+            security=True,
+            local_directory=folder,
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         yield OnDask(client, retries)
+
+
+def has_dask() -> bool:
+    """Whether several processes can be used."""
+    return all(map(find_spec, ("distributed", "cryptography")))
+
+
+def check_working_folder() -> None:
+    """Check that new processes import nothing from the working folder; Python 3.10 cannot leave it out.
+
+    Raises:
+        OSError: it has modules with the names of Python's own.
+    """
+    if sys.version_info < SAFE_PATH_SINCE and (planted := modules_of_python_in(Path.cwd())):
+        raise OSError(
+            f"{planted[0]} in the current folder would replace a module of Python in each process: start the command "
+            "in another folder, or use --workers 1."
+        )
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """A context with environment variables, for all processes started in it; Dask adds those of its workers."""
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager
@@ -324,11 +384,13 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
 def _import_distributed(retries: int) -> Any:
     """The package, configured so that a dying worker uses up one try of its task."""
     try:
+        import cryptography  # noqa: F401, for certificates
         import dask
         import distributed
     except ImportError as error:
         raise ImportError(
-            "Using several processes requires Dask: pip install 'zoomout-core[collections]', or use --workers 1."
+            "Using several processes requires Dask and cryptography: pip install 'zoomout-core[collections]', or use "
+            "--workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})
     # Its log is about its own parts; failures are in the report.
