@@ -107,10 +107,11 @@ def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
 def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list[Candidate]:
     """Candidates for a pair in one unit, the most likely first."""
     part, whole = part_of(pair)
+    regions: list[Region] = []
     if is_small(part, whole):
         with portion(0.0, 0.2):
             regions = find_regions(part, whole)
-    else:
+    if not regions:  # faces of a soup reach across all regions
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
     with portion(0.2, 1.0):
         found = part_candidates(regions)
