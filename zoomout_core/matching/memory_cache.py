@@ -23,11 +23,10 @@ from zoomout_core.matching.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.memory import bytes_of
 
 # Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
 MAX_BYTES = 512 << 20
-# Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
-PER_VERTEX = 300
 
 Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
@@ -49,7 +48,7 @@ class _Kept(Generic[Value]):
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
-            while sum(map(_bytes, self._values.values())) > MAX_BYTES:
+            while bytes_of(*self._values.values()) > MAX_BYTES:
                 self._values.popitem(last=False)
 
     def forget(self) -> None:
@@ -132,11 +131,3 @@ def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
         digest.update(repr((array.shape, array.dtype)).encode())
         digest.update(np.ascontiguousarray(array).data)
     return digest.digest()
-
-
-def _bytes(value: ShapeAnalysis | WorkingMesh) -> int:
-    """How much memory it takes, about, once a match has used it."""
-    if isinstance(value, WorkingMesh):
-        return 8 * value.vertices.nbytes
-    n, k = value.basis.eigenvectors.shape
-    return 8 * n * (k + PER_VERTEX) + 20 * value.proxy.full.vertices.nbytes
