@@ -104,7 +104,7 @@ def refine(
     schedule: Schedule | None = None,
 ) -> tuple[SurfaceMap, Floats]:
     """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""
-    available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    available = min(len(source.basis.eigenvalues), target.sampled.rows.shape[1])
     resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // REFINEMENT.vertices_per_function
     size = min(k_final, available, max(RANKING.screening_size, resolved))
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
