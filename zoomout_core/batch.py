@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import click
 
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import atomic_write, check_output
+from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -88,13 +89,15 @@ def plan(
     if not place.is_dir():
         check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
-        if path.resolve().parent == place.resolve() and not in_place:
+        if os.path.dirname(os.path.realpath(path)) == os.path.realpath(place) and not in_place:
             raise MeshError(
                 f"{path} is in {output}, where the output could overwrite it: choose another folder, or pass "
                 "--in-place."
             )
     jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
     first: dict[str, Path] = {}
+    if place.is_dir():
+        check_output(place / REPORT)
     for job in jobs:
         other = first.setdefault(job.output.name.casefold(), job.target)
         if other is not job.target:
@@ -113,7 +116,7 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     if not given.is_dir():
         return [given]
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
-    found = [path for path in files if source is None or path.resolve() != source.resolve()]
+    found = [path for path in files if source is None or not is_same_file(path, source)]
     if not found:
         raise MeshError(f"The folder {given} contains no {'other ' if source else ''}meshes: check the path.")
     return found

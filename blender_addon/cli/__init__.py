@@ -20,6 +20,7 @@ import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 from zoomout_core.runtime.outputs import atomic_write, check_output
+from zoomout_core.runtime.terminal import print_any_character
 
 from ..scene.files import check_writable_format, save_scene
 from . import arguments, files, pairs, symmetry
@@ -62,6 +63,7 @@ def main(command_line: Sequence[str]) -> int:
     Returns:
         0 if everything succeeded, 1 if anything failed, 2 if the arguments are invalid, 130 if it was interrupted.
     """
+    print_any_character()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Blender sets its own without a window
     try:
         with handle_interrupts():

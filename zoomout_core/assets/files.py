@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.obj import read_obj, write_obj
@@ -66,6 +67,28 @@ def check_format(path: str | PathLike[str]) -> None:
     """Raise a MeshError if files with this extension cannot be written."""
     if Path(path).suffix.lower() not in WRITERS:
         raise MeshError(f"{path} has no supported file extension: use {', '.join(WRITERS)}.")
+
+
+def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None:
+    """Check that an asset can be written in a format, by writing it to a temporary folder.
+
+    Args:
+        asset: the asset.
+        path: the file that it is from.
+        ending: extension of the format.
+
+    Raises:
+        MeshError: it cannot be written; the message says why.
+    """
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        try:
+            write_asset(asset, Path(folder) / f"trial{ending}")
+        except Exception as error:  # broken documents are noticed in various ways
+            reason = " ".join(f"{error}".rstrip(".").split()) or type(error).__name__
+            raise MeshError(
+                f"The materials and joints of {path} cannot be written as {ending[1:].upper()} ({reason}): correct the "
+                "file, or choose other data or another format."
+            ) from error
 
 
 def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | PathLike[str]] = ()) -> tuple[str, ...]:

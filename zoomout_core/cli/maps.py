@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Map files of `zoomout match` and `zoomout symmetry`."""
+"""Map files of `zoomout match` and `zoomout symmetry`, and of commands that fail after a match."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import gettempdir
 
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.outputs import check_output
 
@@ -37,3 +41,50 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
             "two meshes of the map, in the same order."
         )
     return surface_map
+
+
+def save_match(result: MatchResult, path: Path) -> None:
+    """Write the map of a match with what belongs to it.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    result.surface_map.save(
+        path,
+        confidence=result.confidence,
+        functional_map=result.functional_map,
+        has_partner=result.has_partner,
+        source_has_partner=result.source_has_partner,
+    )
+
+
+@contextmanager
+def keep_map(save: Callable[[Path], None], output: Path) -> Iterator[None]:
+    """A context of the work that follows a match: if it fails, the map is kept, and the message says where.
+
+    Args:
+        save: writes the map.
+        output: the file that the command was to write; the map is put beside it, else into the temporary folder.
+
+    Raises:
+        MeshError: the work failed.
+    """
+    try:
+        yield
+    except Exception as error:  # whatever it is, the match has taken longest
+        reason = str(error) if isinstance(error, ValueError | OSError | ImportError) else ""
+        if not reason:
+            kind = " ".join(f"{type(error).__name__}: {error}".split())
+            reason = NO_MEMORY if isinstance(error, MemoryError) else f"It failed unexpectedly ({kind})."
+        for folder in (output.parent, Path(gettempdir())):
+            path = _free_path(folder, output.stem)
+            with suppress(OSError):  # as the output, perhaps
+                save(path)
+                raise MeshError(f"{reason} The map was kept: --initial {path} starts from it.") from error
+        raise
+
+
+def _free_path(folder: Path, stem: str) -> Path:
+    """The path of a map file that does not exist yet."""
+    paths = (folder / f"{stem}_map{number or ''}.npz" for number in range(10_000))
+    return next((path for path in paths if not path.exists()), folder / f"{stem}_map.npz")

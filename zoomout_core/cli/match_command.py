@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.maps import check_map_output, keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import (
     in_place_option,
@@ -70,13 +72,8 @@ def match(
             arguments = start_arguments(**options)
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
-            result.surface_map.save(
-                output,
-                confidence=result.confidence,
-                functional_map=result.functional_map,
-                has_partner=result.has_partner,
-                source_has_partner=result.source_has_partner,
-            )
+            with keep_map(partial(save_match, result), Path(output)):
+                save_match(result, Path(output))
             lines, figures = _summary(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None

@@ -5,15 +5,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import MESHES, WRITERS, check_format, check_siblings, inputs_of, read_asset, write_asset
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
+from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.assets.files import (
+    MESHES,
+    WRITERS,
+    check_format,
+    check_siblings,
+    check_writable,
+    inputs_of,
+    read_asset,
+    write_asset,
+)
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
     end_with_code,
@@ -24,6 +34,7 @@ from zoomout_core.batch import (
     say_outcomes,
     write_report,
 )
+from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import batch_options, folders_option, match_options, progress_bar, start_arguments
 from zoomout_core.matching.pipeline import match
@@ -93,6 +104,7 @@ def transfer(
             check_siblings(job.output, inputs)
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         choices = candidate, force, wanted, shape.replace("-", " "), arguments
+        check_source(asset, source, wanted, jobs[0].output.suffix)
         with progress_bar():
             outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
         if is_folder(output):
@@ -120,6 +132,19 @@ def check_kinds(kinds: str) -> list[str]:
     return chosen
 
 
+def check_source(source: Asset, path: str, kinds: list[str], ending: str) -> None:
+    """Check before the first match that a source has the data, and that it can be written.
+
+    Raises:
+        MeshError: it has none, or it cannot be written.
+    """
+    chosen, skin = select_data(source, kinds)
+    trial = replace(source, attributes=tuple(chosen), skin=skin)
+    if MATERIALS not in kinds and skin is None:
+        trial = replace(trial, materials=(), document=None)
+    check_writable(trial, path, ending)
+
+
 def _run_job(
     source: Asset,
     folders: Sequence[str],
@@ -133,16 +158,18 @@ def _run_job(
 ) -> tuple[dict[str, Any], list[str]]:
     """Transfer to one target, and write it; returns the figures and lines of its outcome."""
     target = read_asset(job.target, folders)
+    check_writable(target, job.target, job.output.suffix)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
     check_verdict(result.verdict, force)
-    with portion(MATCHED, 1.0):
-        made = transfer_asset(source, target, result, kinds, shape)
-    job.output.parent.mkdir(exist_ok=True)
-    left_out = write_asset(made.asset, job.output, inputs)
+    with keep_map(partial(save_match, result), job.output):
+        job.output.parent.mkdir(exist_ok=True)
+        with portion(MATCHED, 1.0):
+            made = transfer_asset(source, target, result, kinds, shape)
+        left_out = write_asset(made.asset, job.output, inputs)
     notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     lines = [

@@ -45,8 +45,8 @@ def carry(
         except MeshError as error:
             result.failures[f"transfer to {pair.target}"] = str(error)
             continue
-        target, output = result.items[pair.target].file.resolve(), result.folder / MESHES / f"{pair.target}.{ending}"
-        paths = (source.file.resolve(), target, result.folder / place_of_map(pair), output, tuple(kinds))
+        target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
+        paths = (source.file.absolute(), target, result.folder / place_of_map(pair), output, tuple(kinds))
         if source.original is None:
             tasks.append(Task(key, transfer_pair, paths))
         else:

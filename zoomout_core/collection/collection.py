@@ -39,6 +39,7 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.outputs import is_same_file
 from zoomout_core.runtime.progress import Progress, listening, portion
 
 _log = logging.getLogger(__name__)
@@ -226,7 +227,7 @@ def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Pat
 
 
 def _is_at(path: Path, other: str | PathLike[str]) -> bool:
-    return path.resolve() == Path(other).resolve()
+    return is_same_file(path, other)
 
 
 def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
@@ -253,7 +254,7 @@ class _Run:
         engine: Engine,
         cache: str | PathLike[str] | None,
     ) -> None:
-        self.items, self.folder, self._engine = items, folder.resolve(), engine
+        self.items, self.folder, self._engine = items, folder.absolute(), engine
         self.prepared: dict[str, Prepared] = {}
         self.records: dict[PairName, PairRecord] = {}
         self.failures: dict[str, str] = {}
@@ -263,7 +264,7 @@ class _Run:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._shared = engine.sees([self.folder, *(item.path for item in items.values() if item.path.exists())])
         results = self.folder if self._shared else None
-        kept = None if cache is None else Path(cache).resolve()
+        kept = None if cache is None else Path(cache).absolute()
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
 
     def match(
@@ -351,4 +352,4 @@ class _Run:
 
 
 def _absolute(item: Item) -> Item:
-    return replace(item, path=item.path.resolve())
+    return replace(item, path=item.path.absolute())

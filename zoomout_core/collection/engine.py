@@ -163,7 +163,7 @@ class OnDask:
 
     def sees(self, paths: Sequence[Path]) -> bool:
         self._client.wait_for_workers(1, timeout=CONNECTING)
-        there = self._client.run(_all_exist, [str(path.resolve()) for path in paths])
+        there = self._client.run(_all_exist, [str(path.absolute()) for path in paths])
         return bool(there) and all(there.values())
 
     def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:

@@ -46,14 +46,14 @@ def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Tas
     """
     tasks = []
     for name, parent in color_tree(list(result.records), result.records, root):
-        path = result.items[name].path.resolve()
+        path = result.items[name].path.absolute()
         after: tuple[str, ...] = ()
         map_file, forward, parent_path = None, True, None
         if parent is not None:
             pair = PairName(parent, name)
             forward = pair in result.records
             map_file = result.folder / place_of_map(pair if forward else PairName(name, parent))
-            parent_path, after = result.items[parent].path.resolve(), (f"picture {parent}",)
+            parent_path, after = result.items[parent].path.absolute(), (f"picture {parent}",)
         tasks.append(Task(f"picture {name}", draw_picture, (path, parent_path, map_file, forward), after))
     return tasks
 

@@ -95,7 +95,7 @@ def write_reports(
     with atomic_write(result.folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
     with atomic_write(result.folder / PAGE) as part:
-        part.write_text(page_of(result, pictures), encoding="utf-8")
+        part.write_text(page_of(result, pictures), encoding="utf-8", errors="backslashreplace")
 
 
 def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:

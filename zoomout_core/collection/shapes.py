@@ -113,13 +113,19 @@ def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
     """
     files = [Path(path) for path in paths]
     stems = [path.stem for path in files]
-    items = [Item(path.stem if stems.count(path.stem) == 1 else path.name, path) for path in files]
+    names = [path.stem if stems.count(path.stem) == 1 else path.name for path in files]
+    items = [Item(_printable(name), path) for name, path in zip(names, files, strict=True)]
     first: dict[str, Path] = {}
     for item in items:
         other = first.setdefault(item.name.casefold(), item.path)
         if other is not item.path:
             raise MeshError(f"{other} and {item.path} would both be named {item.name}: rename one of them.")
     return items
+
+
+def _printable(name: str) -> str:
+    """The name of a file, with other bytes than those of UTF-8 written as numbers, for reports and keys."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def content_key(content: bytes) -> str:

@@ -12,12 +12,9 @@ import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
-
-import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
@@ -31,7 +28,7 @@ from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.version import package_version
 
@@ -159,9 +156,9 @@ def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
     if summary is None:
         with place.storing(item.name):
             summary = summarise(path, place.key(key), place.options)
-        file = BytesIO()
-        np.savez_compressed(file, **summary.as_arrays())
-        write_whole(output, file.getvalue())
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(output) as part:
+            write_arrays(part, summary.as_arrays())
         seconds = perf_counter() - began
     shipped = {}
     if content is not None:

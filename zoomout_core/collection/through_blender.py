@@ -63,7 +63,7 @@ def read_items(
         known = is_of_blender(item.path) or item.path.suffix.lower() in IMPORTED
         found[item.name] = Item(item.name, surface, item.path if known else surface)
         if not surface.is_file():
-            tasks.append(Task(f"read {item.name}", read_item, (item.path.resolve(), role, surface, known, program)))
+            tasks.append(Task(f"read {item.name}", read_item, (item.path.absolute(), role, surface, known, program)))
     if tasks:
         (folder / SURFACES).mkdir(parents=True, exist_ok=True)
     failures = {}
@@ -106,7 +106,7 @@ def carry_pair(
     if known is not None:
         return known
     output.parent.mkdir(parents=True, exist_ok=True)
-    arguments = ["carry", str(source), str(target), "--map", str(map_file.resolve()), "--save", str(output.resolve())]
+    arguments = ["carry", str(source), str(target), "--map", str(map_file.absolute()), "--save", str(output.absolute())]
     arguments += ["--data", *(DATA[kind] for kind in kinds)]
     if WEIGHTS in kinds:
         arguments += ["--bind", "--replace-binding"]
@@ -124,7 +124,7 @@ def carry_pair(
 def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
     """Path of a file's surface, by content; removes earlier surfaces of that name."""
     key = content_key(repr((content_key(item.path.read_bytes()), role, package_version())).encode())
-    place = folder.resolve() / SURFACES / f"{item.name}-{key}.ply"
+    place = folder.absolute() / SURFACES / f"{item.name}-{key}.ply"
     pattern = re.compile(re.escape(item.name) + "-[0-9a-f]{32}[.]ply")
     for path in place.parent.glob("*.ply"):
         if path != place and pattern.fullmatch(path.name):

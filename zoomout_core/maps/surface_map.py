@@ -17,7 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 
 # Barycentric coordinates may miss their bounds and their sum by this rounding error.
@@ -114,7 +114,7 @@ class SurfaceMap:
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         with atomic_write(_npz(path)) as part:
-            np.savez_compressed(part, **arrays, **extra)
+            write_arrays(part, arrays | extra)
 
     @classmethod
     def load(cls, path: str | PathLike[str], source: Surface) -> SurfaceMap:

@@ -19,7 +19,7 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.array_files import read_arrays
+from zoomout_core.runtime.array_files import read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -65,7 +65,7 @@ class ShapeFolder:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with atomic_write(self._path(key)) as part:
-                np.savez(part, key=np.frombuffer(key, np.uint8), **_arrays(shape))
+                write_arrays(part, {"key": np.frombuffer(key, np.uint8)} | _arrays(shape), compressed=False)
             self._make_room()
         except OSError as error:
             _log.warning("A shape cannot be cached in %s: %s", self._folder, error)

@@ -122,7 +122,7 @@ def write_surface(path: Path, output: Path, role: str = TARGET, program: str | N
     Raises:
         MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.
     """
-    run_blender(["surface", str(path.resolve()), "--role", role, "--save", str(output.resolve())], program)
+    run_blender(["surface", str(path.absolute()), "--role", role, "--save", str(output.absolute())], program)
 
 
 def _environment() -> dict[str, str]:

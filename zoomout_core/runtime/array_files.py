@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read arrays from .npz files that may be broken or malicious: no code is run, and memory is bounded."""
+"""Write arrays to .npz files, and read them from files that may be broken or malicious: no code is run."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
 from math import prod
 from typing import IO, Any, TypeAlias
 from zipfile import ZipFile
@@ -23,6 +24,19 @@ HEADERS: dict[tuple[int, int], Header] = {
 
 class ArrayFileError(ValueError):
     """A file whose arrays cannot be read; the message says why, without its name."""
+
+
+def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any], compressed: bool = True) -> None:
+    """Write arrays to a file.
+
+    They are collected in memory first: on a full disk, `zipfile` would print an error of its own.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    content = BytesIO()
+    (np.savez_compressed if compressed else np.savez)(content, **arrays)
+    Path(path).write_bytes(content.getbuffer())
 
 
 def read_arrays(

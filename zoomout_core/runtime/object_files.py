@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import csc_array
 
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 
 TREE = "tree"
@@ -42,7 +42,7 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
     tree = {"root": writer.encode(value), "objects": writer.objects}
     arrays = {f"array {number}": array for number, array in enumerate(writer.arrays)}
     with atomic_write(path) as part:
-        np.savez(part, **{TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)}, **arrays)
+        write_arrays(part, {TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)} | arrays, compressed=False)
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:

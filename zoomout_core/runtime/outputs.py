@@ -34,7 +34,8 @@ def check_output(
     """Check, before the work begins, that a file can be written and, unless `in_place`, is none of its inputs.
 
     Raises:
-        OutputError: its folder is missing or cannot be written to, it is a folder, or it is one of the inputs.
+        OutputError: its folder is missing or cannot be written to, as on a full disk, it is a folder, or it is one of
+            the inputs.
     """
     path = Path(output)
     folder = path.parent
@@ -42,16 +43,35 @@ def check_output(
         raise OutputError(f"There is no folder {folder}: create it, or choose another one.")
     if path.is_dir():
         raise OutputError(f"{path} is a folder: give the name of a file in it.")
+    if os.path.islink(os.path.realpath(path)):
+        raise OutputError(f"{path} is a link that leads back to itself: remove it, or choose another place.")
     for place in (folder, path):
         if place.exists() and not os.access(place, os.W_OK):
             raise OutputError(f"{place} is not writable: change its permissions, or choose another place.")
     if not in_place and any(is_same_file(path, one) for one in inputs):
         raise replaces_input(path)
+    if not path.exists() or path.is_file():
+        _try_to_write(path)
 
 
 def replaces_input(path: Path) -> OutputError:
     """The error that an output would replace an input."""
     return OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
+
+
+def _try_to_write(path: Path) -> None:
+    """Write a byte beside an output: a full disk or a limit shows only then.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    path = Path(os.path.realpath(path))
+    with _saying_why(path):
+        part = _part_of(path)
+        try:
+            part.write_bytes(b"\0")
+        finally:
+            part.unlink(missing_ok=True)
 
 
 def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
