@@ -277,6 +277,11 @@ def _read_with_trimesh(
         if path.suffix.lower() in WITH_EXTRA:
             how = f"pip install 'zoomout-core[formats]', or {how}"
         raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
+    return polygons_of_scene(scene)
+
+
+def polygons_of_scene(scene: Any) -> Polygons:
+    """The triangles of all meshes and point sets of a `trimesh.Scene`, transformed as in it."""
     return join(_parts(scene))
 
 

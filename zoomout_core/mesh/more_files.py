@@ -115,6 +115,11 @@ def read_with_meshio(path: Path) -> Polygons:
             mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:  # meshio exits as if from its own command
         raise MeshError(f"{path} could not be read ({error}): check that the file is complete.") from error
+    return faces_of_meshio(mesh)
+
+
+def faces_of_meshio(mesh: Any) -> Faces:
+    """The faces of a `meshio.Mesh`, without those of solid cells."""
     points = np.asarray(mesh.points, dtype=np.float64)
     positions = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
     faces = [block.data[:, : CELLS[block.type]] for block in mesh.cells if block.type in CELLS]

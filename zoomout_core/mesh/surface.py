@@ -317,7 +317,12 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
         sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
     except TypeError:
         raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons.") from None
-    corners = [vertex for polygon in polygons for vertex in polygon]
+    try:
+        corners = np.asarray([vertex for polygon in polygons for vertex in polygon])
+    except (TypeError, ValueError):  # some are sequences themselves
+        corners = np.zeros((0, 0))
+    if corners.ndim != 1:
+        raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons of vertex numbers.")
     return _whole_numbers(corners), np.concatenate([[0], np.cumsum(sizes)])
 
 
