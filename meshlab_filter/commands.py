@@ -31,8 +31,10 @@ from zoomout_core.command_options import (
     in_place_option,
     match_options,
     progress_bar,
+    quiet_option,
     read_options,
     table_option,
+    tell,
     threads_option,
 )
 from zoomout_core.matching.option_table import OPTIONS
@@ -45,6 +47,7 @@ from zoomout_core.runtime.outputs import check_output
 @click.group()
 @click.version_option(package_name="zoomout-core")
 @threads_option
+@quiet_option
 def main() -> None:
     """Filters for mesh files in every format that MeshLab reads."""
 
@@ -90,7 +93,7 @@ def samples(folder: Path) -> None:
         paths = write_samples(folder)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    click.echo(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
+    tell(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
 
 
 @main.command()
@@ -154,8 +157,8 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         raise click.ClickException(str(error)) from None
     for report in reports:
         for note in report.get("notes", ()):
-            click.echo(f"Line {report['line']}, {report['name']}: {note}")
-    click.echo(f"Written to {output}")
+            tell(f"Line {report['line']}, {report['name']}: {note}")
+    tell(f"Written to {output}")
 
 
 @main.command("watch")
@@ -193,12 +196,12 @@ def watch_command(
     outcomes: list[bool] = []
 
     def process(path: Path) -> None:
-        click.echo(f"{path.name} was saved.")
+        tell(f"{path.name} was saved.")
         try:
             with progress_bar():
                 lines = work.process(path)
             for line in lines:
-                click.echo(f"  {line}")
+                tell(f"  {line}")
         except (ValueError, OSError, MemoryError) as error:
             click.echo(f"{path.name}: failed. {error or NO_MEMORY}", err=True)
             outcomes.append(False)
@@ -210,7 +213,7 @@ def watch_command(
         if script is not None:
             read_script(script)
         if not once:
-            click.echo(f"Watching {folder}; press Ctrl-C to stop.")
+            tell(f"Watching {folder}; press Ctrl-C to stop.")
         for _ in watch(work, process, interval, once):
             pass
     except KeyboardInterrupt:
@@ -220,3 +223,7 @@ def watch_command(
         raise click.ClickException(str(error)) from None
     if not all(outcomes):
         sys.exit(PARTLY if any(outcomes) else FAILED)
+
+
+for command in (samples, transfer, run, watch_command):
+    quiet_option(command)

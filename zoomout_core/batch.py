@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from zoomout_core.command_options import tell
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
@@ -172,20 +173,18 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
         if only.error:
             raise click.ClickException(only.error)
         for line in (*only.lines, f"Written to {only.job.output}"):
-            click.echo(line)
+            tell(line)
         return
     for outcome in outcomes:
         if outcome.error:
             click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
             continue
         first, *others = outcome.lines
-        click.echo(f"{outcome.job.target}: {first}")
+        tell(f"{outcome.job.target}: {first}")
         for line in others:
-            click.echo(f"  {line}")
+            tell(f"  {line}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
-    click.echo(
-        f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each."
-    )
+    tell(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each.")
     end_with_code(outcomes)
 
 

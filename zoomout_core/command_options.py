@@ -21,6 +21,7 @@ from zoomout_core.runtime.threads import set_threads
 from zoomout_core.text_arguments import STARTS, read_values
 
 NO_CACHE = "off"
+QUIET = "zoomout.quiet"
 
 
 threads_option = click.option(
@@ -43,6 +44,37 @@ def folders_option(command: Any) -> Any:
         help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
     )
     return option(command)
+
+
+def quiet_option(command: Any) -> Any:
+    """Let a command print nothing but errors."""
+
+    def set_it(context: click.Context, __: click.Parameter, quiet: bool) -> None:
+        if quiet:
+            context.meta[QUIET] = True  # which contexts of subcommands share
+
+    option = click.option(
+        "-q",
+        "--quiet",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=set_it,
+        help="Show no progress, and print only errors, and what --json asks for.",
+    )
+    return option(command)
+
+
+def is_quiet() -> bool:
+    """Whether the command that is running was given --quiet."""
+    context = click.get_current_context(silent=True)
+    return context is not None and QUIET in context.meta
+
+
+def tell(line: str) -> None:
+    """Print a line for the user, unless the command is quiet."""
+    if not is_quiet():
+        click.echo(line)
 
 
 def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
@@ -101,32 +133,37 @@ def mesh_options(command: Any) -> Any:
     return cache(detail_options(command))
 
 
-def match_options(command: Any) -> Any:
-    """The options of every command that matches two meshes."""
-    return table_options(MATCHING)(mesh_options(command))
+def match_options(command: Any, starts: Sequence[str] = ()) -> Any:
+    """The options of every command that matches two meshes.
+
+    Args:
+        command: the command.
+        starts: starts that it offers beside those of the others.
+    """
+    return table_options(MATCHING, starts)(mesh_options(command))
 
 
-def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
-    """The options of a table that are available on the command line."""
+def table_options(options: Sequence[Option], starts: Sequence[str] = ()) -> Callable[[Any], Any]:
+    """The options of a table that are available on the command line, and further starts of a match."""
 
     def with_options(command: Any) -> Any:
         for option in reversed(select_options(options, Door.COMMAND_LINE)):
-            command = table_option(option)(command)
+            command = table_option(option, starts)(command)
         return command
 
     return with_options
 
 
-def table_option(option: Option) -> Callable[[Any], Any]:
-    """The command-line option of a row of the table."""
+def table_option(option: Option, starts: Sequence[str] = ()) -> Callable[[Any], Any]:
+    """The command-line option of a row of the table, and further starts of a match."""
     flag = option.name_at(Door.COMMAND_LINE)
     if option.kind is Kind.FLAG:
         names = f"{flag}/--no-{flag.removeprefix('--')}" if option.default else flag
-        return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option))
+        return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option, starts))
     keywords = _values_of(option)
     if option.default is not None:
         keywords |= {"default": option.default, "show_default": True}
-    return click.option(flag, option.name, help=_help_of(option), **keywords)
+    return click.option(flag, option.name, help=_help_of(option, starts), **keywords)
 
 
 def _values_of(option: Option) -> dict[str, Any]:
@@ -145,13 +182,13 @@ def _values_of(option: Option) -> dict[str, Any]:
     return {"type": click.Path(exists=True, dir_okay=False)}
 
 
-def _help_of(option: Option) -> str:
+def _help_of(option: Option, starts: Sequence[str]) -> str:
     """The help of an option, with additions for the command line."""
     text = option.help
     if option.starts == ("nearest",):
         text = f"With --initial nearest: {text[0].lower()}{text[1:]}"
     if option.kind is Kind.START:
-        choices = ", ".join(choice.name for choice in option.choices_at(Door.COMMAND_LINE))
+        choices = ", ".join([*(choice.name for choice in option.choices_at(Door.COMMAND_LINE)), *starts])
         text += f": {choices}, or a map.npz written by `zoomout match`"
     elif option.kind is Kind.ANGLE:
         text += ", in degrees"
@@ -199,7 +236,9 @@ def read_options(
 @contextmanager
 def progress_bar() -> Iterator[None]:
     """Show the progress of a block on the terminal."""
-    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}") as bar:
+    with tqdm(
+        total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}", disable=is_quiet()
+    ) as bar:
 
         def show(latest: Progress) -> None:
             if latest.stage:

@@ -28,7 +28,7 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import detail_options, progress_bar, table_option
+from zoomout_core.command_options import detail_options, progress_bar, table_option, tell
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
@@ -186,8 +186,8 @@ def collection(
         click.echo(json.dumps(figures_of_collection(result, received), indent=1))
     else:
         for line in lines_of_collection(result):
-            click.echo(line)
-        click.echo(f"Written to {output}; open {output / PAGE}.")
+            tell(line)
+        tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)
 

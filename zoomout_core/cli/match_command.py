@@ -37,7 +37,7 @@ NEAREST = "nearest"
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @in_place_option
-@match_options
+@partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
 @json_option
 def match(
