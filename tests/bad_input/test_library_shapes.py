@@ -129,6 +129,8 @@ WRONG: dict[str, Any] = {
     "tensors of other numbers": SimpleNamespace(
         vertex={"positions": Tensor(VERTICES)}, triangle={"indices": Tensor(TRIANGLES + 100)}
     ),
+    "a mesh without tensors": SimpleNamespace(vertex={}, triangle={}),
+    "points without tensors": SimpleNamespace(point={}),
     "only lines": of_meshio(VERTICES[:5], [("line", np.array([[0, 1]]))]),
     "only points": SimpleNamespace(points=VERTICES),
     "a graph": SimpleNamespace(graph=1),

@@ -27,13 +27,16 @@ RECORD = "record"
 
 
 class PairName(NamedTuple):
-    """A pair of shapes, by their names: the map starts on the target and lands on the source."""
+    """A pair of shapes, by their names: the map starts on the target and lands on the source.
+
+    For the user it leads from the source, which has the data, to the target.
+    """
 
     source: str
     target: str
 
     def __str__(self) -> str:
-        return f"{self.target} to {self.source}"
+        return f"{self.source} to {self.target}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,10 +74,9 @@ def library_shape(shape: Any) -> Surface | PointCloud | None:
         face_start = np.cumsum([0, *sizes])
         return Surface.from_corners(positions, corners, face_start) if len(sizes) else _shape(positions)
     if _has(shape, "vertex", "triangle"):
-        return _shape(_array(shape.vertex["positions"]), _array(shape.triangle["indices"]))
+        return _shape(_tensor(shape.vertex, "positions"), _tensor(shape.triangle, "indices"))
     if _has(shape, "point"):
-        names = shape.point
-        return _shape(_array(names["positions"]), None, _array(names["normals"]) if "normals" in names else None)
+        return _shape(_tensor(shape.point, "positions"), None, _tensor(shape.point, "normals"))
     if _has(shape, "points", "normals"):
         return _shape(shape.points, None, shape.normals)
     return None
@@ -95,6 +94,9 @@ def _shape(points: Any, faces: Any = None, normals: Any = None) -> Surface | Poi
     return PointCloud(np.asarray(points), np.asarray(normals) if known else None)
 
 
-def _array(tensor: Any) -> Floats:
-    """A tensor of Open3D, on whichever device it is."""
+def _tensor(tensors: Any, name: str) -> Floats:
+    """A tensor (n, 3) of Open3D, on whichever device it is; empty if there is none of that name."""
+    if name not in tensors:
+        return np.zeros((0, 3))
+    tensor = tensors[name]
     return np.asarray((tensor.cpu() if hasattr(tensor, "cpu") else tensor).numpy())
