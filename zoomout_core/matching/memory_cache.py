@@ -7,6 +7,7 @@ mesh in as a new surface each time. `store_shapes` has shapes written to disk, t
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,6 +52,9 @@ class _Kept(Generic[Value]):
             while bytes_of(*self._values.values()) > MAX_BYTES:
                 self._values.popitem(last=False)
 
+    def unlock(self) -> None:
+        self._lock = Lock()
+
     def forget(self) -> None:
         with self._lock:
             self._values.clear()
@@ -58,6 +62,9 @@ class _Kept(Generic[Value]):
 
 _shapes: _Kept[ShapeAnalysis] = _Kept()
 _meshes: _Kept[WorkingMesh] = _Kept()
+if hasattr(os, "register_at_fork"):  # not on Windows; a thread that does not exist in the child may hold the locks
+    os.register_at_fork(after_in_child=_shapes.unlock)
+    os.register_at_fork(after_in_child=_meshes.unlock)
 _folder: ShapeFolder | None = None
 
 
