@@ -233,11 +233,11 @@ def test_a_map_that_cannot_be_written_is_kept_elsewhere(
         maps.save_match(result, path)
 
     monkeypatch.setattr(match_command, "save_match", save)
-    monkeypatch.setattr(maps, "gettempdir", lambda: str(elsewhere))
+    monkeypatch.setattr(maps, "mkdtemp", lambda prefix: str(elsewhere))
     ran = run(zoomout, "match", *meshes, "-o", out / "map.npz", *FAST)
     assert_refused(ran, f"The disk is full. The map was kept: --initial {elsewhere / 'map_map.npz'}")
     assert zo.SurfaceMap.load(elsewhere / "map_map.npz", zo.read_surface(meshes[0]))
-    monkeypatch.setattr(maps, "gettempdir", lambda: str(out))
+    monkeypatch.setattr(maps, "mkdtemp", lambda prefix: str(out))
     assert_refused(run(zoomout, "match", *meshes, "-o", out / "map.npz", *FAST), "The disk is full.")
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import mkdtemp
 
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -64,7 +64,7 @@ def keep_map(save: Callable[[Path], None], output: Path) -> Iterator[None]:
 
     Args:
         save: writes the map.
-        output: the file that the command was to write; the map is put beside it, else into the temporary folder.
+        output: the file that the command was to write; the map is put beside it, else into a new temporary folder.
 
     Raises:
         MeshError: the work failed.
@@ -76,9 +76,9 @@ def keep_map(save: Callable[[Path], None], output: Path) -> Iterator[None]:
         if not reason:
             kind = " ".join(f"{type(error).__name__}: {error}".split())
             reason = NO_MEMORY if isinstance(error, MemoryError) else f"It failed unexpectedly ({kind})."
-        for folder in (output.parent, Path(gettempdir())):
-            path = _free_path(folder, output.stem)
+        for folder_of in (lambda: output.parent, lambda: Path(mkdtemp(prefix="zoomout-"))):
             with suppress(OSError):  # as the output, perhaps
+                path = _free_path(folder_of(), output.stem)
                 save(path)
                 raise MeshError(f"{reason} The map was kept: --initial {path} starts from it.") from error
         raise
