@@ -212,9 +212,12 @@ def read_options(
     exact_landmarks: bool,
     earlier_map: str | None,
     common_axes: Sequence[str],
+    more_starts: Sequence[str] = (),
     **others: Any,
 ) -> dict[str, Any]:
     """The options of `match_options` with files and directions read; `detail` stays a word.
+
+    `more_starts` are starts that the command itself offers, for messages.
 
     Raises:
         MeshError: see `start_arguments`.
@@ -223,7 +226,8 @@ def read_options(
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if initial not in STARTS and not Path(initial).is_file():
-        raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
+        known = ", ".join((*STARTS, *more_starts))
+        raise MeshError(f"--initial is {initial!r}: give {known}, or the file of an earlier map.")
     if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):
         wish = "--earlier-map" if earlier_map else "--common-axis"
         raise MeshError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")

@@ -171,7 +171,7 @@ def test_a_folder_where_the_report_is_to_be(meshes: tuple[Path, Path], tmp_path:
 # --- after the match -----------------------------------------------------------------------------------------
 
 FAILURES: dict[str, tuple[Exception, str]] = {
-    "a sentence": (zo.MeshError("The joints are broken."), "The joints are broken. The map was kept: --initial "),
+    "a sentence": (zo.MeshError("The joints are broken."), "The joints are broken. The map was kept in "),
     "a full disk": (OutputError("It could not be written."), "It could not be written. The map was kept"),
     "memory": (MemoryError(), NO_MEMORY),
     "a mistake of ours": (IndexError("list index\nout of range"), "(IndexError: list index out of range). The map"),
@@ -194,7 +194,7 @@ def test_a_transfer_that_fails_keeps_the_map(
     ran = run(zoomout, "transfer", source, meshes[1], "-o", tmp_path / "out.glb", "--force", *FAST)
     assert_refused(ran, sentence)
     kept = tmp_path / "out_map1.npz"
-    assert f"--initial {kept} starts from it" in ran.output
+    assert f"The map was kept in {kept} (--initial starts from it)." in ran.output
     assert other.read_bytes() == b"the user's own"
     monkeypatch.undo()
     again = ("--initial", kept, "--detail", "fast", "--force")
@@ -235,10 +235,26 @@ def test_a_map_that_cannot_be_written_is_kept_elsewhere(
     monkeypatch.setattr(match_command, "save_match", save)
     monkeypatch.setattr(maps, "mkdtemp", lambda prefix: str(elsewhere))
     ran = run(zoomout, "match", *meshes, "-o", out / "map.npz", *FAST)
-    assert_refused(ran, f"The disk is full. The map was kept: --initial {elsewhere / 'map_map.npz'}")
+    assert_refused(ran, f"The disk is full. The map was kept in {elsewhere / 'map_map.npz'} (")
     assert zo.SurfaceMap.load(elsewhere / "map_map.npz", zo.read_surface(meshes[0]))
     monkeypatch.setattr(maps, "mkdtemp", lambda prefix: str(out))
     assert_refused(run(zoomout, "match", *meshes, "-o", out / "map.npz", *FAST), "The disk is full.")
+
+
+def test_a_symmetry_that_cannot_be_written_is_kept(
+    meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = symmetry_command._save
+
+    def fail(symmetry: zo.Symmetry, path: Path) -> None:
+        if path.name == "out.npz":
+            raise OutputError("The disk is full.")
+        save(symmetry, path)
+
+    monkeypatch.setattr(symmetry_command, "_save", fail)
+    ran = run(zoomout, "symmetry", meshes[0], "-o", tmp_path / "out.npz", "--detail", "fast")
+    assert_refused(ran, f"The disk is full. The map was kept in {tmp_path / 'out_map.npz'}.")
+    assert "side" in np.load(tmp_path / "out_map.npz")
 
 
 def test_a_collection_whose_report_fails_names_its_maps(

@@ -67,3 +67,8 @@ def test_errors_are(name: str, tmp_path: Path) -> None:
 def test_help_names_the_start_that_only_a_match_has() -> None:
     assert "proximity, nearest, or" in " ".join(run(zoomout, "match", "--help").output.split())
     assert "proximity, or" in " ".join(run(zoomout, "transfer", "--help").output.split())
+
+
+def test_so_does_the_sentence_on_another_start(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    ran = run(zoomout, "match", *meshes, "-o", tmp_path / "map.npz", "--initial", "neares")
+    assert "--initial is 'neares': give auto, landmarks, proximity, nearest, or the file" in ran.output

@@ -59,12 +59,13 @@ def save_match(result: MatchResult, path: Path) -> None:
 
 
 @contextmanager
-def keep_map(save: Callable[[Path], None], output: Path) -> Iterator[None]:
+def keep_map(save: Callable[[Path], None], output: Path, use: str = " (--initial starts from it)") -> Iterator[None]:
     """A context of the work that follows a match: if it fails, the map is kept, and the message says where.
 
     Args:
         save: writes the map.
         output: the file that the command was to write; the map is put beside it, else into a new temporary folder.
+        use: what the map is good for.
 
     Raises:
         MeshError: the work failed.
@@ -80,7 +81,7 @@ def keep_map(save: Callable[[Path], None], output: Path) -> Iterator[None]:
             with suppress(OSError):  # as the output, perhaps
                 path = _free_path(folder_of(), output.stem)
                 save(path)
-                raise MeshError(f"{reason} The map was kept: --initial {path} starts from it.") from error
+                raise MeshError(f"{reason} The map was kept in {path}{use}.") from error
         raise
 
 

@@ -69,7 +69,7 @@ def match(
                 nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
-            arguments = start_arguments(**options)
+            arguments = start_arguments(**options, more_starts=[NEAREST])
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
             with keep_map(partial(save_match, result), Path(output)):
