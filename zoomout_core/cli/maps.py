@@ -77,7 +77,8 @@ def keep_map(save: Callable[[Path], None], output: Path, use: str = " (--initial
         if not reason:
             kind = " ".join(f"{type(error).__name__}: {error}".split())
             reason = NO_MEMORY if isinstance(error, MemoryError) else f"It failed unexpectedly ({kind})."
-        for folder_of in (lambda: output.parent, lambda: Path(mkdtemp(prefix="zoomout-"))):
+        folders: list[Callable[[], Path]] = [lambda: output.parent, lambda: Path(mkdtemp(prefix="zoomout-"))]
+        for folder_of in folders:
             with suppress(OSError):  # as the output, perhaps
                 path = _free_path(folder_of(), output.stem)
                 save(path)
