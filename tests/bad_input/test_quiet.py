@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from doors import run
+from doors import add_colors, run
 
 from zoomout_core.cli import main as zoomout
 
@@ -36,12 +36,8 @@ NAMES = ("match", "nearest", "transfer", "transfer to a folder", "symmetry", "co
 @pytest.fixture
 def colored(meshes: tuple[Path, Path]) -> tuple[Path, Path]:
     """The meshes, with colours to transfer."""
-    import trimesh
-
     for path in meshes:
-        mesh = trimesh.load(path, process=False)
-        mesh.visual.vertex_colors = [[1, 2, 3, 255]] * len(mesh.vertices)
-        mesh.export(path)
+        add_colors(path)
     return meshes
 
 
