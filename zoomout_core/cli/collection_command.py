@@ -254,7 +254,7 @@ def _match_all(
     with portion(0.0, MATCHED):
         result = match_collection(files, output, **how)
     try:
-        return result, _complete(result, output, how, pictures, kinds, ending)
+        return result, _complete(result, output, how, pictures, kinds, ending, force)
     except (ValueError, OSError) as error:
         raise MeshError(f"{error} The maps are in {output / MAPS}: run the command again to finish.") from error
 
@@ -266,6 +266,7 @@ def _complete(
     pictures: bool,
     kinds: Sequence[str],
     ending: str,
+    force: bool,
 ) -> dict[str, list[str]] | None:
     """Transfer, draw and write the report; returns the notes of a transfer on each target."""
     received, drawn = None, {}

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from math import prod
+from pathlib import Path
 from typing import IO, Any, TypeAlias
 from zipfile import ZipFile
 
