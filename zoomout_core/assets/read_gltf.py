@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,12 +75,45 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
         MeshError: it cannot be read, is compressed, or has no triangles.
         ImportError: pygltflib is not installed.
     """
+    scene = _read_scene(path, folders)
+    if scene is None:
+        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
+    document, nodes, meshes, skeleton, matrices, surface = scene
+    attributes = [
+        *_corner_attributes(meshes, matrices),
+        *_shape_keys(meshes, matrices),
+        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
+    ]
+    skin, materials = skeleton.skin(meshes, surface.vertices), materials_of(document)
+    left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
+    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes))
+
+
+def read_gltf_surface(path: Path) -> Surface | None:
+    """The surface of `read_gltf` without its data, for `mesh.files`; None without triangles."""
+    scene = _read_scene(path)
+    return None if scene is None else scene.surface
+
+
+class _Scene(NamedTuple):
+    """The meshes of a file, posed and joined."""
+
+    document: Document
+    nodes: Sequence[int]  # with meshes
+    meshes: Sequence[_Mesh]  # with triangles
+    skeleton: _Skeleton
+    matrices: Sequence[Floats]  # (n, 3, 4) of each mesh, which pose its vertices
+    surface: Surface
+
+
+def _read_scene(path: Path, folders: Iterable[Path] = ()) -> _Scene | None:
+    """Read the meshes of a file; None without triangles."""
     document = Document(path, folders)
     worlds, parent = document.worlds()
     nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
     meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
     if not meshes:
-        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
+        return None
     skeleton = _Skeleton(document, worlds, parent, meshes)
     meshes = [_wind_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
@@ -90,14 +123,7 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
     surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
-    attributes = [
-        *_corner_attributes(meshes, matrices),
-        *_shape_keys(meshes, matrices),
-        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
-    ]
-    skin, materials = skeleton.skin(meshes, vertices), materials_of(document)
-    left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
-    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes))
+    return _Scene(document, nodes, meshes, skeleton, matrices, surface)
 
 
 def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:

@@ -4,13 +4,15 @@
 Vertices keep their number and order, since landmarks and maps refer to them by number. Formats with polygons are read
 here, because trimesh alters them. It splits the vertices of OBJ where texture coordinates or normals differ, and
 regroups them by material. It assumes that all faces of a binary PLY are as large as the first, and rejects OFF with
-faces of several sizes. Trimesh reads the other formats; it keeps their vertices with processing switched off.
+faces of several sizes. Shapes of glTF are those of its assets. Trimesh reads the other formats; it keeps their vertices
+with processing switched off.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from importlib import import_module
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -225,7 +227,14 @@ def _read_with_extra(path: Path) -> Polygons:
 
 
 def _read_gltf(path: Path) -> Polygons:
-    """The shape of a file, without its materials and images."""
+    """The posed shape of a file, whose vertices have the same numbers as in its asset."""
+    # The package of assets, which poses skins and joins vertices that were split, is higher than this one.
+    surface = import_module("zoomout_core.assets.read_gltf").read_gltf_surface(path)
+    return _read_gltf_points(path) if surface is None else (surface.vertices, surface.corner_vertex, surface.face_start)
+
+
+def _read_gltf_points(path: Path) -> Polygons:
+    """The points of a file without triangles."""
     file = read_gltf_file(path)
     buffers = {f"buffer {number}": content for number, content in enumerate(file.buffers)}
     unread = ("images", "materials", "samplers", "textures")
