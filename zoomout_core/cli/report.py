@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.command_options import tell
 from zoomout_core.matching.result import MatchResult
 
 # Confidence below which a vertex counts as doubtful.
@@ -28,7 +29,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         click.echo(json.dumps(figures, indent=1))
         return
     for line in lines:
-        click.echo(line)
+        tell(line)
 
 
 def match_figures(result: MatchResult) -> dict[str, Any]:
