@@ -110,7 +110,7 @@ def test_a_vase_has_its_three_symmetries_first() -> None:
     assert diagonals == {(-1, 1, 1), (1, -1, 1), (-1, -1, 1)}
 
 
-@pytest.mark.slow(but=1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("figure", "orders"), [(TABLE, [2, 2, 2, 2, 2, 4, 4]), (STARFISH, [2, 2, 2, 2, 2, 5, 5, 5, 5])]
 )
