@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.matching.verdict import check_verdict
 
@@ -39,6 +40,7 @@ def transfer_files(
     source_id = load_mesh(ms, source)
     inputs = texture_files(ms.mesh(source_id), source)
     brought: dict[str, bytes] = {}
+    kept = inputs_of(source, *(job.target for job in jobs))
 
     def transfer_one(job: Job) -> tuple[dict[str, Any], list[str]]:
         try:
@@ -47,7 +49,7 @@ def transfer_files(
             report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
             check_verdict(zo.Verdict(**report["verdict"]), force)
             job.output.parent.mkdir(exist_ok=True)
-            save_beside(ms, job.output, textures, brought, in_place)
+            save_beside(ms, job.output, textures, brought, in_place, kept)
             return _figures(report), _lines(report, job.output.suffix.lower())
         finally:
             _keep_only(ms, source_id)
@@ -85,7 +87,8 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
         zo.Verdict(**report["verdict"]).line,
-        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are doubtful "
+        f"(below {LOW}).",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
         f"{len(report['candidates'])} correspondences were found; if sides are swapped, try --candidate 1.",

@@ -8,8 +8,9 @@ exist for these two only). It uses the standard library alone, and does what is 
 2. create `.venv`, or replace one that is not usable;
 3. install the project into it, editable and with the extra `dev`, and check that both hosts load.
 
-With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `docs` it also installs
-the tools that build the documentation, and with `release` those that build and check packages.
+With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `extension` it installs
+nothing, because building the extension needs pip alone. With `docs` it also installs the tools that build the
+documentation, and with `release` those that build and check packages.
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a setup that was killed half-way is recognised and repeated.
@@ -46,6 +47,7 @@ LARGE_DOWNLOAD = 30  # MB; larger downloads are shown
 
 # By argument: the extras, and their description. An environment for a later one also serves the earlier ones.
 EXTRAS = {
+    "extension": ("", "pip"),
     "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
     "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
     "docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
@@ -54,6 +56,9 @@ EXTRAS = {
         "Blender, MeshLab, Sphinx and twine as Python modules (up to 695 MB to download)",
     ),
 }
+
+# The arguments that need neither Blender nor MeshLab.
+WITHOUT_HOSTS = ("extension", "core")
 
 # The modules that the core finds the extension by, see `zoomout_core/mesh/blender_files.py`.
 EXTENSION_ENTRY_POINTS = """[zoomout.extension]
@@ -108,20 +113,22 @@ def lock() -> Iterator[None]:
 
 
 def set_up(wanted: str) -> None:
-    keep = environment_is_usable()
+    keep, hosts = environment_is_usable(), wanted not in WITHOUT_HOSTS
+    extra, content = EXTRAS[wanted]
     enough = list(EXTRAS)[list(EXTRAS).index(wanted) :]
     finished = keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]
     if not finished:
         LOG.unlink(missing_ok=True)
-    provide_system_packages(needs_venv=not keep, hosts=wanted != "core")
+    provide_system_packages(needs_venv=not keep, hosts=hosts)
     if finished:
         return
     if not keep:
         create_environment()
-    install_project(*EXTRAS[wanted])
-    if wanted != "core":
+    if extra:
+        install_project(extra, content)
+    if hosts:
         check_hosts()
-    STAMP.write_text(finished_stamp(EXTRAS[wanted][0]))
+    STAMP.write_text(finished_stamp(extra))
     say("done")
 
 

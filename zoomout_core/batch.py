@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -12,9 +13,10 @@ from typing import Any
 
 import click
 
+from zoomout_core.command_options import tell
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import atomic_write, check_output
+from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -88,13 +90,15 @@ def plan(
     if not place.is_dir():
         check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
-        if path.resolve().parent == place.resolve() and not in_place:
+        if os.path.dirname(os.path.realpath(path)) == os.path.realpath(place) and not in_place:
             raise MeshError(
                 f"{path} is in {output}, where the output could overwrite it: choose another folder, or pass "
                 "--in-place."
             )
     jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
     first: dict[str, Path] = {}
+    if place.is_dir():
+        check_output(place / REPORT)
     for job in jobs:
         other = first.setdefault(job.output.name.casefold(), job.target)
         if other is not job.target:
@@ -113,34 +117,28 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     if not given.is_dir():
         return [given]
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
-    found = [path for path in files if source is None or path.resolve() != source.resolve()]
+    found = [path for path in files if source is None or not is_same_file(path, source)]
     if not found:
         raise MeshError(f"The folder {given} contains no {'other ' if source else ''}meshes: check the path.")
     return found
 
 
 def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> list[Outcome]:
-    """Run jobs one after the other; a failure does not affect the others.
+    """Run jobs from `plan` one after the other; a failure does not affect the others.
 
-    Args:
-        jobs: jobs from `plan`.
-        run_of: runs a job, and returns the report and the lines of its outcome.
+    `run_of` runs a job, and returns the report and the lines of its outcome.
     """
     outcomes = []
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
         with portion(number / len(jobs), (number + 1) / len(jobs)), renaming(place.__add__):
-            outcomes.append(_outcome(job, run_of))
+            try:
+                outcomes.append(Outcome(job, *run_of(job)))
+            except (ValueError, OSError) as error:
+                outcomes.append(Outcome(job, {}, error=str(error)))
+            except MemoryError:
+                outcomes.append(Outcome(job, {}, error=NO_MEMORY))
     return outcomes
-
-
-def _outcome(job: Job, run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> Outcome:
-    try:
-        return Outcome(job, *run_of(job))
-    except (ValueError, OSError) as error:
-        return Outcome(job, {}, error=str(error))
-    except MemoryError:
-        return Outcome(job, {}, error=NO_MEMORY)
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -175,20 +173,18 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
         if only.error:
             raise click.ClickException(only.error)
         for line in (*only.lines, f"Written to {only.job.output}"):
-            click.echo(line)
+            tell(line)
         return
     for outcome in outcomes:
         if outcome.error:
             click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
             continue
         first, *others = outcome.lines
-        click.echo(f"{outcome.job.target}: {first}")
+        tell(f"{outcome.job.target}: {first}")
         for line in others:
-            click.echo(f"  {line}")
+            tell(f"  {line}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
-    click.echo(
-        f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each."
-    )
+    tell(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each.")
     end_with_code(outcomes)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from zoomout_core.arrays import Floats, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError
 
 STARTS = ("auto", "landmarks", "proximity")
@@ -20,11 +20,9 @@ AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0"
 
 
 def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
-    """Read the files and directions among the options of a match; arrays stay unchanged.
+    """Read the files and directions among the options of a match, by name of the option table; arrays stay unchanged.
 
-    Args:
-        values: values by the names of rows of the option table.
-        door: the interface that they were given to, for errors.
+    The door is the interface that they were given to, for errors.
 
     Raises:
         MeshError: a file or a direction is invalid.
@@ -59,10 +57,12 @@ def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
     """Source and target vertices (m,), or points (m, 3), from a text file with one pair per line.
 
     Raises:
-        MeshError: a line is neither a pair of vertex numbers nor a pair of points, or differs from the others.
+        MeshError: the file cannot be opened; or a line is neither a pair of vertex numbers nor a pair of points, or
+            differs from the others.
     """
+    content = file_bytes(existing(path))
     try:
-        lines = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
+        lines = [line.partition("#")[0].split() for line in content.decode("utf-8").splitlines()]
         rows = list(filter(None, lines))
         columns = 6 if len(rows[0]) == 6 else 2
         table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)

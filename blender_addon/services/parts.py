@@ -13,6 +13,7 @@ import zoomout_core as zo
 from zoomout_core.messages import enumeration, message, warning
 
 from ..mesh_data import EvaluatedObject, ObjectPair
+from ..mesh_data.arrays import read_array
 from ..scene.pair import evaluated_sources
 
 # The name of a part with the share of the source's outside that it makes up, and that of the target that receives from
@@ -20,20 +21,22 @@ from ..scene.pair import evaluated_sources
 PartShare: TypeAlias = tuple[str, float, float]
 # Number of parts that a sentence lists, the largest first; and the share of the outside below which none is listed.
 LISTED, MIN_VISIBLE = 8, 0.001
+SHARES = "Share of the target's area by part of the source: {parts}."
 
 
 def name_components(context: Context, pair: ObjectPair) -> list[str]:
     """The name of each connected component of a pair's joined source.
 
-    It is the object's name, and, where components of the object have several materials, that of the component's own.
+    It is the object's name, and, where components of the object have several materials, that of the material on most of
+    the component's area.
     """
     component = pair.source.components
     with evaluated_sources(context, pair) as sources:
-        names = np.concatenate([_vertex_names(source) for source in sources])
-    first = np.full(component.max() + 1, -1)
-    used = np.flatnonzero(component >= 0)[::-1]
-    first[component[used]] = used
-    return names[first].tolist()
+        labels, label, vertex, area = _labelled_faces(sources)
+    shares = np.zeros((component.max() + 1, len(labels)))
+    # A component without area has a name, too.
+    np.add.at(shares, (component[vertex], label), area + np.finfo(float).tiny)
+    return [labels[largest] for largest in shares.argmax(axis=1)]
 
 
 def part_shares(result: zo.MatchResult, names: Sequence[str]) -> list[PartShare]:
@@ -50,38 +53,42 @@ def part_shares(result: zo.MatchResult, names: Sequence[str]) -> list[PartShare]
 
 
 def notes_on_parts(result: zo.MatchResult, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences about the parts that the target receives from, and about those that provide almost nothing."""
+    """Sentences about the parts that provide almost nothing, and the shares of the others; none if there are none."""
     parts = part_shares(result, names)
     if len(parts) < 2:
         return ()
-    listed = [
-        message("'{name}' {share:.1%}", name=name, share=arrived) for name, _, arrived in parts[:LISTED] if arrived
-    ]
     silent = sorted({names[number] for number in result.silent} - {name for name, _, arrived in parts if arrived})
-    notes = (
-        [message("Share of the target's area by part of the source: {parts}.", parts=enumeration(listed))]
-        if listed
-        else []
-    )
-    if silent:
-        quoted = enumeration(f"'{name}'" for name in silent[:LISTED])
-        notes.append(warning("Nothing arrives from {parts}.", parts=quoted))
-    return tuple(notes)
+    if not silent:
+        return ()
+    notes: list[str] = []
+    arrived = sorted(((share, name) for name, _, share in parts if share), reverse=True)[:LISTED]
+    if arrived:
+        listed = enumeration(message("'{name}' {share:.1%}", name=name, share=share) for share, name in arrived)
+        notes.append(message(SHARES, parts=listed))
+    quoted = enumeration(f"'{name}'" for name in silent[:LISTED])
+    return (*notes, warning("Nothing arrives from {parts}.", parts=quoted))
 
 
-def _vertex_names(source: EvaluatedObject) -> np.ndarray:
-    """(n,) the name of the part that each vertex of an object belongs to, as objects."""
-    mesh, obj = source.mesh, source.original
-    n = len(mesh.vertices)
-    names = [slot.material.name if slot.material else "" for slot in obj.material_slots]
-    if len({name for name in names if name}) < 2:
-        return np.full(n, obj.name, dtype=object)
-    material, corner = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.loops), np.int32)
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("material_index", material)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    mesh.loops.foreach_get("vertex_index", corner)
-    of_vertex = np.zeros(n, np.int32)
-    of_vertex[corner] = np.repeat(np.clip(material, 0, len(names) - 1), sizes)
-    labels = np.array([f"{obj.name}: {name}" if name else obj.name for name in names], dtype=object)
-    return labels[of_vertex]
+def without_shares(notes: Sequence[str]) -> list[str]:
+    """Notes on a match without the shares of parts, which only the match's own result lists."""
+    return [note for note in notes if getattr(note, "template", None) != SHARES]
+
+
+def _labelled_faces(sources: Sequence[EvaluatedObject]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+    """The labels of all parts, and the number of the label, a vertex and the area of each face of joined sources."""
+    labels: list[str] = []
+    faces, before = [], 0
+    for source in sources:
+        mesh, obj = source.mesh, source.original
+        names = [slot.material.name if slot.material else "" for slot in obj.material_slots]
+        material = read_array(mesh.polygons, "material_index", np.int32)
+        if len({name for name in names if name}) < 2:
+            names, material = [""], np.zeros_like(material)
+        corner = read_array(mesh.polygons, "loop_start", np.int32)
+        vertex = read_array(mesh.loops, "vertex_index", np.int32)[corner]
+        label = len(labels) + np.clip(material, 0, len(names) - 1)
+        faces.append((label, before + vertex, read_array(mesh.polygons, "area", np.float32)))
+        labels += [f"{obj.name}: {name}" if name else obj.name for name in names]
+        before += len(mesh.vertices)
+    label, vertex, area = map(np.concatenate, zip(*faces, strict=True))
+    return labels, label, vertex, area

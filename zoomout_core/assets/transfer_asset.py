@@ -82,12 +82,7 @@ def transfer_asset(
     """
     if shape not in SHAPES:
         raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
-    chosen = [each for each in source.attributes if kind_of(each) in kinds]
-    skin = source.skin if WEIGHTS in kinds else None
-    if not chosen and skin is None:
-        raise MeshError(
-            f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
-        )
+    chosen, skin = select_data(source, kinds)
     mapped = map_target(match, source.surface, target.surface, fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
@@ -111,6 +106,21 @@ def transfer_asset(
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
+
+
+def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
+    """The attributes and the skin of an asset that are of some kinds.
+
+    Raises:
+        MeshError: there are none.
+    """
+    chosen = [each for each in source.attributes if kind_of(each) in kinds]
+    skin = source.skin if WEIGHTS in kinds else None
+    if not chosen and skin is None:
+        raise MeshError(
+            f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
+        )
+    return chosen, skin
 
 
 def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:

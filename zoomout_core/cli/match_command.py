@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.maps import check_map_output, keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import (
     in_place_option,
@@ -35,7 +37,7 @@ NEAREST = "nearest"
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @in_place_option
-@match_options
+@partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
 @json_option
 def match(
@@ -67,16 +69,11 @@ def match(
                 nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
-            arguments = start_arguments(**options)
+            arguments = start_arguments(**options, more_starts=[NEAREST])
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
-            result.surface_map.save(
-                output,
-                confidence=result.confidence,
-                functional_map=result.functional_map,
-                has_partner=result.has_partner,
-                source_has_partner=result.source_has_partner,
-            )
+            with keep_map(partial(save_match, result), Path(output)):
+                save_match(result, Path(output))
             lines, figures = _summary(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None

@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.command_options import tell
 from zoomout_core.matching.result import MatchResult
 
 # Confidence below which a vertex counts as doubtful.
@@ -28,7 +29,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         click.echo(json.dumps(figures, indent=1))
         return
     for line in lines:
-        click.echo(line)
+        tell(line)
 
 
 def match_figures(result: MatchResult) -> dict[str, Any]:
@@ -60,7 +61,7 @@ def match_lines(result: MatchResult) -> list[str]:
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
-        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]

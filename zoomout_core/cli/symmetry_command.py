@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.maps import check_map_output, keep_map
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import mesh_options, progress_bar
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import probability
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 from zoomout_core.text_arguments import read_axis
 
@@ -50,13 +53,8 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         if candidate > len(found):
             raise MeshError(f"There is no candidate {candidate}: only {len(found)} were found.")
         chosen = found[candidate - 1]
-        chosen.surface_map.save(
-            output,
-            confidence=chosen.confidence,
-            functional_map=chosen.functional_map,
-            distance=chosen.distance,
-            side=chosen.sides(),
-        )
+        with keep_map(partial(_save, chosen), Path(output), use=""):
+            _save(chosen, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     lines = [f"{number}. {describe(entry)}" for number, entry in enumerate(found, start=1)]
@@ -69,6 +67,21 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
     say([*lines, *chosen.notes, f"Number {candidate} written to {output}"], figures, as_json)
 
 
+def _save(symmetry: Symmetry, path: Path) -> None:
+    """Write a symmetry, and the sides that it makes.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    symmetry.surface_map.save(
+        path,
+        confidence=symmetry.confidence,
+        functional_map=symmetry.functional_map,
+        distance=symmetry.distance,
+        side=symmetry.sides(),
+    )
+
+
 def describe(symmetry: Symmetry) -> str:
     """Describe a symmetry in a line: its kind, its probability and its exactness."""
     kind = "reflection" if symmetry.reverses_orientation else "turn"
@@ -76,7 +89,7 @@ def describe(symmetry: Symmetry) -> str:
     if symmetry.order == 2 and not symmetry.reverses_orientation:
         kind = "half turn"
     return (
-        f"A {kind}{order}, with a probability of {symmetry.certainty:.0%}; mean confidence "
+        f"A {kind}{order}, with a probability of {probability(symmetry.certainty)}; mean confidence "
         f"{symmetry.confidence.mean():.2f}; round-trip error of {1000 * symmetry.return_error:.1f} thousandths of "
         "the square root of the area."
     )

@@ -4,15 +4,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
+from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.assets.files import (
+    MESHES,
+    WRITERS,
+    check_format,
+    check_siblings,
+    check_writable,
+    inputs_of,
+    read_asset,
+    write_asset,
+)
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
     end_with_code,
@@ -23,8 +34,9 @@ from zoomout_core.batch import (
     say_outcomes,
     write_report,
 )
+from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import batch_options, folders_option, match_options, progress_bar, start_arguments
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -51,6 +63,7 @@ MATCHED = 0.8
     show_default=True,
     help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
+@folders_option
 @json_option
 @match_options
 def transfer(
@@ -63,6 +76,7 @@ def transfer(
     shape: str,
     candidate: int,
     force: bool,
+    folders: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -85,11 +99,14 @@ def transfer(
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
-        arguments, asset = start_arguments(**options), read_asset(source)
+        inputs = [] if in_place else inputs_of(source, *(job.target for job in jobs), folders=folders)
+        for job in jobs:
+            check_siblings(job.output, inputs)
+        arguments, asset = start_arguments(**options), read_asset(source, folders)
+        choices = candidate, force, wanted, shape.replace("-", " "), arguments
+        check_source(asset, source, wanted, jobs[0].output.suffix)
         with progress_bar():
-            outcomes = run_jobs(
-                jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
-            )
+            outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -115,22 +132,45 @@ def check_kinds(kinds: str) -> list[str]:
     return chosen
 
 
+def check_source(source: Asset, path: str, kinds: list[str], ending: str) -> None:
+    """Check before the first match that a source has the data, and that it can be written.
+
+    Raises:
+        MeshError: it has none, or it cannot be written.
+    """
+    chosen, skin = select_data(source, kinds)
+    trial = replace(source, attributes=tuple(chosen), skin=skin)
+    if MATERIALS not in kinds and skin is None:
+        trial = replace(trial, materials=(), document=None)
+    check_writable(trial, path, ending)
+
+
 def _run_job(
-    source: Asset, candidate: int, force: bool, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
+    source: Asset,
+    folders: Sequence[str],
+    inputs: Sequence[Path],
+    candidate: int,
+    force: bool,
+    kinds: list[str],
+    shape: str,
+    arguments: dict[str, Any],
+    job: Job,
 ) -> tuple[dict[str, Any], list[str]]:
     """Transfer to one target, and write it; returns the figures and lines of its outcome."""
-    target = read_asset(job.target)
+    target = read_asset(job.target, folders)
+    check_writable(target, job.target, job.output.suffix)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
     check_verdict(result.verdict, force)
-    with portion(MATCHED, 1.0):
-        made = transfer_asset(source, target, result, kinds, shape)
-    job.output.parent.mkdir(exist_ok=True)
-    left_out = write_asset(made.asset, job.output)
-    notes = [*source.notes, *result.notes, *made.notes, *left_out]
+    with keep_map(partial(save_match, result), job.output):
+        job.output.parent.mkdir(exist_ok=True)
+        with portion(MATCHED, 1.0):
+            made = transfer_asset(source, target, result, kinds, shape)
+        left_out = write_asset(made.asset, job.output, inputs)
+    notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     lines = [
         f"Transferred: {', '.join(received)}.",

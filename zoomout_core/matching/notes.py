@@ -12,25 +12,28 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import message, probability, warning
 
 UNSURE = (
-    "This map is correct with a probability of only {certainty:.0%}: check whether sides are swapped, and if so, "
+    "This map is correct with a probability of only {certainty}: check whether sides are swapped, and if so, "
     "try another candidate or add landmarks."
 )
 NOT_RECOGNISED = (
-    "No reliable match was found (a probability of {certainty:.0%}): add a few landmarks, or align the two meshes in "
+    "No reliable match was found (a probability of {certainty}): add a few landmarks, or align the two meshes in "
     "the same pose and start from nearest points."
 )
 TURNED = (
     "The shape looks the same when rotated: at least {turns} maps fit as well as this one, which is correct with a "
-    "probability of only {certainty:.0%}; try another candidate, or add landmarks that tell them apart."
+    "probability of only {certainty}; try another candidate, or add landmarks that tell them apart."
 )
 FOLDED = (
-    "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+    "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: its vertices are "
+    "doubtful there."
 )
 OTHER_UNITS = "The two meshes differ greatly in size: if one is a part of the other, scale both to the same unit."
 RESCALED = "The two meshes seem to use different units: the target was scaled by {times:.3g} for the match."
+TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
+SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
 TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
@@ -98,13 +101,9 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
 
 
 def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
-    """Notes on doubts about a map as a whole.
+    """Notes on doubts about a map as a whole, the chosen one of all candidates.
 
-    Args:
-        candidates: all maps that were found.
-        chosen: the number of the map among them.
-        placed: the part of the target's area that has a counterpart.
-        folded: the part of it that the map flips.
+    A part `placed` of the target's area has a counterpart, and the map flips a part `folded` of it.
     """
     notes: tuple[str, ...] = (warning(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
@@ -112,24 +111,13 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         return notes
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
-        return (warning(TURNED, turns=turns, certainty=certainty), *notes)
+        return (warning(TURNED, turns=turns, certainty=probability(certainty)), *notes)
     doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
-    return (warning(doubt, certainty=certainty), *notes)
+    return (warning(doubt, certainty=probability(certainty)), *notes)
 
 
 def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
     """Notes on parts that only one of the two surfaces has."""
-    notes = (
-        (
-            pair.target,
-            counterparts.target,
-            "About {share:.0%} of the target has no counterpart on the source: confidence is low there.",
-        ),
-        (
-            pair.source,
-            counterparts.source,
-            "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it.",
-        ),
-    )
-    shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
-    return tuple(warning(text, share=share) for share, text in shares if share > MAX_UNMATCHED_SHARE)
+    rests = (TARGET_ALONE, pair.target, counterparts.target), (SOURCE_ALONE, pair.source, counterparts.source)
+    shares = ((text, surface.share_of_area(~has_partner)) for text, surface, has_partner in rests)
+    return tuple(warning(text, share=share) for text, share in shares if share > MAX_UNMATCHED_SHARE)

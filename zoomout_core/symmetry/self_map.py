@@ -99,10 +99,7 @@ def main_shape(
 ) -> ShapeAnalysis:
     """Prepare the main part of a surface for finding symmetries; returns at once if it was prepared before.
 
-    Arguments as for `detect_symmetry`.
-
-    Raises:
-        MeshError: the mesh cannot be analysed; the message says what to do.
+    Arguments and errors as for `detect_symmetry`.
     """
     with portion(0.0, 0.04):
         body, *_ = bodies_of(surface, seed)
@@ -122,5 +119,5 @@ def body_shape(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
 ) -> ShapeAnalysis:
     """Prepare a surface's body for finding symmetries; arguments as for `detect_symmetry`."""
-    with stage("Analysing the shape"):
+    with stage("Analyzing the shape"):
         return prepare_shape(body, k_final, samples, seed, proxy_vertices)

@@ -30,7 +30,7 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.registration.nonrigid_icp import min_vertices
+from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
@@ -106,6 +106,7 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
 
+@pytest.mark.slow
 def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
@@ -138,6 +139,7 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     assert np.median(by_whole[on_hand]) < 0.3
 
 
+@pytest.mark.slow
 def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
@@ -165,11 +167,11 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
 def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
-    assert n < min_vertices()
+    assert n < MIN_VERTICES
     with retune(REGION, max_count=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
-        assert len(shape.mesh.vertices) >= min_vertices()
+        assert len(shape.mesh.vertices) >= MIN_VERTICES
     np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
     assert len(region.carry(bent_onto(region)).positions) == n
 
