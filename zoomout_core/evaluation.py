@@ -9,21 +9,31 @@ forms that depend little on the meshes. For the error of going there and back se
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
 
 # Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
 
 
+class HasMap(Protocol):
+    """A result that has a map, such as that of a match."""
+
+    @property
+    def surface_map(self) -> SurfaceMap: ...
+
+
 def geodesic_error(
-    surface_map: SurfaceMap | Integers,
-    source: Surface,
+    surface_map: SurfaceMap | HasMap | Integers,
+    source: ShapeLike,
     target_vertex: Integers,
     source_vertex: Integers,
     most: int = 1000,
@@ -33,8 +43,9 @@ def geodesic_error(
     Distances run along edges (Dijkstra), and an image counts as its nearest vertex.
 
     Args:
-        surface_map: the map, or (n_t,) the source vertex of each target vertex; (n_t, m) for m maps at once.
-        source: the surface that the map lands on.
+        surface_map: the map, or a result that has one, or (n_t,) the source vertex of each target vertex; (n_t, m) for
+            m maps at once.
+        source: the surface that the map lands on, see `ShapeLike`.
         target_vertex: (c,) target vertices with a known place on the source.
         source_vertex: (c,) this place.
         most: measure at most this many of the pairs, evenly spaced in the list.
@@ -42,14 +53,25 @@ def geodesic_error(
     Returns:
         (min(c, most),) errors, or (min(c, most), m); papers quote their mean times 1000.
 
+    Raises:
+        ValueError: a list has numbers of vertices that its surface does not have, or the lists differ in length.
+
     Example:
-        >>> errors = zo.geodesic_error(result.surface_map, source, np.arange(len(truth)), truth)
+        >>> every = np.arange(len(truth))
+        >>> errors = zo.geodesic_error(result, source, target_vertex=every, source_vertex=truth)
         >>> bool(errors.mean() < 0.1)
         True
     """
-    vertex = surface_map.vertex if isinstance(surface_map, SurfaceMap) else np.asarray(surface_map)
+    vertex, source = _vertex_map(surface_map), as_surface(source)
+    target_vertex = vertex_numbers(target_vertex, len(vertex), "target_vertex, which comes before source_vertex,")
+    source_vertex = vertex_numbers(source_vertex, len(source.vertices), "source_vertex")
+    if len(target_vertex) != len(source_vertex):
+        raise ValueError(
+            f"There are {len(target_vertex)} target vertices and {len(source_vertex)} source vertices: give a source "
+            "vertex for each target vertex."
+        )
     picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(most, len(target_vertex))).astype(int))
-    image, truth = vertex[np.asarray(target_vertex)[picked]], np.asarray(source_vertex)[picked]
+    image, truth = vertex[target_vertex[picked]], source_vertex[picked]
     graph = edge_graph(source.vertices, source.triangles)
     error = np.empty(image.shape)
     for start in range(0, len(picked), BLOCK):
@@ -57,6 +79,12 @@ def geodesic_error(
         distance = dijkstra(graph, indices=truth[block])
         error[block] = distance[np.arange(len(distance)), image[block].T].T
     return error / np.sqrt(source.area)
+
+
+def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
+    """(n_t,) or (n_t, m) source vertices of a map or of several."""
+    given = getattr(given, "surface_map", given)
+    return given.vertex if isinstance(given, SurfaceMap) else np.asarray(given)
 
 
 def distance_distortion(
