@@ -40,15 +40,17 @@ def transfer_files(
     inputs = texture_files(ms.mesh(source_id), source)
     brought: dict[str, bytes] = {}
 
-    def transfer_one(job: Job) -> tuple[dict[str, Any], list[str]]:
+    def transfer_one(job: Job, figures: dict[str, Any]) -> list[str]:
         try:
             target_id = load_mesh(ms, job.target)
             textures = inputs | texture_files(ms.mesh(target_id), job.target)
             report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
+            figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
             job.output.parent.mkdir(exist_ok=True)
             save_beside(ms, job.output, textures, brought, in_place)
-            return _figures(report), _lines(report, job.output.suffix.lower())
+            figures |= {"transferred": report["transferred"]}
+            return _lines(report, job.output.suffix.lower())
         finally:
             _keep_only(ms, source_id)
 
@@ -65,7 +67,7 @@ def _keep_only(ms: MeshSet, mesh_id: int) -> None:
 
 
 def _figures(report: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a transfer that a program may sort by."""
+    """The figures of a match that a program may sort by."""
     return {
         "verdict": report["verdict"],
         "certainty": float(report["certainty"]),
@@ -74,7 +76,6 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
         "share_without_partner": report["share_without_partner"],
         "source_share_without_partner": report["source_share_without_partner"],
         "candidates": len(report["candidates"]),
-        "transferred": report["transferred"],
         "notes": report["notes"],
     }
 

@@ -12,10 +12,12 @@ import click
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
+from zoomout_core.arrays import Floats
 from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.option_table import (
     ACCURACY,
     MATCHING,
+    OPTIONS,
     RESULT,
     Door,
     Kind,
@@ -23,12 +25,30 @@ from zoomout_core.matching.option_table import (
     select_options,
 )
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.files import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
-from zoomout_core.text_arguments import STARTS, read_values
+from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
 NO_CACHE = "off"
+
+
+class OptionError(click.ClickException):
+    """Options that a command does not understand, or that do not fit together, in one sentence."""
+
+    exit_code = 2
+
+
+class InputFile(click.Path):
+    """The path of an existing file; a missing one is a failure like that of a mesh, not a mistake of usage."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            existing(value)
+        except MeshError as error:
+            raise click.ClickException(str(error)) from None
+        return super().convert(value, param, ctx)
 
 
 def threads_option(command: Any) -> Any:
@@ -157,7 +177,7 @@ def _values_of(option: Option) -> dict[str, Any]:
         return {"type": float}
     if option.kind is Kind.DIRECTIONS:
         return {"multiple": True, "metavar": option.kind.value}
-    return {"type": click.Path(exists=True, dir_okay=False)}
+    return {"type": InputFile()}
 
 
 def _help_of(option: Option) -> str:
@@ -179,7 +199,8 @@ def start_arguments(**options: Any) -> dict[str, Any]:
     """The arguments of `match` from the options of `match_options`.
 
     Raises:
-        MeshError: options do not fit together, or a file or a direction is invalid.
+        OptionError: options do not fit together, or a direction is invalid.
+        MeshError: a file is invalid.
     """
     return resolve_detail(**read_options(**options))
 
@@ -195,20 +216,34 @@ def read_options(
     """The options of `match_options` with files and directions read; `detail` stays a word.
 
     Raises:
-        MeshError: see `start_arguments`.
+        OptionError, MeshError: see `start_arguments`.
     """
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
-        raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
+        raise OptionError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if initial not in STARTS and not Path(initial).is_file():
-        raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
+        raise OptionError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
     if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):
         wish = "--earlier-map" if earlier_map else "--common-axis"
-        raise MeshError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
+        raise OptionError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
+    for text in common_axes:
+        check_axis(text, OPTIONS["common_axes"].name_at(Door.COMMAND_LINE))
     files = {"landmarks": landmarks, "initial_map": earlier_map, "common_axes": list(common_axes) or None}
     if initial not in STARTS:
         files["initial_map"], initial = initial, "given"
     return read_values({"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Door.COMMAND_LINE)
+
+
+def check_axis(text: str, option: str) -> Floats:
+    """The direction of an option, see `read_axis`.
+
+    Raises:
+        OptionError: it is none.
+    """
+    try:
+        return read_axis(text, option)
+    except MeshError as error:
+        raise OptionError(str(error)) from None
 
 
 @contextmanager

@@ -153,7 +153,7 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     (failure,) = [line for line in ran.stderr.splitlines() if "failed." in line]
     assert failure.startswith(f"{Path('scans', 'broken.ply')}: failed. ")
     broken, first, second = json.loads((out / "report.json").read_text())["targets"]
-    assert set(broken) == {"target", "output", "error"}
+    assert (set(broken), broken["status"]) == ({"target", "status", "error"}, "failed")
     assert "could not be read" in broken["error"]
     assert first["output"] == str(out / "first.ply")
     assert 0 < second["mean_confidence"] <= 1

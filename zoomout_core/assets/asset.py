@@ -75,6 +75,8 @@ class Asset:
         skin: the joints that move it; None if there are none.
         document: the document of a glTF file, with its nodes, animations and materials; None for other formats.
         notes: sentences about data that was left out.
+        objects: the name of each mesh of the file, and the number of its vertices, in the order of the vertices; empty
+            for formats without names.
 
     Example:
         >>> zo.Asset(source).attributes
@@ -87,6 +89,7 @@ class Asset:
     skin: Skin | None = None
     document: Document | None = None
     notes: tuple[str, ...] = ()
+    objects: tuple[tuple[str, int], ...] = ()
 
     def find(self, name: str) -> Attribute | None:
         """The attribute with a name, if there is one."""

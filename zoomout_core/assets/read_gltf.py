@@ -92,7 +92,9 @@ def read_gltf(path: Path) -> Asset:
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
     notes = tuple(f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes))
-    return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
+    skin = skeleton.skin(meshes, vertices)
+    objects = tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes)
+    return Asset(surface, tuple(attributes), materials_of(document), skin, document, notes, objects)
 
 
 def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:

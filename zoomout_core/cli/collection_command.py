@@ -28,7 +28,7 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import detail_options, progress_bar, table_option
+from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
@@ -146,9 +146,9 @@ def collection(
     """
     try:
         if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
-            raise MeshError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
+            raise OptionError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
         if transfers and template is None:
-            raise MeshError("--transfer copies the data of one shape: choose it with --template.")
+            raise OptionError("--transfer copies the data of one shape: choose it with --template.")
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
@@ -232,7 +232,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
     if scheduler is not None:
         if workers is not None:
-            raise MeshError("A cluster brings its own workers: omit --workers or --scheduler.")
+            raise OptionError("A cluster brings its own workers: omit --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
         workers = min(usable_cores(), count) if find_spec("distributed") else 1

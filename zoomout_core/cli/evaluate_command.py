@@ -10,6 +10,7 @@ import numpy as np
 
 from zoomout_core.cli.maps import read_surface_map
 from zoomout_core.cli.report import json_option, say, spread_in_words, spread_of
+from zoomout_core.command_options import InputFile
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.confidence import cycle_error
@@ -20,17 +21,17 @@ from zoomout_core.text_arguments import read_landmarks
 
 
 @click.command()
-@click.argument("map_file", metavar="MAP", type=click.Path(exists=True, dir_okay=False))
+@click.argument("map_file", metavar="MAP", type=InputFile())
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path())
 @click.option(
     "--truth",
-    type=click.Path(exists=True, dir_okay=False),
+    type=InputFile(),
     help="Text file of ground-truth pairs: a source vertex and a target vertex per line, numbered from 0.",
 )
 @click.option(
     "--reverse",
-    type=click.Path(exists=True, dir_okay=False),
+    type=InputFile(),
     help="A map from SOURCE to TARGET, written by `zoomout match TARGET SOURCE`, to measure the round-trip error.",
 )
 @json_option
@@ -46,7 +47,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
         lines, figures = ([], {}) if truth is None else _errors(surface_map, *surfaces, truth)
         over, covered = flipped_share(surface_map, *surfaces), coverage(surface_map, surfaces[0])
         distortion = edge_distortion(surface_map, *surfaces)
-        figures |= {"turned_over": over, "covered": covered, "edge_distortion": distortion}
+        figures |= {"flipped": over, "covered": covered, "edge_distortion": distortion}
         lines += [
             f"Flipped: {over:.1%} of the target's area.",
             f"Covered: {covered:.1%} of the source's area.",
@@ -69,14 +70,18 @@ def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: st
         vertex_numbers(target_vertex, len(target.vertices), f"The target vertices of {truth}"),
         vertex_numbers(source_vertex, len(source.vertices), f"The source vertices of {truth}"),
     )
-    error = 1000 * geodesic_error(surface_map, source, *known)
+    error = 1000 * geodesic_error(surface_map, source, target_vertex=known[0], source_vertex=known[1])
     reached = error[np.isfinite(error)]  # an image on a loose part has no path to the body
     missed = len(error) - len(reached)
     lines: list[str] = []
-    figures: dict[str, Any] = {"places": len(reached), "places_on_another_part": missed}
+    figures: dict[str, Any] = {
+        "places_given": len(known[0]),
+        "places": len(reached),
+        "places_on_another_part": missed,
+    }
     if len(reached):
         figures["error"] = spread = spread_of(reached)
-        lines.append(f"Error at {len(reached)} ground-truth points: {spread_in_words(spread)}.")
+        lines.append(f"Error at {len(reached):,} of {len(known[0]):,} ground-truth points: {spread_in_words(spread)}.")
     if missed:
         lines.append(f"{missed} images are on a different part of the source than the ground truth.")
     return lines, figures

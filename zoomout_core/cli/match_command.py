@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
+from zoomout_core.assets.files import READERS, read_asset
+from zoomout_core.assets.part_names import PartName, name_parts_of
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import (
+    OptionError,
     in_place_option,
     match_options,
     progress_bar,
@@ -24,7 +28,7 @@ from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.surface import Surface
 
 # The start that is not refined.
 NEAREST = "nearest"
@@ -77,18 +81,18 @@ def match(
                 has_partner=result.has_partner,
                 source_has_partner=result.source_has_partner,
             )
-            lines, figures = _summary(result)
+            lines, figures = _summary(result, _parts_of(source, result.source))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
 
 
 def _check_nothing_else(options: dict[str, Any]) -> None:
-    """Raise a MeshError if the user gave options that a map to the nearest points does not take."""
+    """Raise an OptionError if the user gave options that a map to the nearest points does not take."""
     for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
         if options[name]:
             flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
-            raise MeshError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
+            raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:
@@ -99,14 +103,22 @@ def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[
     return lines, {"share_with_partner": share, "notes": list(result.notes)}
 
 
-def _summary(result: MatchResult) -> tuple[list[str], dict[str, Any]]:
+def _parts_of(file: str, surface: Surface) -> list[PartName]:
+    """The names of the parts of a surface that was read from a file; only numbers for formats without names."""
+    count = int(surface.components.max(initial=0)) + 1
+    if count == 1 or Path(file).suffix.lower() not in READERS:
+        return [PartName(number) for number in range(count)]
+    return name_parts_of(surface, read_asset(file))
+
+
+def _summary(result: MatchResult, parts: list[PartName]) -> tuple[list[str], dict[str, Any]]:
     """Summary of a match for the user."""
     over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
     origin = result.candidates[result.chosen].origin
     lines = [
-        *match_lines(result),
+        *match_lines(result, parts),
         f"Flipped: {over:.1%} of the target's area.",
         f"Found by {origin}, the best of {len(result.candidates)} candidates.",
         *result.notes,
     ]
-    return lines, {**match_figures(result), "turned_over": over, "origin": origin, "notes": list(result.notes)}
+    return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, "notes": list(result.notes)}

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.assets.part_names import PartName
+from zoomout_core.cli.group import JSON
+from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.result import MatchResult
 
 # Confidence below which a vertex counts as doubtful.
@@ -19,7 +22,7 @@ LOW = 0.5
 
 def json_option(command: Any) -> Any:
     """Add an option to report as JSON to a command."""
-    return click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")(command)
+    return click.option(JSON, "as_json", is_flag=True, help="Print the report as JSON.")(command)
 
 
 def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None:
@@ -31,8 +34,8 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         click.echo(line)
 
 
-def match_figures(result: MatchResult) -> dict[str, Any]:
-    """Figures of a match for programs."""
+def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, Any]:
+    """Figures of a match for programs, with the names of the source's parts."""
     return {
         "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
@@ -42,24 +45,33 @@ def match_figures(result: MatchResult) -> dict[str, Any]:
         "source_share_without_partner": result.source_share_without_partner,
         "torn": result.target.share_of_area(result.torn),
         "filled": result.target.share_of_area(result.filled),
-        "parts": part_figures(result),
+        "parts": part_figures(result, parts),
         "candidates": len(result.candidates),
     }
 
 
-def part_figures(result: MatchResult) -> list[dict[str, float]]:
-    """For each component of the source the visible share of the source, and the share of the target that receives."""
+def part_figures(result: MatchResult, parts: Sequence[PartName]) -> list[dict[str, Any]]:
+    """For each component of the source its names, its visible share, and the share of the target that receives."""
+    if len(result.pair.shares) != len(parts):  # the source was matched as a single part
+        parts = [PartName(0)]
     return [
-        {"part": number, "visible": float(visible), "arrived": float(arrived)}
-        for number, (visible, arrived) in enumerate(zip(result.pair.shares, result.arrived, strict=True))
+        {
+            "part": part.number,
+            "name": part.name or None,
+            "material": part.material or None,
+            "visible": float(visible),
+            "arrived": float(arrived),
+        }
+        for part, visible, arrived in zip(parts, result.pair.shares, result.arrived, strict=True)
     ]
 
 
-def match_lines(result: MatchResult) -> list[str]:
+def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
     """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
+        *notes_on_parts(result, [part.label for part in parts]),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
@@ -71,10 +83,11 @@ def spread_of(values: Floats) -> dict[str, float]:
     return {
         "mean": float(values.mean()),
         "median": float(np.median(values)),
-        "95th percentile": float(np.percentile(values, 95)),
+        "percentile_95": float(np.percentile(values, 95)),
     }
 
 
 def spread_in_words(spread: Mapping[str, float]) -> str:
     """A spread in words, for a sentence."""
-    return ", ".join(f"{name} {value:.1f}" for name, value in spread.items())
+    words = {"percentile_95": "95th percentile"}
+    return ", ".join(f"{words.get(name, name)} {value:.1f}" for name, value in spread.items())

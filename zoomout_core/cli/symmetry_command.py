@@ -9,12 +9,11 @@ import click
 
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.command_options import mesh_options, progress_bar
+from zoomout_core.command_options import check_axis, mesh_options, progress_bar
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
-from zoomout_core.text_arguments import read_axis
 
 
 @click.command()
@@ -44,7 +43,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
     """
     try:
         check_map_output(output, [mesh])
-        shape, direction = read_shape(mesh), read_axis(left, "--left")
+        shape, direction = read_shape(mesh), check_axis(left, "--left")
         with progress_bar():
             found = detect_symmetry(shape, left=direction, **resolve_detail(**accuracy))
         if candidate > len(found):

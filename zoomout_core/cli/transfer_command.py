@@ -12,6 +12,7 @@ import click
 
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
+from zoomout_core.assets.part_names import name_parts
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
 from zoomout_core.batch import (
     Job,
@@ -24,7 +25,7 @@ from zoomout_core.batch import (
     write_report,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import OptionError, batch_options, match_options, progress_bar, start_arguments
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -90,12 +91,14 @@ def transfer(
             outcomes = run_jobs(
                 jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
             )
+        given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, **options}
+        figures = figures_of(source, outcomes, given)
         if is_folder(output):
-            write_report(source, outcomes, Path(output))
+            write_report(figures, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
-        click.echo(json.dumps(figures_of(source, outcomes), indent=1))
+        click.echo(json.dumps(figures, indent=1))
         end_with_code(outcomes)
     else:
         say_outcomes(outcomes, output)
@@ -105,37 +108,45 @@ def check_kinds(kinds: str) -> list[str]:
     """Read the kinds that an option names.
 
     Raises:
-        MeshError: there are none, or some cannot be transferred.
+        OptionError: there are none, or some cannot be transferred.
     """
     chosen = [kind.strip().lower().replace("-", " ") for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in chosen if kind not in KINDS]
     if unknown or not chosen:
         known = ", ".join(kind.replace(" ", "-") for kind in KINDS)
-        raise MeshError(f"--kinds is {kinds!r}: choose from {known}, separated by commas.")
+        raise OptionError(f"--kinds is {kinds!r}: choose from {known}, separated by commas.")
     return chosen
 
 
 def _run_job(
-    source: Asset, candidate: int, force: bool, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
-) -> tuple[dict[str, Any], list[str]]:
-    """Transfer to one target, and write it; returns the figures and lines of its outcome."""
+    source: Asset,
+    candidate: int,
+    force: bool,
+    kinds: list[str],
+    shape: str,
+    arguments: dict[str, Any],
+    job: Job,
+    report: dict[str, Any],
+) -> list[str]:
+    """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
     target = read_asset(job.target)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
+    parts = name_parts(source)
+    report |= {**match_figures(result, parts), "notes": [*source.notes, *result.notes]}
     check_verdict(result.verdict, force)
     with portion(MATCHED, 1.0):
         made = transfer_asset(source, target, result, kinds, shape)
     job.output.parent.mkdir(exist_ok=True)
     left_out = write_asset(made.asset, job.output)
-    notes = [*source.notes, *result.notes, *made.notes, *left_out]
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
-    lines = [
+    report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *left_out]}
+    return [
         f"Transferred: {', '.join(received)}.",
-        *match_lines(result),
+        *match_lines(result, parts),
         f"{len(result.candidates)} maps were found; if sides are swapped, try --candidate 1.",
-        *notes,
+        *report["notes"],
     ]
-    return {"transferred": received, **match_figures(result), "notes": notes}, lines

@@ -130,14 +130,18 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     return Verdict(GREEN, message(RIGHT, certainty=certainty), "")
 
 
+class RefusedMatchError(MeshError):
+    """A match that is probably wrong, along which nothing is written without the user's consent."""
+
+
 def check_verdict(verdict: Verdict, force: bool) -> None:
     """Refuse a match that is probably wrong, unless the user insists.
 
     Raises:
-        MeshError: it is probably wrong, and may not be used all the same.
+        RefusedMatchError: it is probably wrong, and may not be used all the same.
     """
     if verdict.level == RED and not force:
-        raise MeshError(f"{verdict.sentence} {verdict.advice} To write it all the same, give --force.")
+        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice} To write it all the same, give --force.")
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:
