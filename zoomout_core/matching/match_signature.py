@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from inspect import Parameter, signature
 from typing import ParamSpec, Protocol, cast, overload
 
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL, sizes_in_words
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.shapes import ShapeLike
 from zoomout_core.runtime.progress import Progress
@@ -22,6 +24,23 @@ class MatchArguments(MatchOptions):
 
     options: MatchOptions | None = None
     progress: Callable[[Progress], object] | None = None
+
+
+def check_names(given: Iterable[str]) -> None:
+    """Check that the options of a user exist.
+
+    Raises:
+        TypeError: one does not; the message names the most similar one.
+    """
+    known = [field.name for field in fields(MatchOptions)]
+    for name in given:
+        if name == "detail":
+            sizes = "; ".join(f"{word}: {sizes_in_words(word)}" for word in DETAIL)
+            raise TypeError(f"match has no option detail: give its sizes, such as k_final=200 ({sizes}).")
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
+            raise TypeError(f"match has no option {name}: {hint}")
 
 
 class MatchFunction(Protocol[Arguments]):

@@ -119,6 +119,8 @@ def existing(path: str | PathLike[str]) -> Path:
     if not isinstance(path, str | PathLike):
         raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
     path = Path(path)
+    if path.is_dir():
+        raise MeshError("{path} is a folder: give a file.", path=path)
     if not path.is_file():
         raise MeshError("There is no file {path}: check the path.", path=path)
     return path
