@@ -96,7 +96,11 @@ def plan(
             another output.
         OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
-    paths = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
+    named = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
+    once: dict[Path, Path] = {}  # a file that is named twice is one target
+    for path in named:
+        once.setdefault(path.resolve(), path)
+    paths = list(once.values())
     place = Path(output)
     if not is_folder(output):
         check_format(place)
@@ -134,7 +138,7 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
     found = [path for path in files if source is None or path.resolve() != source.resolve()]
     if not found:
-        raise MeshError(f"The folder {given} contains no {'other ' if source else ''}meshes: check the path.")
+        raise MeshError(f"The folder {given} contains no meshes{' besides the source' * bool(files)}: check the path.")
     return found
 
 

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
@@ -128,12 +130,25 @@ def mesh_options(command: Any) -> Any:
             show_default=True,
             show_envvar=True,
             expose_value=False,
-            callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
+            callback=_set_cache,
             help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
         ),
     ):
         command = option(command)
     return command
+
+
+def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
+    """Cache shapes in a folder; one that the user chose has to be writable."""
+    if folder == NO_CACHE:
+        store_shapes(None)
+        return
+    place = Path(folder).resolve()
+    first = next(each for each in (place, *place.parents) if each.exists())
+    chosen = context.get_parameter_source("cache") is not ParameterSource.DEFAULT
+    if chosen and not (first.is_dir() and os.access(first, os.W_OK)):
+        raise click.ClickException(f"--cache {folder} cannot be written to: choose another folder, or {NO_CACHE}.")
+    store_shapes(folder)
 
 
 def match_options(command: Any) -> Any:
@@ -247,8 +262,8 @@ def check_axis(text: str, option: str) -> Floats:
 
 
 @contextmanager
-def progress_bar() -> Iterator[None]:
-    """Show the progress of a block on the terminal."""
+def progress_bar() -> Iterator[Any]:
+    """Show the progress of a block on the terminal, in a bar that the block closes if it fails without an exception."""
     with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}") as bar:
 
         def show(latest: Progress) -> None:
@@ -257,5 +272,5 @@ def progress_bar() -> Iterator[None]:
             bar.update(100 * latest.fraction - bar.n)
 
         with progress(show):
-            yield
+            yield bar
         bar.update(100 - bar.n)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import zoomout_core as zo
-from zoomout_core.batch import Job, figures_of, run_jobs
+from zoomout_core.batch import Job, figures_of, meshes_of, plan, run_jobs
 from zoomout_core.command_options import progress_bar
 from zoomout_core.matching.verdict import check_verdict, judge
 from zoomout_core.runtime.progress import advance, stage
@@ -38,6 +38,18 @@ def test_a_job_that_fails_leaves_the_others_alone_and_keeps_its_figures() -> Non
     assert failed == {"target": "1.ply", "status": "failed", "error": "It is no mesh.", "stem": "1"}
     assert refused.pop("error").startswith("The match is probably wrong")
     assert refused == {"target": "2.ply", "status": "refused", "stem": "2"}
+
+
+def test_a_file_that_is_named_twice_is_one_target(tmp_path: Path) -> None:
+    for name in ("source.ply", "a.ply", "b.ply"):
+        (tmp_path / name).touch()
+    named = [str(tmp_path / name) for name in ("a.ply", "b.ply", "a.ply")]
+    jobs = plan(str(tmp_path / "source.ply"), named, str(tmp_path / "out"), ".glb", (".ply",), lambda _: None)
+    assert [job.output.name for job in jobs] == ["a.glb", "b.glb"]
+    (tmp_path / "only").mkdir()
+    (tmp_path / "only" / "source.ply").touch()
+    with pytest.raises(zo.MeshError, match="contains no meshes besides the source: check the path"):
+        meshes_of(tmp_path / "only", (".ply",), tmp_path / "only" / "source.ply")
 
 
 def test_progress_says_which_job_it_is_of() -> None:

@@ -41,7 +41,7 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
         "Mean confidence",
         "Flipped: ",
         "Without a partner: ",
-        "candidates.",
+        "candidate 0 of ",
     ):
         assert fact in outcome.output
     with np.load(files / "map.npz") as file:
@@ -228,6 +228,7 @@ def test_every_command_says_how_it_went_as_json(files: Path) -> None:
         (("match", "missing.ply", "target.ply", "-o", "none.npz"), 1, "There is no file"),
         (("match", "source.ply", "target.ply", "-o", "none.npz", "--landmarks", "missing.txt"), 1, "There is no file"),
         (("evaluate", "missing.npz", "source.ply", "target.ply"), 1, "There is no file"),
+        (("match", "source.ply", "target.ply", "-o", "none.npz", "--cache", "source.ply"), 1, "cannot be written to"),
         (("info", "missing.ply"), 1, "There is no file"),
         (("info", "missing.ply", "--colour"), 2, "No such option"),
         (("match", "source.ply", "target.ply", "-o", "none.npz", "--initial", "magic"), 2, "--initial is 'magic'"),

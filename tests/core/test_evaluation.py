@@ -185,7 +185,7 @@ def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
         (("back.npz",), "maps 800 vertices"),
         (("map.npz", "--reverse", "map.npz"), "map.npz"),
         (("map.npz", "--truth", "beyond.txt"), "but 800 is not"),
-        (("map.npz", "--truth", "source.off"), "vertex numbers"),
+        (("map.npz", "--truth", "source.off"), "is not a list of ground-truth pairs (line 1)"),
     ],
 )
 def test_evaluate_says_in_one_sentence_what_does_not_fit(

@@ -211,7 +211,7 @@ def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
         (["scans"], "a.ply", "one file for 3 targets"),
         (["scans/first.ply", "again/first.obj"], "out", "would both be written to"),
         (["scans/first.ply"], "scans", "could overwrite it"),
-        (["again"], "out", "contains no other meshes"),
+        (["again"], "out", "contains no meshes: check"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):

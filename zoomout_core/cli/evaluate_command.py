@@ -17,7 +17,7 @@ from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
-from zoomout_core.text_arguments import read_landmarks
+from zoomout_core.text_arguments import read_truth
 
 
 @click.command()
@@ -65,7 +65,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
 
 def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: str) -> tuple[list[str], dict[str, Any]]:
     """Errors of the images relative to their true places."""
-    source_vertex, target_vertex = read_landmarks(truth)
+    source_vertex, target_vertex = read_truth(truth)
     known = (
         vertex_numbers(target_vertex, len(target.vertices), f"The target vertices of {truth}"),
         vertex_numbers(source_vertex, len(source.vertices), f"The source vertices of {truth}"),

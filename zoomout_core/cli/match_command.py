@@ -41,12 +41,14 @@ NEAREST = "nearest"
 @in_place_option
 @match_options
 @table_options(option_table.NEAREST)
+@table_options(option_table.RESULT)
 @json_option
 def match(
     source: str,
     target: str,
     output: str,
     in_place: bool,
+    candidate: int,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -65,7 +67,7 @@ def match(
         check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
         shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
-            _check_nothing_else(options)
+            _check_nothing_else({**options, "candidate": candidate})
             surfaces = as_surface(shapes[0]), as_surface(shapes[1])
             with progress_bar():
                 nearest = match_by_proximity(*surfaces, **of_nearest)
@@ -74,6 +76,8 @@ def match(
             arguments = start_arguments(**options)
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
+                if candidate:
+                    result = result.use(candidate)
             result.surface_map.save(
                 output,
                 confidence=result.confidence,
@@ -89,7 +93,7 @@ def match(
 
 def _check_nothing_else(options: dict[str, Any]) -> None:
     """Raise an OptionError if the user gave options that a map to the nearest points does not take."""
-    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
+    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes", "candidate"):
         if options[name]:
             flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
             raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
@@ -118,7 +122,7 @@ def _summary(result: MatchResult, parts: list[PartName]) -> tuple[list[str], dic
     lines = [
         *match_lines(result, parts),
         f"Flipped: {over:.1%} of the target's area.",
-        f"Found by {origin}, the best of {len(result.candidates)} candidates.",
+        f"Found by {origin}: candidate {result.chosen} of {len(result.candidates)}, counted from 0.",
         *result.notes,
     ]
     return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, "notes": list(result.notes)}

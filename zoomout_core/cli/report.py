@@ -15,6 +15,7 @@ from zoomout_core.assets.part_names import PartName
 from zoomout_core.cli.group import JSON
 from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.verdict import GREEN
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -71,10 +72,21 @@ def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
+        *_ways_out(result),
         *notes_on_parts(result, [part.label for part in parts]),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
+    ]
+
+
+def _ways_out(result: MatchResult) -> list[str]:
+    """How to use another candidate, if a match is in doubt."""
+    last = len(result.candidates) - 1
+    if result.verdict.level == GREEN or not last:
+        return []
+    return [
+        f"The other candidates are --candidate {'1' if last == 1 else f'1 to {last}'}; this one is {result.chosen}."
     ]
 
 

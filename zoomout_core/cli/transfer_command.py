@@ -87,10 +87,12 @@ def transfer(
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
-        with progress_bar():
+        with progress_bar() as bar:
             outcomes = run_jobs(
                 jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
             )
+            if all(outcome.error for outcome in outcomes):
+                bar.close()
         given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, **options}
         figures = figures_of(source, outcomes, given)
         if is_folder(output):
@@ -137,7 +139,7 @@ def _run_job(
             result = result.use(candidate)
     parts = name_parts(source)
     report |= {**match_figures(result, parts), "notes": [*source.notes, *result.notes]}
-    check_verdict(result.verdict, force)
+    check_verdict(result.verdict, force, len(result.candidates))
     with portion(MATCHED, 1.0):
         made = transfer_asset(source, target, result, kinds, shape)
     job.output.parent.mkdir(exist_ok=True)
@@ -147,6 +149,5 @@ def _run_job(
     return [
         f"Transferred: {', '.join(received)}.",
         *match_lines(result, parts),
-        f"{len(result.candidates)} maps were found; if sides are swapped, try --candidate 1.",
         *report["notes"],
     ]

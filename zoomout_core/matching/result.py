@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
 
@@ -29,7 +30,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.object_files import fields_of, load_object, save_object
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.summary import Summary
@@ -194,6 +195,9 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
     try:
         result = load_object(path, STORED)
     except ArrayFileError as error:
+        with suppress(ArrayFileError):
+            if len(read_arrays(path, ("triangle", "barycentric"))) == 2:
+                raise MeshError(f"{path} is a map, not a result: use zo.SurfaceMap.load(path, source).") from error
         raise MeshError(f"{path} is not a saved result ({error}): save one with `result.save(path)`.") from error
     if not isinstance(result, MatchResult):
         raise MeshError(f"{path} is not a saved result: save one with `result.save(path)`.")

@@ -63,6 +63,9 @@ def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult
     with pytest.raises(FileNotFoundError):
         zo.load_result(tmp_path / "none.npz")
     np.savez(tmp_path / "other.npz", triangle=np.zeros(3))
+    result.surface_map.save(tmp_path / "map.npz")
+    with pytest.raises(zo.MeshError, match=r"map.npz is a map, not a result: use zo.SurfaceMap.load"):
+        zo.load_result(tmp_path / "map.npz")
     result.save(tmp_path / "result.npz")
     arrays = read_arrays(tmp_path / "result.npz")
     del arrays["array 3"]
