@@ -15,6 +15,7 @@ from meshlab_filter.mesh_data import custom_in_ply
 from meshlab_filter.trial import fault_of_file
 from zoomout_core.mesh.files import read_polygons
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def new_mesh_set() -> MeshSet:
     try:
         import pymeshlab
     except ImportError as error:
-        raise ImportError("This command requires pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
+        raise ImportError(f"This command requires pymeshlab: {install_hint('meshlab')}.") from error
     return pymeshlab.MeshSet()
 
 

@@ -7,6 +7,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 
 
@@ -29,7 +30,7 @@ def run(commands: str, name: str, extra: str) -> None:
         own = __package__, commands.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] in own:
             raise
-        sys.exit(f"{name} needs the package {error.name}, which is missing: pip install 'zoomout-core[{extra}]'.")
+        sys.exit(f"{name} needs the package {error.name}, which is missing: {install_hint(extra)}.")
 
 
 def _run(commands: str, name: str) -> NoReturn:

@@ -99,4 +99,4 @@ def test_the_extra_that_a_format_needs_is_named(
     path = tmp_path / name
     path.write_bytes(b"something")
     ran = run(main, "info", path)
-    assert_refused(ran, "requires a package that is not installed: pip install 'zoomout-core[formats]'")
+    assert_refused(ran, "requires a package that is not installed: in the checkout, pip install '.[formats]'")

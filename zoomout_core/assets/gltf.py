@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Accessor
@@ -33,7 +34,7 @@ def library() -> Any:
     try:
         import pygltflib
     except ImportError as error:
-        raise ImportError("Skins and materials of glTF need pygltflib: pip install 'zoomout-core[cli]'.") from error
+        raise ImportError(f"Skins and materials of glTF need pygltflib: {install_hint('cli')}.") from error
     return pygltflib
 
 

@@ -35,6 +35,7 @@ from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
@@ -63,7 +64,7 @@ MATCHED, DRAWN = 0.9, 0.95
         f"default, {NEIGHBOURS})."
     ),
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one a core).")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one per core).")
 @click.option("--scheduler", metavar="ADDRESS", help="Use a running Dask cluster, such as tcp://10.0.0.1:8786.")
 @click.option(
     "--retries",
@@ -134,11 +135,11 @@ def collection(
     as_json: bool,
     **accuracy: Any,
 ) -> None:
-    """Match the shapes of folders, prepare each once, and have their maps agree.
+    """Match many shapes, and make their maps agree.
 
-    FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps are written pair by pair to
-    OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes on where it was.
-    OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
+    Each shape is prepared once. FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps
+    are written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes
+    on where it was. OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
 
     Where cycles of maps do not close, another candidate of a pair is taken, so that a flip is outvoted.
 
@@ -185,6 +186,8 @@ def collection(
     else:
         for line in lines_of_collection(result):
             click.echo(line)
+        if pictures and not find_spec("matplotlib"):
+            click.echo(f"No pictures: {install_hint('plots')}.")
         click.echo(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from uuid import uuid4
 
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.progress import advance, renaming, stage
 
 # Seconds between two checks for finished tasks.
@@ -343,7 +344,7 @@ def _import_distributed(retries: int) -> Any:
         import distributed
     except ImportError as error:
         raise ImportError(
-            "Using several processes requires Dask: pip install 'zoomout-core[collections]', or use --workers 1."
+            f"Using several processes requires Dask: {install_hint('collections')}, or use --workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})
     # Its log is about its own parts; failures are in the report.

@@ -26,6 +26,7 @@ from zoomout_core.mesh.obj_files import parse_obj
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.text_tables import decode, flatten, number_table
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import atomic_write
 
 # Formats that trimesh reads with packages of the extra `formats`.
@@ -245,7 +246,7 @@ def _read_with_extra(path: Path) -> Polygons:
         vertices, corner_vertex, sizes = MORE_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
-            f"{path} requires the package {error.name}, which is not installed: pip install 'zoomout-core[formats]', "
+            f"{path} requires the package {error.name}, which is not installed: {install_hint('formats')}, "
             "or convert the file to OFF, PLY, OBJ, STL, glTF or GLB."
         ) from error
     return vertices, corner_vertex, np.cumsum([0, *sizes.tolist()])
@@ -256,7 +257,7 @@ def _read_with_trimesh(path: Path) -> Polygons:
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError("Reading mesh files needs trimesh: pip install 'zoomout-core[cli]'.") from error
+        raise ImportError(f"Reading mesh files needs trimesh: {install_hint('cli')}.") from error
     try:
         scene = trimesh.load_scene(str(path), process=False)
     except NotImplementedError as error:
@@ -266,7 +267,7 @@ def _read_with_trimesh(path: Path) -> Polygons:
     except ImportError as error:
         how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
         if path.suffix.lower() in WITH_EXTRA:
-            how = f"pip install 'zoomout-core[formats]', or {how}"
+            how = f"{install_hint('formats')}, or {how}"
         raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for points, faces in _parts(scene):
