@@ -40,6 +40,8 @@ autodoc_typehints = "signature"
 autodoc_type_aliases = {
     "ArrayLike": "ArrayLike",
     "ShapeLike": "ShapeLike",
+    "Landmarks": "Landmarks",
+    "Regions": "Regions",
     "Floats": "Floats",
     "Integers": "Integers",
     "Booleans": "Booleans",

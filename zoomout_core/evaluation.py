@@ -102,6 +102,11 @@ def distance_distortion(
         target: the surface that the map starts from.
         places: number of places that distances are measured from, evenly spaced in the list.
         most: number of places that they are measured to.
+
+    Example:
+        >>> from zoomout_core.evaluation import distance_distortion
+        >>> distance_distortion(truth, np.arange(len(truth)), source, target) < 0.2
+        True
     """
     picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
     apart = [
@@ -117,6 +122,11 @@ def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> 
     """The share of the target's area, in [0, 1], whose triangles the map flips, see `flipped_triangles`.
 
     It is 1 for a map that reverses everything, such as a mirror image.
+
+    Example:
+        >>> from zoomout_core.evaluation import flipped_share
+        >>> flipped_share(result.surface_map, source, target) < 0.5
+        True
     """
     area = triangle_areas(target.vertices, target.triangles)
     return float(area[flipped_triangles(surface_map, source, target)].sum() / area.sum())
@@ -143,6 +153,11 @@ def coverage(surface_map: SurfaceMap, source: Surface) -> float:
     A face is reached if an image is in it, or in a face that shares a corner with it. An image on an edge or at a
     corner reaches the faces around that edge's ends or that corner. A target much coarser than the source cannot reach
     all of it.
+
+    Example:
+        >>> from zoomout_core.evaluation import coverage
+        >>> 0.5 < coverage(result.surface_map, source) <= 1
+        True
     """
     working = source.working
     corners = source.triangles[surface_map.triangle][surface_map.barycentric > 0]
@@ -157,6 +172,11 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
 
     The image's length is the straight distance between the ends' images. Edges are weighted by squared length, so that
     slivers with their unbounded ratios do not dominate the mean.
+
+    Example:
+        >>> from zoomout_core.evaluation import edge_distortion
+        >>> edge_distortion(result.surface_map, source, target) < 1
+        True
     """
     edges, _ = unique_edges(target.triangles)
     images = surface_map.interpolate(source.vertices) / np.sqrt(source.area)

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.skinning import blend_matrices
 from zoomout_core.transfer.unpose import inverse_skinning
@@ -63,8 +64,8 @@ class Skin:
     weights: csr_array
 
 
-@dataclass(frozen=True, eq=False)
-class Asset:
+@dataclass(frozen=True, eq=False, repr=False)
+class Asset(Summary):
     """All visible meshes of a file as one surface, with their transforms and pose applied.
 
     Attributes:
@@ -90,6 +91,14 @@ class Asset:
     document: Document | None = None
     notes: tuple[str, ...] = ()
     objects: tuple[tuple[str, int], ...] = ()
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "surface": f"{len(self.surface.vertices):,} vertices, {len(self.surface.face_start) - 1:,} faces",
+            "attributes": ", ".join(each.name for each in self.attributes) or "none",
+            "materials": ", ".join(each.name for each in self.materials) or "none",
+            "joints": str(0 if self.skin is None else len(self.skin.names)),
+        }
 
     def find(self, name: str) -> Attribute | None:
         """The attribute with a name, if there is one."""

@@ -17,6 +17,9 @@ from zoomout_core.runtime.progress import Progress
 
 Arguments = ParamSpec("Arguments")
 
+# The line of the docstring of `match` that stands for the options.
+GIVEN = "        given: options as keyword arguments; they override `options`.\n"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchArguments(MatchOptions):
@@ -63,14 +66,21 @@ class MatchFunction(Protocol[Arguments]):
     ) -> MatchResult: ...
 
 
+def options_help() -> str:
+    """The description of the options, from that of `MatchOptions`, in the form of a function's arguments."""
+    text = (MatchOptions.__doc__ or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+    return f"{text}\n"
+
+
 def with_arguments(
     arguments: Callable[Arguments, MatchArguments],
 ) -> Callable[[Callable[..., MatchResult]], MatchFunction[Arguments]]:
-    """Give `match` the signature of its arguments, for type checkers and for `help`."""
+    """Give `match` the signature of its arguments, and their descriptions, for type checkers and for `help`."""
 
     def add_signature(function: Callable[..., MatchResult]) -> MatchFunction[Arguments]:
         known = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         options = signature(MatchOptions).parameters.values()
+        function.__doc__ = (function.__doc__ or "").replace(GIVEN, options_help())
         function.__signature__ = signature(function).replace(parameters=[*known, *options])  # type: ignore[attr-defined]
         return cast("MatchFunction[Arguments]", function)
 

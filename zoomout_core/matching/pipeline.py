@@ -54,7 +54,7 @@ def match(
             reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
             path of a file are accepted as well, see `ShapeLike`.
         target: the surface, or the points, that the map starts from; it receives them.
-        options: options of the match, see `MatchOptions`.
+        options: options of the match; keyword arguments override them.
         progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
         given: options as keyword arguments; they override `options`.
 

@@ -27,6 +27,7 @@ from zoomout_core.matching.scores import (
     total_score,
 )
 from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -100,8 +101,8 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
 CERTAINTY = CertaintyTuning()
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(Summary):
     """A map between two shapes' samples, with its scores.
 
     Attributes:
@@ -134,6 +135,14 @@ class Candidate:
     scores: dict[str, float]
     part_match: PartCandidate | None = None
     turns: int = 1
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "origin": self.origin,
+            "certainty": f"{self.certainty:.0%}",
+            "orientation": "reversed" if self.reverses_orientation else "kept",
+            "size": " x ".join(map(str, self.functional_map.shape)),
+        }
 
 
 @dataclass(frozen=True, eq=False)

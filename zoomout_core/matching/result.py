@@ -166,6 +166,10 @@ class MatchResult(Summary):
 
         Raises:
             ValueError: there is no such candidate.
+
+        Example:
+            >>> result.use(1).chosen  # the map with left and right exchanged, for example
+            1
         """
         if not 0 <= candidate < len(self.candidates):
             raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
@@ -176,6 +180,10 @@ class MatchResult(Summary):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> result.save(folder / "result.npz")
+            >>> again = zo.load_result(folder / "result.npz")
         """
         save_object(path, self, STORED)
 

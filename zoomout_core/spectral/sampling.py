@@ -24,6 +24,11 @@ def farthest_points(points: Floats, count: int) -> Integers:
 
     Returns:
         (min(count, n),) point numbers, in the order of choice.
+
+    Example:
+        >>> from zoomout_core.spectral.sampling import farthest_points
+        >>> farthest_points(source.vertices, 10).shape
+        (10,)
     """
     count = min(count, len(points))
     columns = np.ascontiguousarray(points.T)

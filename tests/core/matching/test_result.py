@@ -79,11 +79,16 @@ def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult
 
 def test_large_objects_are_shown_in_a_few_lines(result: zo.MatchResult) -> None:
     (symmetry, *_) = zo.detect_symmetry(result.source, k_final=30, samples=120)
+    bases = zo.eigenbasis(result.source, 10), zo.eigenbasis(result.target, 10)
     for value, said in (
         (result, "certainty"),
         (result.source, "400"),
         (zo.eigenbasis(result.source, 10), "10 on 400 vertices"),
         (symmetry, "order"),
+        (result.surface_map, "350 vertices"),
+        (result.candidates[0], "origin"),
+        (zo.Asset(result.source), "400 vertices, 796 faces"),
+        (zo.zoomout(*bases, np.eye(5), k_final=10), "10 x 10"),
     ):
         text = repr(value)
         assert said in text
