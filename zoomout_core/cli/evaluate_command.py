@@ -36,10 +36,10 @@ from zoomout_core.text_arguments import read_truth
 )
 @json_option
 def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse: str | None, as_json: bool) -> None:
-    """Say how good MAP is, which `zoomout match SOURCE TARGET` wrote: what it folds, misses and stretches.
+    """Measure MAP: flipped area, coverage, distortion and error.
 
-    With --truth also how far its images are off their true places. Distances are in thousandths of the square root
-    of the surface's area.
+    MAP is a file that `zoomout match SOURCE TARGET` wrote. Its error is measured with --truth, along the surface, in
+    thousandths of the square root of its area.
     """
     try:
         surfaces = as_surface(read_shape(source)), as_surface(read_shape(target))

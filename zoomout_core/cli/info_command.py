@@ -18,7 +18,7 @@ from zoomout_core.mesh.triangles import border_edges
 @click.argument("mesh", type=click.Path())
 @json_option
 def info(mesh: str, as_json: bool) -> None:
-    """Say what MESH holds: its faces, parts and borders, and what of it `zoomout transfer` carries."""
+    """Show the contents of MESH that `zoomout transfer` can carry."""
     try:
         asset = read_asset(mesh)
     except (ValueError, OSError, ImportError) as error:

@@ -52,12 +52,13 @@ def match(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Find for every vertex of TARGET the point on SOURCE that it corresponds to; either may be a point cloud.
+    """Find the point on SOURCE for each vertex of TARGET.
 
-    Writes triangle, barycentric, vertex, confidence, functional_map, and has_partner and source_has_partner, which
-    vertices of TARGET and of SOURCE have something on the other that they correspond to, to one .npz file. With
-    --initial nearest the map is that to the nearest points, as for clothes on a body, with a confidence of one or zero,
-    and nothing else.
+    Either may be a point cloud.
+
+    Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
+    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest the map is
+    that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
     """
     try:
         of_nearest = {

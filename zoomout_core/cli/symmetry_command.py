@@ -36,10 +36,10 @@ from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 @json_option
 @mesh_options
 def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, **accuracy: Any) -> None:
-    """Find the symmetries of MESH, in whatever pose it is, and write one of them.
+    """Find the symmetries of MESH in any pose.
 
-    Writes triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz file, and
-    of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
+    Writes one of them: triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz
+    file, and of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
     """
     try:
         check_map_output(output, [mesh])

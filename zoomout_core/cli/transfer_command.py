@@ -67,14 +67,15 @@ def transfer(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Transfer what the mesh SOURCE carries to the meshes TARGETS, which may differ in pose, triangles and placement.
+    """Transfer the data of SOURCE to other meshes.
 
-    From glTF these are texture coordinates, colours, materials with their images, morph targets, and skin weights: the
-    joints come along, with what animates them, and a target moves as SOURCE does. OBJ has texture coordinates, colours
-    and materials, PLY texture coordinates and colours; of other formats only the shape is read.
+    TARGETS may differ from SOURCE in pose, triangles and placement. From glTF the data are texture coordinates,
+    colours, materials with their images, morph targets, and skin weights: the joints come along, with what animates
+    them, and a target moves as SOURCE does. OBJ has texture coordinates, colours and materials, PLY texture coordinates
+    and colours; of other formats only the shape is read.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
-    report.json says how each went; a target that fails leaves the others alone.
+    report.json has the result of each; a target that fails does not affect the others.
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
