@@ -9,6 +9,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 # The code of tutorials is timed on what it computes, not on what an earlier build has kept.
 os.environ["ZOOMOUT_CACHE"] = "off"
 
+from sphinx.util.inspect import TypeAliasForwardRef
+
 from zoomout_core import __version__
 
 project = "ZoomOut Transfer"
@@ -46,6 +48,8 @@ autodoc_type_aliases = {
     "Integers": "Integers",
     "Booleans": "Booleans",
 }
+# Signatures show the names of these aliases; Sphinx 9 shows its placeholder for them in unions.
+TypeAliasForwardRef.__repr__ = lambda alias: alias.name
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
