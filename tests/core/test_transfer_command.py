@@ -104,6 +104,8 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(
     assert code == 1
     assert "probably wrong" in said
     assert "--force" in said
+    assert "Other candidates: --candidate 1 to " in said
+    assert "100%" not in said
     code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
     (report,) = json.JSONDecoder().raw_decode(said)[0]["targets"]  # the progress bar follows
     assert (code, report["status"], report["verdict"]["level"]) == (1, "refused", "red")
@@ -112,6 +114,7 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(
     code, said = run(*files, "-o", tmp_path / "out.glb", "--force")
     assert code == 0, said
     assert "Red: The match is probably wrong" in said
+    assert "The other candidates are --candidate 1 to " in said
     assert (tmp_path / "out.glb").exists()
 
 
