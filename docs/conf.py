@@ -31,7 +31,7 @@ exclude_patterns = ["extension_page.md"]
 # The reference of Blender's functions needs Blender as a module, which `make docs` alone does not install.
 if find_spec("bpy") is None:
     exclude_patterns.append("api/blender.md")
-    suppress_warnings = ["toc.excluded"]
+    suppress_warnings = ["toc.excluded", "toc.not_readable"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3

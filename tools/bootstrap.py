@@ -46,9 +46,9 @@ LARGE_DOWNLOAD = 30  # MB; larger downloads are shown
 
 # By argument: the extras, and their description.
 EXTRAS = {
-    "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
+    "core": ("core-tests", "the core and its tests (up to 60 MB to download, 200 MB on disk)"),
     "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
-    "docs": ("core-tests,docs", "the core and Sphinx (up to 80 MB to download)"),
+    "docs": ("core-tests,docs", "the core and Sphinx (up to 125 MB to download)"),
     "all and docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
     "release": (
         "dev,docs,release",
