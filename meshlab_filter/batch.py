@@ -10,7 +10,7 @@ import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
 from zoomout_core.batch import Job, Outcome, run_jobs
-from zoomout_core.matching.verdict import check_verdict
+from zoomout_core.matching.verdict import GREEN, check_verdict
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -89,9 +89,10 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
         f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
-        f"{len(report['candidates'])} correspondences were found; if sides are swapped, try --candidate 1.",
         *report["notes"],
     ]
+    if report["verdict"]["level"] != GREEN and len(report["candidates"]) > 1:
+        lines.append(f"{len(report['candidates'])} correspondences were found: try --candidate 1.")
     lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
     if lost:
         lines.append(f"{ending[1:].upper()} files cannot store {' and '.join(lost)}: write PLY to keep them.")
