@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from zoomout_core.arrays import Integers
+from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
@@ -20,7 +21,6 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, in_order, rank
-from zoomout_core.matching.refinement import embeddings
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.scores import scores_of, total_score
 
@@ -94,7 +94,8 @@ def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
 def vertex_map(candidate: Candidate, pair: Pair) -> Integers:
     """(n_t,) source vertex of each target vertex, by the candidate's functional map; -1 off the largest part."""
     source, target = pair.source_shape, pair.target_shape
-    image = nearest(*embeddings(source, target, candidate.functional_map, candidate.anchors))
+    bases = target.basis.eigenvectors, source.basis.eigenvectors
+    image = nearest(*coordinates(*bases, candidate.functional_map, candidate.anchors))
     inside = source.proxy.full.vertex_of >= 0
     on_surface = np.empty(len(source.proxy.full.vertices), dtype=np.int64)
     on_surface[source.proxy.full.vertex_of[inside]] = np.flatnonzero(inside)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.matching.verdict import GREEN, check_verdict
 
@@ -39,6 +40,7 @@ def transfer_files(
     source_id = load_mesh(ms, source)
     inputs = texture_files(ms.mesh(source_id), source)
     brought: dict[str, bytes] = {}
+    kept = inputs_of(source, *(job.target for job in jobs))
 
     def transfer_one(job: Job, figures: dict[str, Any]) -> list[str]:
         try:
@@ -48,7 +50,7 @@ def transfer_files(
             figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
             job.output.parent.mkdir(exist_ok=True)
-            save_beside(ms, job.output, textures, brought, in_place)
+            save_beside(ms, job.output, textures, brought, in_place, kept)
             figures |= {"transferred": report["transferred"]}
             return _lines(report, job.output.suffix.lower())
         finally:

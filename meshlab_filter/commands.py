@@ -24,14 +24,17 @@ from meshlab_filter.project import files_of, load_inputs
 from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import FAILED, PARTLY, figures_of, is_folder, plan, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
     in_place_option,
     match_options,
     progress_bar,
+    quiet_option,
     read_options,
     table_option,
+    tell,
     threads_option,
 )
 from zoomout_core.matching.option_table import OPTIONS
@@ -44,6 +47,7 @@ from zoomout_core.runtime.outputs import check_output
 @click.group()
 @click.version_option(package_name="zoomout-core")
 @threads_option
+@quiet_option
 def main() -> None:
     """Filters for mesh files in every format that MeshLab reads."""
 
@@ -89,7 +93,7 @@ def samples(folder: Path) -> None:
         paths = write_samples(folder)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    click.echo(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
+    tell(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
 
 
 @main.command()
@@ -138,7 +142,8 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     current. A MeshLab project (.mlp) among them stands for its meshes with their transforms.
     """
     try:
-        check_output(output, [script, *(file for path in inputs for file in files_of(path))], in_place)
+        kept = inputs_of(*(file for path in inputs for file in files_of(path)))
+        check_output(output, [script, *kept], in_place)
         read_script(script)
         ms = new_mesh_set()
         textures: TextureFiles = {}
@@ -148,13 +153,13 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
             reports = run_script(ms, script)
         if ms.mesh_number() == 0:
             raise MeshError("The script leaves no mesh to write: keep at least one.")
-        save_beside(ms, Path(output), textures, {}, in_place)
+        save_beside(ms, Path(output), textures, {}, in_place, kept)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for report in reports:
         for note in report.get("notes", ()):
-            click.echo(f"Line {report['line']}, {report['name']}: {note}")
-    click.echo(f"Written to {output}")
+            tell(f"Line {report['line']}, {report['name']}: {note}")
+    tell(f"Written to {output}")
 
 
 @main.command("watch")
@@ -192,12 +197,12 @@ def watch_command(
     outcomes: list[bool] = []
 
     def process(path: Path) -> None:
-        click.echo(f"{path.name} was saved.")
+        tell(f"{path.name} was saved.")
         try:
             with progress_bar():
                 lines = work.process(path)
             for line in lines:
-                click.echo(f"  {line}")
+                tell(f"  {line}")
         except (ValueError, OSError, MemoryError) as error:
             click.echo(f"{path.name}: failed. {error or NO_MEMORY}", err=True)
             outcomes.append(False)
@@ -209,7 +214,7 @@ def watch_command(
         if script is not None:
             read_script(script)
         if not once:
-            click.echo(f"Watching {folder}; press Ctrl-C to stop.")
+            tell(f"Watching {folder}; press Ctrl-C to stop.")
         for _ in watch(work, process, interval, once):
             pass
     except KeyboardInterrupt:
@@ -219,3 +224,7 @@ def watch_command(
         raise click.ClickException(str(error)) from None
     if not all(outcomes):
         sys.exit(PARTLY if any(outcomes) else FAILED)
+
+
+for command in (samples, transfer, run, watch_command):
+    quiet_option(command)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from meshlab_filter.mesh_data import custom_in_ply
 from meshlab_filter.trial import fault_of_file
 from zoomout_core.mesh.files import read_polygons
+from zoomout_core.mesh.named_files import check_named_files
+from zoomout_core.mesh.opening import outside
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
+from zoomout_core.runtime.input_files import OutsideError, beside
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file
 
 if TYPE_CHECKING:
@@ -58,8 +61,7 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
 
     before = ms.mesh_number()
     gltf = Path(path).suffix.lower() in (".gltf", ".glb")
-    if not Path(path).is_file():
-        raise MeshError(f"There is no file {path}: check the path.")
+    check_named_files(path)  # MeshLab would read them anywhere
     if Path(path).suffix.lower() == ".off":  # MeshLab reads beyond the end of short lines, with undefined results
         read_polygons(path)
     fault = fault_of_file(path, gltf)
@@ -72,7 +74,18 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
         raise MeshError(f"{path} could not be read ({' '.join(str(error).split())}): check the file.") from error
     if ms.mesh_number() > before + 1:
         raise MeshError(f"{path} contains {ms.mesh_number() - before} meshes: merge them into one.")
+    _check_textures(ms, Path(path))
     return int(ms.current_mesh_id())
+
+
+def _check_textures(ms: MeshSet, path: Path) -> None:
+    """Delete the current mesh, and raise a MeshError, if a texture of it is not in the folder of its file."""
+    for name in ms.current_mesh().textures():
+        try:
+            beside(name, path.parent)
+        except OutsideError as error:
+            ms.delete_current_mesh()
+            raise outside(path, name) from error
 
 
 def save_mesh(ms: MeshSet, output: str | Path) -> None:
@@ -110,7 +123,12 @@ def texture_files(mesh: Mesh, path: str | Path) -> TextureFiles:
 
 
 def save_beside(
-    ms: MeshSet, output: Path, inputs: TextureFiles, brought: dict[str, bytes], in_place: bool = False
+    ms: MeshSet,
+    output: Path,
+    inputs: TextureFiles,
+    brought: dict[str, bytes],
+    in_place: bool = False,
+    kept: Iterable[Path] = (),
 ) -> None:
     """Write the current mesh and its textures into a shared folder, completely or not at all.
 
@@ -120,12 +138,13 @@ def save_beside(
         inputs: textures that were read; one that would be rewritten unchanged to its own path is left alone.
         brought: digests of the textures already written to the folder, by name; this mesh's are added.
         in_place: whether textures may replace input files.
+        kept: further files that must not be replaced, unless `in_place`.
 
     Raises:
         MeshError: one of its textures has the name of another one.
         OutputError: it cannot be written.
     """
-    with atomic_write_together(output) as whole:
+    with atomic_write_together(output, () if in_place else kept) as whole:
         save_mesh(ms, whole)
         # An OBJ file's materials are in a file whose name begins with its own; all others are textures.
         images = [file for file in sorted(whole.parent.iterdir()) if not file.name.startswith(whole.name)]

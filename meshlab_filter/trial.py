@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Test in a child process whether pymeshlab can read a file: malformed ones crash, hang or exhaust memory.
 
-The child process runs this module as well: `python trial.py PATH MEMORY GLTF`; it prints nothing on success.
+The child process runs this module as well: `python trial.py PATH MEMORY GLTF`; it prints nothing on success. It starts
+in an empty folder, see `zoomout_core.runtime.child_process`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 # Time limit in seconds: a constant, and per megabyte of the file.
 SECONDS, SECONDS_PER_MEGABYTE = 30.0, 2.0
@@ -40,17 +42,23 @@ def fault_of_file(path: str | Path, gltf: bool) -> str:
 def _fault(path: str | Path, size: int, gltf: bool) -> str:
     if Path(path).suffix.lower() == ".stl" and size < _stated_size(Path(path)):
         return "it declares more triangles than it contains"
-    command = [sys.executable, __file__, str(path), str(MEMORY + MEMORY_PER_BYTE * size), "gltf" if gltf else ""]
-    try:
-        ran = subprocess.run(
-            command,
-            capture_output=True,
-            timeout=SECONDS + SECONDS_PER_MEGABYTE * size / 1e6,
-            stdin=subprocess.DEVNULL,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return "MeshLab does not finish reading it"
+    from zoomout_core.runtime.child_process import child_environment  # the child does without
+
+    limit, single = str(MEMORY + MEMORY_PER_BYTE * size), "gltf" if gltf else ""
+    command = [sys.executable, os.path.abspath(__file__), os.path.abspath(path), limit, single]
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        try:
+            ran = subprocess.run(
+                command,
+                capture_output=True,
+                timeout=SECONDS + SECONDS_PER_MEGABYTE * size / 1e6,
+                stdin=subprocess.DEVNULL,
+                env=child_environment(),
+                cwd=folder,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return "MeshLab does not finish reading it"
     if ran.returncode == 0:
         return ""
     lines = ran.stdout.decode(errors="replace").strip().splitlines()

@@ -26,6 +26,7 @@ from meshlab_filter.project import (
     write_project,
 )
 from meshlab_filter.script import run_script
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import PART, is_same_file
@@ -152,7 +153,7 @@ def _run_script(script: Path, path: Path, output: Path) -> list[str]:
     reports = run_script(ms, script)
     if ms.mesh_number() == 0:
         raise MeshError("The script leaves no mesh to write: keep at least one.")
-    save_beside(ms, output, textures, {})
+    save_beside(ms, output, textures, {}, kept=inputs_of(*files_of(path)))
     return [f"{output.name}: {note}" for report in reports for note in report.get("notes", ())]
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.parsers.expat import ErrorString, ExpatError, ParserCreate
 
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import read_whole
 
 
 @dataclass(eq=False)
@@ -67,7 +68,7 @@ def read_elements(path: str | Path, root: str, ending: str) -> Element:
     parser.CharacterDataHandler = text
     parser.EntityDeclHandler = refuse
     try:
-        parser.Parse(Path(path).read_bytes(), True)
+        parser.Parse(read_whole(path), True)
     except ExpatError as error:
         raise MeshError(f"Line {error.lineno} of {path} is not valid XML: {ErrorString(error.code)}.") from None
     (found,) = outermost

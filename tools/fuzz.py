@@ -4,7 +4,9 @@
     make fuzz ARGS="--count 100000"
 
 A sample of each format is damaged at random and read in a process with limited memory. A refusal
-is a MeshError, whose message a user sees. Anything else is a finding, and its file is kept.
+is a MeshError, whose message a user sees. Anything else is a finding, and its file is kept. Bytes are damaged in every
+format; in glTF also the structure: its JSON stays valid, but refers to what does not exist, in cycles, or by values of
+another type.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ import sys
 import tempfile
 import time
 import warnings
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +45,25 @@ MAX_SECONDS, MAX_MEMORY = 5.0, 4 << 30
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 # Replacements of numbers.
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"4294967295", b"2147483648", b"99999999999", b"1.5", b"x", b"")
+# Replacements of values in JSON.
+VALUES: tuple[Any, ...] = (
+    *(None, True, False, -1, 0, 1, 2, 3, 7, 255, 5120, 5126, 1 << 16, 1 << 31, 1 << 53, 10**400, 0.5, -0.5, 1e308),
+    *(
+        float("nan"),
+        float("inf"),
+        "",
+        "a",
+        "0",
+        "VEC3",
+        "SCALAR",
+        "MAT4",
+        "../a",
+        "missing.bin",
+        "data:,",
+        "data:;base64,A",
+    ),
+    *([], {}, [[]], [0], [0, 0], [0, 1, 2, 3], [-1], ["a"], [None], {"a": 0}, {"POSITION": 0}, {"index": 0}),
+)
 BYTES = (b"\x00", b"\xff", b"\n", b"\r\n", b" ", b"\xef\xbb\xbf", b"#", b"\xff\xff\xff\xff", b"\x00\x00\x00\x80")
 
 
@@ -52,11 +75,13 @@ class Reader:
         ending: the extension of its files.
         read: reads a file.
         samples: valid files.
+        damage: damages a file.
     """
 
     ending: str
     read: Callable[[Path], object]
     samples: tuple[bytes, ...]
+    damage: Callable[[bytes, np.random.Generator], bytes] = field(default_factory=lambda: damage)
 
 
 def readers() -> dict[str, Reader]:
@@ -106,6 +131,8 @@ def readers() -> dict[str, Reader]:
         "asset of ply": Reader(".ply", read_asset, (*ply, _ply_with_texture(mesh, texture))),
         "asset of glb": Reader(".glb", read_asset, (saved["a.glb"],)),
         "asset of gltf": Reader(".gltf", read_asset, (saved["a.gltf"],)),
+        "structure of gltf": Reader(".gltf", _read_and_write, (gltf_with_everything(),), damage_structure),
+        "structure of the shape of gltf": Reader(".gltf", read_shape, (gltf_with_everything(),), damage_structure),
         "map": Reader(".npz", lambda path: SurfaceMap.load(path, surface), (saved["map.npz"],)),
         "vertices of a map": Reader(".npz", lambda path: read_vertex_map(str(path)), (saved["map.npz"],)),
         "script": Reader(".mlx", read_script, (script.encode(),)),
@@ -125,6 +152,93 @@ def _ply_with_texture(mesh: Any, texture: NDArray[Any]) -> bytes:
     header += f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     rows = [" ".join(f"{value:.5g}" for value in (*v, *t)) for v, t in zip(mesh.vertices, texture, strict=True)]
     return (header + "\n".join([*rows, *("3 " + " ".join(map(str, face)) for face in mesh.faces)]) + "\n").encode()
+
+
+def gltf_with_everything() -> bytes:
+    """A small glTF file with joints, animations, morph targets, a sparse accessor, a texture and material variants."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")
+    matrices = np.tile(np.eye(4, dtype="<f4").ravel(), (2, 1))
+    image = bytes.fromhex(
+        "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c4944415408d763f8cfc0000003010100"
+        "18dd8db00000000049454e44ae426082"
+    )
+    rows: tuple[tuple[NDArray[Any], int, str], ...] = (
+        (positions, 5126, "VEC3"),
+        (np.array([0, 1, 2, 0, 2, 3], "<u2"), 5123, "SCALAR"),
+        (positions[:, :2].copy(), 5126, "VEC2"),
+        (np.tile(np.array([0, 1, 0, 0], "u1"), (4, 1)), 5121, "VEC4"),
+        (np.tile(np.array([0.5, 0.5, 0, 0], "<f4"), (4, 1)), 5126, "VEC4"),
+        (matrices, 5126, "MAT4"),
+        (np.array([0, 1], "<f4"), 5126, "SCALAR"),
+        (np.array([[0, 0, 0, 1], [0, 0, 0.6, 0.8]], "<f4"), 5126, "VEC4"),
+        (np.array([1, 3], "<u2"), 5123, "SCALAR"),
+    )
+    views: list[dict[str, Any]] = []
+    data = b""
+    for content in (*(values.tobytes() for values, _, _ in rows), image):
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(content)})
+        data += content + bytes(-len(content) % 4)
+    accessors: list[dict[str, Any]] = [
+        {"bufferView": number, "componentType": code, "count": len(values), "type": kind}
+        for number, (values, code, kind) in enumerate(rows)
+    ]
+    changes = {"indices": {"bufferView": 8, "componentType": 5123}, "values": {"bufferView": 0, "byteOffset": 12}}
+    accessors.append({"componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 2, **changes}})
+    columns = {"POSITION": 0, "NORMAL": 0, "TEXCOORD_0": 2, "COLOR_0": 0, "JOINTS_0": 3, "WEIGHTS_0": 4}
+    variants = {"KHR_materials_variants": {"mappings": [{"material": 1, "variants": [0]}]}}
+    primitive = {"attributes": columns, "indices": 1, "material": 0, "targets": [{"POSITION": 9}, {"POSITION": 9}]}
+    channels = [
+        {"sampler": 0, "target": {"node": 2, "path": "rotation"}},
+        {"sampler": 1, "target": {"node": 3, "path": "weights"}},
+    ]
+    tree = {
+        "asset": {"version": "2.0", "generator": "fuzz"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, 3, 4]}],
+        "nodes": [
+            {"name": "Armature", "children": [1], "scale": [1, 1, 1]},
+            {"name": "Lower", "children": [2], "matrix": np.eye(4).ravel().tolist()},
+            {"name": "Upper", "translation": [0, 1, 0], "rotation": [0, 0, 0, 1]},
+            {"mesh": 0, "skin": 0},
+            {"mesh": 1, "translation": [0, 0, 1]},
+        ],
+        "meshes": [
+            {
+                "primitives": [primitive | {"extensions": variants}],
+                "weights": [0, 0],
+                "extras": {"targetNames": ["A", "B"]},
+            },
+            {"name": "Strip", "primitives": [{"attributes": {"POSITION": 0}, "mode": 5}]},
+        ],
+        "skins": [{"joints": [1, 2], "inverseBindMatrices": 5, "skeleton": 0}],
+        "animations": [
+            {"samplers": [{"input": 6, "output": 7}, {"input": 6, "output": 8}], "channels": channels, "name": "Bend"}
+        ],
+        "materials": [
+            {
+                "name": "Red",
+                "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1], "baseColorTexture": {"index": 0}},
+            },
+            {"name": "Blue", "extras": {"kind": 1}},
+        ],
+        "textures": [{"source": 0, "sampler": 0, "extensions": {"EXT_texture_webp": {"source": 0}}}],
+        "samplers": [{"magFilter": 9729}],
+        "images": [{"bufferView": 9, "mimeType": "image/png"}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(data), "uri": f"data:;base64,{b64encode(data).decode()}"}],
+        "extensionsUsed": ["KHR_materials_variants", "EXT_texture_webp"],
+        "extensions": {"KHR_materials_variants": {"variants": [{"name": "dark"}]}},
+    }
+    return json.dumps(tree).encode()
+
+
+def _read_and_write(path: Path) -> None:
+    """Read an asset, and write it in the formats that refer to other files."""
+    asset = read_asset(path)
+    with tempfile.TemporaryDirectory() as folder:
+        for ending in (".glb", ".gltf", ".obj"):
+            write_asset(asset, Path(folder) / f"a{ending}")
 
 
 def _write(path: Path, content: bytes) -> Path:
@@ -158,11 +272,43 @@ def damage(content: bytes, random: np.random.Generator) -> bytes:
     return bytes(broken)
 
 
+def damage_structure(content: bytes, random: np.random.Generator) -> bytes:
+    """Damage the JSON of a file in one or a few places: it stays JSON."""
+    tree = json.loads(content)
+    for _ in range(random.geometric(0.6)):
+        places = list(_places(tree))
+        if not places:
+            break
+        part, key = places[random.integers(len(places))]
+        other, other_key = places[random.integers(len(places))]
+        match random.choice(6, p=[0.4, 0.2, 0.15, 0.1, 0.05, 0.1]):
+            case 0:
+                part[key] = deepcopy(VALUES[random.integers(len(VALUES))])
+            case 1:
+                part[key] = deepcopy(other[other_key])
+            case 2:
+                del part[key]
+            case 3 if isinstance(part, list):
+                part.extend(deepcopy(part[key]) for _ in range(int(random.integers(1, 40))))
+            case 4:
+                part[key] = [part[key]]
+            case _ if isinstance(part[key], int):
+                part[key] = int(part[key] + random.integers(-3, 4))
+    return json.dumps(tree).encode()
+
+
+def _places(part: Any) -> Iterator[tuple[Any, Any]]:
+    """Each object or list within a part, with each key or index in it."""
+    for key in part if isinstance(part, dict) else range(len(part)) if isinstance(part, list) else ():
+        yield part, key
+        yield from _places(part[key])
+
+
 def cases(name: str, reader: Reader, count: int, seed: int) -> Iterator[bytes]:
     """Damaged files for a reader, the same for the same seed."""
     for number in range(count):
         random = np.random.default_rng([seed, number, *name.encode()])
-        yield damage(reader.samples[number % len(reader.samples)], random)
+        yield reader.damage(reader.samples[number % len(reader.samples)], random)
 
 
 def fault_of(reader: Reader, path: Path) -> tuple[str, str]:

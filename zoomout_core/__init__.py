@@ -52,18 +52,7 @@ if TYPE_CHECKING:
     from zoomout_core.spectral.hamiltonian import hamiltonian_basis
     from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
     from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
-    from zoomout_core.transfer import (
-        Attribute,
-        Domain,
-        Dressed,
-        Kind,
-        Lines,
-        Wrapped,
-        conform,
-        dress,
-        transfer,
-        wrap,
-    )
+    from zoomout_core.transfer import Attribute, Domain, Dressed, Kind, Lines, Wrapped, conform, dress, transfer, wrap
 
     __version__: str
 
@@ -132,10 +121,7 @@ __all__ = [
 # The module of each name, as in the imports above.
 _HOMES = {
     "assets.asset": ("Asset",),
-    "assets.files": (
-        "read_asset",
-        "write_asset",
-    ),
+    "assets.files": ("read_asset", "write_asset"),
     "assets.transfer_asset": ("transfer_asset",),
     "collection.collection": ("CollectionResult", "match_collection"),
     "evaluation": ("geodesic_error",),
@@ -150,72 +136,23 @@ _HOMES = {
         "vertex_map_of",
     ),
     "maps.surface_map": ("SurfaceMap",),
-    "maps.zoomout": (
-        "slanted_sizes",
-        "zoomout",
-        "zoomout_both_ways",
-    ),
-    "matching.memory_cache": (
-        "forget_shapes",
-        "store_shapes",
-    ),
+    "maps.zoomout": ("slanted_sizes", "zoomout", "zoomout_both_ways"),
+    "matching.memory_cache": ("forget_shapes", "store_shapes"),
     "matching.options": ("MatchOptions",),
     "matching.pipeline": ("match",),
-    "matching.proximity": (
-        "ProximityMatch",
-        "match_by_proximity",
-    ),
-    "matching.result": (
-        "MatchResult",
-        "load_result",
-    ),
+    "matching.proximity": ("ProximityMatch", "match_by_proximity"),
+    "matching.result": ("MatchResult", "load_result"),
     "matching.verdict": ("Verdict",),
-    "mesh.files": (
-        "read_point_cloud",
-        "read_surface",
-    ),
-    "mesh.surface": (
-        "MeshError",
-        "PointCloud",
-        "Surface",
-    ),
-    "runtime.progress": (
-        "Cancelled",
-        "Progress",
-        "progress",
-    ),
+    "mesh.files": ("read_point_cloud", "read_surface"),
+    "mesh.surface": ("MeshError", "PointCloud", "Surface"),
+    "runtime.progress": ("Cancelled", "Progress", "progress"),
     "runtime.threads": ("set_threads",),
-    "spectral.descriptors": (
-        "heat_kernel_map",
-        "heat_kernel_signature",
-        "wave_kernel_map",
-        "wave_kernel_signature",
-    ),
-    "spectral.eigenbasis": (
-        "SpectralBasis",
-        "eigenbasis",
-    ),
+    "spectral.descriptors": ("heat_kernel_map", "heat_kernel_signature", "wave_kernel_map", "wave_kernel_signature"),
+    "spectral.eigenbasis": ("SpectralBasis", "eigenbasis"),
     "spectral.hamiltonian": ("hamiltonian_basis",),
-    "spectral.operators": (
-        "multiplication_operators",
-        "orientation_operators",
-    ),
-    "symmetry.detect": (
-        "Symmetry",
-        "detect_symmetry",
-    ),
-    "transfer": (
-        "Attribute",
-        "Domain",
-        "Dressed",
-        "Kind",
-        "Lines",
-        "Wrapped",
-        "conform",
-        "dress",
-        "transfer",
-        "wrap",
-    ),
+    "spectral.operators": ("multiplication_operators", "orientation_operators"),
+    "symmetry.detect": ("Symmetry", "detect_symmetry"),
+    "transfer": ("Attribute", "Domain", "Dressed", "Kind", "Lines", "Wrapped", "conform", "dress", "transfer", "wrap"),
 }
 _MODULES = ("plotting", "samples")
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -7,18 +7,19 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
+from zoomout_core.runtime.child_process import leave_out_working_folder
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
+from zoomout_core.runtime.terminal import drop_output, print_any_character
 
 
 def run(commands: str, name: str, extra: str) -> None:
-    """Run the command line of a module, and end the process; reports an interrupt by the user in one line.
+    """Run the `main` of the module `commands`, and end the process; reports an interrupt by the user in one line.
 
-    Args:
-        commands: the module with the `main` of the command line.
-        name: the name by which the user calls it.
-        extra: the extra of the package `zoomout-core` that installs the module's requirements.
+    `name` is what the user calls it, `extra` the extra of the package `zoomout-core` that installs its requirements.
     """
+    leave_out_working_folder()
+    print_any_character()
     try:
         _run(commands, name)
     except KeyboardInterrupt:
@@ -39,12 +40,21 @@ def _run(commands: str, name: str) -> NoReturn:
 
     try:
         with handle_interrupts():
-            sys.exit(import_module(commands).main.main(prog_name=name, standalone_mode=False))
+            status = import_module(commands).main.main(prog_name=name, standalone_mode=False)
+            if sys.stdout is not None:  # the user has closed it
+                sys.stdout.flush()
+            sys.exit(status)
     except click.Abort:  # click's error for an interrupt
         raise KeyboardInterrupt from None
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
+    except OSError as error:  # commands turn those of files into sentences
+        drop_output()
+        sys.exit(
+            f"Error: the report could not be printed ({error.strerror or error}), but all output files are complete: "
+            "print it elsewhere."
+        )
 
 
 def main() -> None:

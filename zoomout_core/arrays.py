@@ -31,13 +31,7 @@ def check_counts(**numbers: Any) -> None:
 
 
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
-    """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment.
-
-    Args:
-        values: numbers of any type.
-        segment: (n,) number of each value's segment.
-        count: number of segments, of which the last may be empty.
-    """
+    """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment (n,), at least `count` segments."""
     if values.ndim == 1:
         return np.asarray(np.bincount(segment, values, count), dtype=np.float64)
     return np.stack([np.bincount(segment, column, count) for column in values.T], axis=1)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +16,11 @@ from typing import Any, TypeAlias
 
 import click
 
+from zoomout_core.command_options import tell
 from zoomout_core.matching.verdict import RefusedMatchError
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import atomic_write, check_output
+from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -111,13 +113,15 @@ def plan(
     if not place.is_dir():
         check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
-        if path.resolve().parent == place.resolve() and not in_place:
+        if os.path.dirname(os.path.realpath(path)) == os.path.realpath(place) and not in_place:
             raise MeshError(
                 f"{path} is in {output}, where the output could overwrite it: choose another folder, or pass "
                 "--in-place."
             )
     jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
     first: dict[str, Path] = {}
+    if place.is_dir():
+        check_output(place / REPORT)
     for job in jobs:
         other = first.setdefault(job.output.name.casefold(), job.target)
         if other is not job.target:
@@ -136,19 +140,14 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     if not given.is_dir():
         return [given]
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
-    found = [path for path in files if source is None or path.resolve() != source.resolve()]
+    found = [path for path in files if source is None or not is_same_file(path, source)]
     if not found:
         raise MeshError(f"The folder {given} contains no meshes{' besides the source' * bool(files)}: check the path.")
     return found
 
 
 def run_jobs(jobs: Sequence[Job], run: Run) -> list[Outcome]:
-    """Run jobs one after the other; a failure does not affect the others.
-
-    Args:
-        jobs: jobs from `plan`.
-        run: runs a job.
-    """
+    """Run jobs from `plan` one after the other; a failure does not affect the others."""
     outcomes = []
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
@@ -213,20 +212,18 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
         if only.error:
             raise click.ClickException(only.error)
         for line in (*only.lines, f"Written to {only.job.output}"):
-            click.echo(line)
+            tell(line)
         return
     for outcome in outcomes:
         if outcome.error:
             click.echo(f"{outcome.job.target}: {outcome.status}. {outcome.error}", err=True)
             continue
         first, *others = outcome.lines
-        click.echo(f"{outcome.job.target}: {first}")
+        tell(f"{outcome.job.target}: {first}")
         for line in others:
-            click.echo(f"  {line}")
+            tell(f"  {line}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
-    click.echo(
-        f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each."
-    )
+    tell(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each.")
     end_with_code(outcomes)
 
 

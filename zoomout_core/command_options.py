@@ -27,13 +27,24 @@ from zoomout_core.matching.option_table import (
     select_options,
 )
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.mesh.files import existing
+from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
 NO_CACHE = "off"
+QUIET = "zoomout.quiet"
+
+
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(1),
+    expose_value=False,
+    callback=lambda _context, _option, count: None if count is None else set_threads(count),
+    help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
+)
+in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
 
 
 class OptionError(click.ClickException):
@@ -53,35 +64,53 @@ class InputFile(click.Path):
         return super().convert(value, param, ctx)
 
 
-def threads_option(command: Any) -> Any:
-    """Give a command the number of threads that it works with."""
-
-    def set_them(_: click.Context, __: click.Parameter, count: int | None) -> None:
-        if count is not None:
-            set_threads(count)
-
+def folders_option(command: Any) -> Any:
+    """Let a command read what a mesh file names in further folders."""
     option = click.option(
-        "--threads",
-        type=click.IntRange(1),
-        expose_value=False,
-        callback=set_them,
-        help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
+        "--allow-folder",
+        "folders",
+        multiple=True,
+        type=click.Path(exists=True, file_okay=False),
+        help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
     )
     return option(command)
 
 
-def in_place_option(command: Any) -> Any:
-    """Let a command write over what it reads."""
-    option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
+def quiet_option(command: Any) -> Any:
+    """Let a command print nothing but errors."""
+
+    def set_it(context: click.Context, __: click.Parameter, quiet: bool) -> None:
+        if quiet:
+            context.meta[QUIET] = True  # which contexts of subcommands share
+
+    option = click.option(
+        "-q",
+        "--quiet",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=set_it,
+        help="Show no progress, and print only errors, and what --json asks for.",
+    )
     return option(command)
+
+
+def is_quiet() -> bool:
+    """Whether the command that is running was given --quiet."""
+    context = click.get_current_context(silent=True)
+    return context is not None and QUIET in context.meta
+
+
+def tell(line: str) -> None:
+    """Print a line for the user, unless the command is quiet."""
+    if not is_quiet():
+        click.echo(line)
 
 
 def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
-    Args:
-        endings: extensions of the files that can be written, such as `.ply`.
-        default: extension of the files in a folder.
+    Files can be written with these extensions, such as `.ply`; those in a folder have the default one.
     """
     names = [ending[1:] for ending in endings]
 
@@ -121,21 +150,17 @@ def detail_options(command: Any) -> Any:
 
 def mesh_options(command: Any) -> Any:
     """The options of every command that analyses meshes."""
-    for option in (
-        detail_options,
-        click.option(
-            "--cache",
-            default=user_cache_dir("zoomout", appauthor=False),
-            envvar="ZOOMOUT_CACHE",
-            show_default=True,
-            show_envvar=True,
-            expose_value=False,
-            callback=_set_cache,
-            help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
-        ),
-    ):
-        command = option(command)
-    return command
+    cache = click.option(
+        "--cache",
+        default=user_cache_dir("zoomout", appauthor=False),
+        envvar="ZOOMOUT_CACHE",
+        show_default=True,
+        show_envvar=True,
+        expose_value=False,
+        callback=_set_cache,
+        help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
+    )
+    return cache(detail_options(command))
 
 
 def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
@@ -151,32 +176,37 @@ def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
     store_shapes(folder)
 
 
-def match_options(command: Any) -> Any:
-    """The options of every command that matches two meshes."""
-    return table_options(MATCHING)(mesh_options(command))
+def match_options(command: Any, starts: Sequence[str] = ()) -> Any:
+    """The options of every command that matches two meshes.
+
+    Args:
+        command: the command.
+        starts: starts that it offers beside those of the others.
+    """
+    return table_options(MATCHING, starts)(mesh_options(command))
 
 
-def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
-    """The options of a table that are available on the command line."""
+def table_options(options: Sequence[Option], starts: Sequence[str] = ()) -> Callable[[Any], Any]:
+    """The options of a table that are available on the command line, and further starts of a match."""
 
     def with_options(command: Any) -> Any:
         for option in reversed(select_options(options, Door.COMMAND_LINE)):
-            command = table_option(option)(command)
+            command = table_option(option, starts)(command)
         return command
 
     return with_options
 
 
-def table_option(option: Option) -> Callable[[Any], Any]:
-    """The command-line option of a row of the table."""
+def table_option(option: Option, starts: Sequence[str] = ()) -> Callable[[Any], Any]:
+    """The command-line option of a row of the table, and further starts of a match."""
     flag = option.name_at(Door.COMMAND_LINE)
     if option.kind is Kind.FLAG:
         names = f"{flag}/--no-{flag.removeprefix('--')}" if option.default else flag
-        return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option))
+        return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option, starts))
     keywords = _values_of(option)
     if option.default is not None:
         keywords |= {"default": option.default, "show_default": True}
-    return click.option(flag, option.name, help=_help_of(option), **keywords)
+    return click.option(flag, option.name, help=_help_of(option, starts), **keywords)
 
 
 def _values_of(option: Option) -> dict[str, Any]:
@@ -195,13 +225,13 @@ def _values_of(option: Option) -> dict[str, Any]:
     return {"type": InputFile()}
 
 
-def _help_of(option: Option) -> str:
+def _help_of(option: Option, starts: Sequence[str]) -> str:
     """The help of an option, with additions for the command line."""
     text = option.help
     if option.starts == ("nearest",):
         text = f"With --initial nearest: {text[0].lower()}{text[1:]}"
     if option.kind is Kind.START:
-        choices = ", ".join(choice.name for choice in option.choices_at(Door.COMMAND_LINE))
+        choices = ", ".join([*(choice.name for choice in option.choices_at(Door.COMMAND_LINE)), *starts])
         text += f": {choices}, or a map.npz written by `zoomout match`"
     elif option.kind is Kind.ANGLE:
         text += ", in degrees"
@@ -226,9 +256,12 @@ def read_options(
     exact_landmarks: bool,
     earlier_map: str | None,
     common_axes: Sequence[str],
+    more_starts: Sequence[str] = (),
     **others: Any,
 ) -> dict[str, Any]:
     """The options of `match_options` with files and directions read; `detail` stays a word.
+
+    `more_starts` are starts that the command itself offers, for messages.
 
     Raises:
         OptionError, MeshError: see `start_arguments`.
@@ -237,7 +270,8 @@ def read_options(
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise OptionError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if initial not in STARTS and not Path(initial).is_file():
-        raise OptionError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
+        known = ", ".join((*STARTS, *more_starts))
+        raise OptionError(f"--initial is {initial!r}: give {known}, or the file of an earlier map.")
     if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):
         wish = "--earlier-map" if earlier_map else "--common-axis"
         raise OptionError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
@@ -264,7 +298,9 @@ def check_axis(text: str, option: str) -> Floats:
 @contextmanager
 def progress_bar() -> Iterator[Any]:
     """Show the progress of a block on the terminal, in a bar that the block closes if it fails without an exception."""
-    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}") as bar:
+    with tqdm(
+        total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}", disable=is_quiet()
+    ) as bar:
 
         def show(latest: Progress) -> None:
             if latest.stage:

@@ -18,10 +18,12 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
-from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
+# Numbers of places that the distortion of distances is measured from, and to; more take longer and change little.
+DISTANCES = 40, 1000
 
 
 class HasMap(Protocol):
@@ -87,28 +89,19 @@ def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
     return given.vertex if isinstance(given, SurfaceMap) else np.asarray(given)
 
 
-def distance_distortion(
-    image: Integers, vertex: Integers, source: Surface, target: Surface, places: int = 40, most: int = 1000
-) -> float:
+def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
-    Distances run along edges (Dijkstra), relative to the root of each surface's area; the meshes alone cause
-    differences of some thousandths. Places without a path between them do not count.
-
-    Args:
-        image: (c,) source vertices that are the images of the target vertices.
-        vertex: (c,) target vertices.
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
-        places: number of places that distances are measured from, evenly spaced in the list.
-        most: number of places that they are measured to.
+    Images and vertices (c,) correspond. Distances run along edges (Dijkstra) between some of the vertices, relative to
+    the root of each surface's area; the meshes alone cause differences of some thousandths. Places without a path
+    between them do not count.
 
     Example:
         >>> from zoomout_core.evaluation import distance_distortion
         >>> distance_distortion(truth, np.arange(len(truth)), source, target) < 0.2
         True
     """
-    picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
+    picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in DISTANCES)
     apart = [
         dijkstra(edge_graph(surface.vertices, surface.triangles), indices=at[picked])[:, at[others]]
         / np.sqrt(surface.area)
@@ -142,8 +135,11 @@ def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface)
     normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the extra last entry is for vertex_of = -1
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
     images = surface_map.interpolate(source.vertices)
+    working = target.working
+    triangles = target.triangles[working.triangle_of]
+    outward = np.where(working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)
     found = np.zeros(len(target.triangles), dtype=bool)
-    found[target.working.triangle_of] = folded_triangles(images, at_images, _outward_triangles(target))
+    found[working.triangle_of] = folded_triangles(images, at_images, outward)
     return found
 
 
@@ -185,24 +181,3 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
         for points in (target.vertices / np.sqrt(target.area), images)
     )
     return float(((image_length - length) ** 2).sum() / (length**2).sum())
-
-
-def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
-    """(keys,) errors of shape keys, relative to the displacement by the true ones; means by area.
-
-    The root mean square of the differences, divided by that of the true offsets; keys that move nothing have 1.
-
-    Args:
-        offsets: (n, keys, 3) offsets of the surface's vertices.
-        truth: (n, keys, 3) true offsets; each key moves something.
-        surface: the surface that they move.
-    """
-    weight = vertex_areas(surface.vertices, surface.triangles)
-    missed, whole = (np.einsum("n,nkx,nkx->k", weight, moved, moved) for moved in (offsets - truth, truth))
-    return np.sqrt(missed / whole)
-
-
-def _outward_triangles(surface: Surface) -> Integers:
-    """(m, 3) vertices of the surface's non-degenerate triangles, wound so that their normals point outwards."""
-    triangles = surface.triangles[surface.working.triangle_of]
-    return np.where(surface.working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)

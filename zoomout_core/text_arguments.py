@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError
 
 STARTS = ("auto", "landmarks", "proximity")
@@ -20,11 +20,9 @@ AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0"
 
 
 def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
-    """Read the files and directions among the options of a match; arrays stay unchanged.
+    """Read the files and directions among the options of a match, by name of the option table; arrays stay unchanged.
 
-    Args:
-        values: values by the names of rows of the option table.
-        door: the interface that they were given to, for errors.
+    The door is the interface that they were given to, for errors.
 
     Raises:
         MeshError: a file or a direction is invalid.
@@ -59,7 +57,8 @@ def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
     """Source and target vertices (m,), or points (m, 3), from a text file with one pair per line.
 
     Raises:
-        MeshError: a line is neither a pair of vertex numbers nor a pair of points, or differs from the others.
+        MeshError: the file cannot be opened; or a line is neither a pair of vertex numbers nor a pair of points, or
+            differs from the others.
     """
     rows = _rows_of(path, "landmarks")
     columns = 6 if len(rows[0][1]) == 6 else 2
@@ -77,7 +76,7 @@ def read_truth(path: str) -> tuple[Integers, Integers]:
     """Source and target vertices (m,) from a text file of ground-truth pairs, one per line.
 
     Raises:
-        MeshError: a line is not a pair of vertex numbers.
+        MeshError: the file cannot be opened, or a line is not a pair of vertex numbers.
     """
     fault = f"{path} is not a list of ground-truth pairs{{line}}: write a source vertex and a target vertex per line."
     source, target = _table_of(_rows_of(path, "ground-truth pairs"), 2, fault).T
@@ -86,8 +85,9 @@ def read_truth(path: str) -> tuple[Integers, Integers]:
 
 def _rows_of(path: str, what: str) -> list[tuple[int, list[str]]]:
     """The words of each line of a text file, without comments and empty lines, and the number of the line."""
+    content = file_bytes(existing(path))
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = content.decode("utf-8")
     except ValueError:  # not UTF-8
         text = ""
     lines = ((number, line.partition("#")[0].split()) for number, line in enumerate(text.splitlines(), start=1))

@@ -41,7 +41,7 @@ class Tuning:
 
 
 def tuned(value: Any, unit: str, low: float, high: float) -> Any:
-    """A field of a stage's numbers; the class's docstring describes it.
+    """A field of a stage's numbers; a comment beside it, or the class's docstring, describes it.
 
     Args:
         value: a number, or numbers in tuples.

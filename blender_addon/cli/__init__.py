@@ -17,8 +17,10 @@ from typing import Any
 import bpy
 
 import zoomout_core as zo
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 from zoomout_core.runtime.outputs import atomic_write, check_output
+from zoomout_core.runtime.terminal import print_any_character
 
 from ..scene.files import check_writable_format, save_scene
 from . import arguments, files, pairs, symmetry
@@ -61,6 +63,7 @@ def main(command_line: Sequence[str]) -> int:
     Returns:
         0 if everything succeeded, 1 if anything failed, 2 if the arguments are invalid, 130 if it was interrupted.
     """
+    print_any_character()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Blender sets its own without a window
     try:
         with handle_interrupts():
@@ -89,7 +92,7 @@ def _run(command_line: Sequence[str]) -> int:
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if options.save and _is_complete(command, len(failed), len(report[done])):
             if command != "surface":  # which has written the file itself
-                save_scene(options.save)
+                save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
     except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
         report["error"] = str(error)
@@ -115,14 +118,17 @@ def _check_paths(options: argparse.Namespace) -> None:
     given = [path for path in (options.save, options.report) if path]
     if len({Path(path).resolve() for path in given}) < len(given):
         raise zo.MeshError(f"--save and --report both name {options.save}: give them files of their own.")
-    named = (getattr(options, name, "") for name in ("map_file", "map", "file"))
-    inputs = [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]
-    if options.command == "carry":
-        inputs += [options.source, options.target]
     for path in given:
-        check_output(path, filter(None, inputs), options.in_place)
+        check_output(path, _inputs(options), options.in_place)
     if options.save and options.command != "surface":
         check_writable_format(options.save)
+
+
+def _inputs(options: argparse.Namespace) -> list[str | Path]:
+    """The files that a command reads, and those that the open file and the files of `carry` name."""
+    named = (getattr(options, name, "") for name in ("map_file", "map", "file"))
+    carried = inputs_of(options.source, options.target) if options.command == "carry" else []
+    return [*filter(None, [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]), *carried]
 
 
 def _is_complete(command: str, failed: int, entries: int) -> bool:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import bpy
 from bpy.types import ID, Context, Object
 
 import zoomout_core as zo
+from zoomout_core.mesh.named_files import check_named_files
 from zoomout_core.runtime.outputs import atomic_write, atomic_write_together
 
 from .. import mesh_data
@@ -66,6 +67,7 @@ def open_scene(context: Context, path: str | Path) -> None:
         raise zo.MeshError("There is no file {path}: check the path.", path=path)
     if ending not in READABLE:
         raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
+    check_named_files(path)  # importers would read them anywhere
     try:
         if ending == BLEND:
             # With its windows, which determine the active scene and view layer.
@@ -165,12 +167,16 @@ class Brought:
         context.view_layer.update()
 
 
-def save_scene(path: str | Path) -> None:
+def save_scene(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Save or export the open scene by the extension of a path, completely or not at all.
+
+    Args:
+        path: the file to write; an export writes images and materials beside it.
+        inputs: files that must not be replaced by these.
 
     Raises:
         MeshError: the extension is not supported.
-        OutputError: the file could not be written; an earlier file is unchanged.
+        OutputError: the file could not be written, or would replace an input; earlier files are unchanged.
     """
     check_writable_format(path)
     ending = Path(path).suffix.lower()
@@ -179,7 +185,7 @@ def save_scene(path: str | Path) -> None:
             bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True)
         return
     _enable(ending)
-    with atomic_write_together(path) as part:
+    with atomic_write_together(path, inputs) as part:
         EXPORTERS[ending](filepath=str(part))
 
 

@@ -150,7 +150,7 @@ def find_outdated(context: Context, target: Object) -> list[str]:
         return []
     if source.name != stored["source"]:
         return [message("The source is now '{source}': match again to use it.", source=source.name)]
-    then = stored.get("settings", {}).get(stored_match.LANDMARKS)
+    then = (stored.get("settings") or {}).get(stored_match.LANDMARKS)
     if then is not None and then != landmarks_fingerprint(context.scene, source, target):
         return ["Landmarks have changed since the match: match again to use them."]
     return []

@@ -282,7 +282,8 @@ def _verdict_in_report(match: stored_match.Match) -> dict[str, str] | None:
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    written = enumeration(plural(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
+    known = [(NOUNS[kind], names) for kind, names in report["written"].items() if names and kind in NOUNS]
+    written = enumeration(plural(len(names), *nouns) for nouns, names in known)
     bound = report.get("bound")  # missing in reports of earlier versions
     bound = message(", bound to '{armature}'", armature=bound["armature"]) if bound else ""
     others = and_others(report["others"])

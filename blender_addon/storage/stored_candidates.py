@@ -17,8 +17,20 @@ from bpy.types import Mesh
 from zoomout_core.arrays import Bytes, Floats, Integers
 
 from ..mesh_data.arrays import from_text, to_text
+from .stored_json import Kind, is_of_kind
 
 PROPERTY = "zoomout_candidates"
+# The entries of a list.
+ENTRIES: dict[str, Kind] = {
+    "key": str,
+    "chosen": int,
+    "vertices": str,
+    "points": str,
+    "box": [(int, float), (int, float), (int, float)],
+    "candidates": [
+        {"number": int, "certainty": (int, float), "mirrored": bool, "colors": str, "difference": (None, str)}
+    ],
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +101,14 @@ def remove(mesh: Mesh) -> None:
 
 @lru_cache(maxsize=8)
 def parse(text: str) -> CandidateList:
-    """The list from a JSON text; cached, since panels read it at each redraw."""
+    """The list from a JSON text; cached, since panels read it at each redraw.
+
+    Raises:
+        ValueError: it is damaged.
+    """
     stored = json.loads(text)
+    if not is_of_kind(stored, ENTRIES) or not 0 <= stored["chosen"] < len(stored["candidates"]):
+        raise ValueError("This is no list of candidates.")
     return CandidateList(
         stored["key"],
         stored["chosen"],

@@ -29,22 +29,27 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import HAS_PARTNER, MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
 from ..mesh_data.arrays import hash_of
+from .stored_json import Kind as JsonKind
 from .stored_json import read_json
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
-# The types of these attributes, and the required entries of a description.
+# The types of these attributes, and the entries of a description; those of earlier versions lack what may be None.
 TYPES = "INT", "FLOAT_VECTOR", "FLOAT"
-NEEDED = {
+STATE: dict[str, JsonKind] = {"content": str, "size": [int, int], "mirrored": bool}
+ENTRIES: dict[str, JsonKind] = {
     "source": str,
     "source_fingerprint": str,
     "target_fingerprint": str,
-    "content": dict,
-    "size": dict,
-    "mirrored": dict,
+    **{name: {"source": kind, "target": kind} for name, kind in STATE.items()},
+    "others": (None, [{"name": str, "fingerprint": str, **STATE}]),
     "vertices": int,
     "low_confidence": int,
-    "notes": list,
+    "without_partner": (None, [(int, float), (int, float)]),
+    "source_has_partner": (None, str),
+    "torn": (None, str),
+    "notes": [str],
+    "settings": (None, dict),
 }
 # Key in the stored settings for the fingerprint of the landmarks that were used.
 LANDMARKS = "landmarks_fingerprint"
@@ -168,7 +173,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
         confidence.astype(np.float64),
         tuple(stored["notes"]),
-        stored.get("settings", {}),
+        stored.get("settings") or {},
         pair.source_names[1:],
         read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
         unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
@@ -198,7 +203,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     layers = (mesh.attributes.get(name) for name in MATCH_ATTRIBUTES)
     if [layer and (layer.domain, layer.data_type) for layer in layers] != [("POINT", kind) for kind in TYPES]:
         return None
-    return read_json(mesh, PROPERTY, NEEDED)
+    return read_json(mesh, PROPERTY, ENTRIES)
 
 
 def remove(mesh: Mesh) -> None:
@@ -212,7 +217,7 @@ def remove(mesh: Mesh) -> None:
 
 def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The further sources that a target maps to, as dictionaries from `_describe`."""
-    return stored.get("others", [])
+    return stored.get("others") or []
 
 
 def low_confidence(confidence: np.ndarray) -> int:

@@ -10,9 +10,22 @@ from bpy.types import Mesh, Object
 
 from zoomout_core.messages import to_json
 
-from .stored_json import read_json
+from .stored_json import Kind, is_of_kind, read_json
 
 PROPERTY = "zoomout_report"
+# The entries of a report; those of earlier versions lack the ones that may be None.
+ENTRIES: dict[str, Kind] = {
+    "source": str,
+    "others": [str],
+    "target": str,
+    "written": dict,
+    "skipped": dict,
+    "notes": [str],
+    "vertices": int,
+    "low_confidence": int,
+    "stretched": (None, str),
+    "bound": (None, {"armature": str}),
+}
 
 
 def write(target: Object, report: dict[str, Any]) -> None:
@@ -36,4 +49,7 @@ def transfer_report(target: Object) -> dict[str, Any] | None:
         area without a partner, if known; `bound`: None, or the name of the `armature` that the target was bound to, and
         its `shape`, see `Binding`.
     """
-    return read_json(target.data, PROPERTY, {"source": str, "target": str, "written": dict, "skipped": dict})
+    stored = read_json(target.data, PROPERTY, ENTRIES)
+    if stored is None or not all(is_of_kind(names, [str]) for names in stored["written"].values()):
+        return None
+    return stored

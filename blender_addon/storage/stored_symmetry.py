@@ -36,9 +36,32 @@ from ..mesh_data import (
     write_layer,
 )
 from ..mesh_data.arrays import from_text, hash_of, to_text
+from .stored_json import Kind as JsonKind
 from .stored_json import read_json
 
 PROPERTY = "zoomout_symmetry"
+# The entries of a description.
+ENTRIES: dict[str, JsonKind] = {
+    "candidates": [
+        {
+            "name": str,
+            "reverses_orientation": bool,
+            "order": (None, int),
+            "certainty": (int, float),
+            "sides": bool,
+            "notes": [str],
+        }
+    ],
+    "pictures": (None, [str]),
+    "key": (None, str),
+    "points": (None, str),
+    "chosen": int,
+    "vertices": int,
+    "faces": int,
+    "fingerprint": str,
+    "topology": str,
+    "content": (None, str),
+}
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
 # Number of vertices in the thumbnail of a candidate.
 PICTURED = 800
@@ -117,7 +140,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
         the symmetries were stored; `content`: see `mesh_data.content_hash`; `pictures`: for each candidate the colours
         of some `points` of the mesh in world space, as text; `key`: an identifier of the pictures.
     """
-    stored = read_json(mesh, PROPERTY, {"candidates": list, "chosen": int, "vertices": int, "faces": int})
+    stored = read_json(mesh, PROPERTY, ENTRIES)
     if stored is None or not 0 <= stored["chosen"] < len(stored["candidates"]):
         return None
     needed = [REST, *(_name(number, part) for number in range(len(stored["candidates"])) for part in PARTS)]

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import trimesh
 from click.testing import CliRunner, Result
 
 # Lets no file grow beyond so many bytes, as a full disk does.
@@ -22,6 +23,13 @@ def run(command: Any, *arguments: str | Path) -> Result:
 def contents(folder: Path) -> dict[str, bytes]:
     """The content of all files in a folder and its subfolders."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def add_colors(path: Path) -> None:
+    """Give a mesh file colours that can be transferred."""
+    mesh = trimesh.load(path, process=False)
+    mesh.visual.vertex_colors = [[1, 2, 3, 255]] * len(mesh.vertices)
+    mesh.export(path)
 
 
 def assert_refused(ran: Result, sentence: str) -> None:

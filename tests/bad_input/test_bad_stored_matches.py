@@ -9,6 +9,8 @@ from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -17,6 +19,8 @@ import pytest
 import blender_addon
 from blender_addon import api
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
+from blender_addon.ui.panels.result import ZOOMOUT_PT_result
+from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
 from zoomout_core.mesh.surface import MeshError
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -77,8 +81,54 @@ DAMAGE = {
     "a list for a description": lambda mesh: mesh.__setitem__(stored_match.PROPERTY, "[1, 2]"),
     "nested brackets": lambda mesh: mesh.__setitem__(stored_match.PROPERTY, "[" * 100_000),
     "fields of other types": lambda mesh: described(mesh, source=3, notes="none", vertices="many"),
+    "others of a number": lambda mesh: described(mesh, others=5),
+    "others of numbers": lambda mesh: described(mesh, others=[5]),
+    "others without a size": lambda mesh: described(mesh, others=[{"name": "Source", "fingerprint": "0"}]),
+    "others under a name": lambda mesh: described(mesh, others={"name": "Source"}),
+    "no sizes": lambda mesh: described(mesh, size={}),
+    "a size of one number": lambda mesh: described(mesh, size={"source": [400], "target": [400]}),
+    "sizes in words": lambda mesh: described(mesh, size={"source": "many", "target": "few"}),
+    "no hashes": lambda mesh: described(mesh, content={}),
+    "hashes of numbers": lambda mesh: described(mesh, content={"source": 1, "target": 2}),
+    "nothing mirrored": lambda mesh: described(mesh, mirrored={}),
+    "mirrored in words": lambda mesh: described(mesh, mirrored={"source": "no", "target": "no"}),
+    "notes of numbers": lambda mesh: described(mesh, notes=[1, None]),
+    "notes that are nested": lambda mesh: described(mesh, notes=[["note"]]),
+    "settings of a list": lambda mesh: described(mesh, settings=[1]),
+    "one share without a partner": lambda mesh: described(mesh, without_partner=[0.5]),
+    "shares in words": lambda mesh: described(mesh, without_partner=["none", "none"]),
+    "torn by a number": lambda mesh: described(mesh, torn=5),
+    "a mask of a list": lambda mesh: described(mesh, source_has_partner=[True]),
+    "a verdict of another kind": lambda mesh: described(mesh, verdict={"level": []}),
     "a bomb": lambda mesh: described(mesh, source_has_partner=bomb()),
 }
+
+
+class Layout:
+    """A layout that takes everything that panels draw."""
+
+    def __getattr__(self, _: str) -> Any:
+        return Layout()
+
+    def __call__(self, *_: object, **__: object) -> Layout:
+        return Layout()
+
+
+class Context:
+    """Blender's context, with a sidebar of some width."""
+
+    region = SimpleNamespace(width=300)
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(bpy.context, name)
+
+
+def draw_panels() -> None:
+    """Draw the panels that show what is stored on the active mesh, as Blender does at each redraw."""
+    for panel in (ZOOMOUT_PT_result, ZOOMOUT_PT_report):
+        if panel.poll(Context()):
+            panel.draw(SimpleNamespace(layout=Layout()), Context())
 
 
 @pytest.mark.parametrize("name", DAMAGE)
@@ -87,7 +137,7 @@ def test_a_damaged_match_is_refused_or_as_good_as_none_and_matching_again_heals_
 ) -> None:
     source, target = pair
     DAMAGE[name](target.data)
-    stored_match.description(target.data)  # as panels do
+    draw_panels()
     with suppress(MeshError):
         transfer(source, target)
     match(source, target)
@@ -121,3 +171,65 @@ def test_other_descriptions_that_are_damaged_are_as_good_as_none(
     assert stored_candidates.read(target.data) is None
     assert stored_report.transfer_report(target) is None
     assert stored_symmetry.description(target.data) is None
+    draw_panels()
+
+
+CANDIDATES: dict[str, dict[str, object]] = {
+    "a number beyond the last": {"chosen": 99},
+    "a number below the first": {"chosen": -1},
+    "a fraction": {"chosen": 0.5},
+    "a word": {"chosen": "first"},
+    "none": {"candidates": []},
+    "numbers": {"candidates": [1, 2]},
+    "no colours": {"candidates": [{"number": 0, "certainty": 1.0, "mirrored": False}]},
+    "too much": {"candidates": [{"number": 0, "certainty": 1.0, "mirrored": False, "colors": "", "more": 1}]},
+    "a flat box": {"box": [1.0, 1.0]},
+    "a box in words": {"box": "large"},
+    "points cut off": {"points": "AAAA"},
+    "vertices of numbers": {"vertices": [1, 2]},
+}
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_a_damaged_list_of_candidates_is_as_good_as_none(
+    pair: tuple[bpy.types.Object, bpy.types.Object], name: str
+) -> None:
+    mesh, colors = pair[1].data, np.zeros((3, 3), np.uint8)
+    listed = stored_candidates.ListedCandidate(0, 1.0, False, colors)
+    listing = stored_candidates.CandidateList("key", 0, np.arange(3), np.zeros((3, 3)), np.ones(3), (listed,))
+    stored_candidates.write(mesh, listing)
+    assert stored_candidates.read(mesh) is not None
+    mesh[stored_candidates.PROPERTY] = json.dumps(json.loads(mesh[stored_candidates.PROPERTY]) | CANDIDATES[name])
+    assert stored_candidates.read(mesh) is None
+    draw_panels()
+
+
+REPORTS: dict[str, dict[str, object]] = {
+    "others of a number": {"others": 5},
+    "written numbers": {"written": {"vertex_groups": 5}},
+    "notes of a number": {"notes": 5},
+    "vertices in words": {"vertices": "many"},
+    "bound to a number": {"bound": 5},
+    "bound to nothing": {"bound": {}},
+    "a mask of a list": {"stretched": []},
+}
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_a_damaged_report_is_as_good_as_none(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
+    transfer(*pair)
+    target = pair[1]
+    assert stored_report.transfer_report(target) is not None
+    target.data[stored_report.PROPERTY] = json.dumps(json.loads(target.data[stored_report.PROPERTY]) | REPORTS[name])
+    assert stored_report.transfer_report(target) is None
+    draw_panels()
+
+
+def test_a_report_of_data_that_this_version_does_not_know_is_shown(
+    pair: tuple[bpy.types.Object, bpy.types.Object],
+) -> None:
+    transfer(*pair)
+    text = pair[1].data[stored_report.PROPERTY]
+    pair[1].data[stored_report.PROPERTY] = json.dumps(json.loads(text) | {"written": {"grooms": ["hair"]}})
+    assert stored_report.transfer_report(pair[1]) is not None
+    draw_panels()

@@ -10,7 +10,7 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.transfer.finite import PLACES
+from zoomout_core.transfer.finite import places_of
 
 SOURCE = creature(300).surface
 COUNT = len(SOURCE.vertices)
@@ -49,7 +49,7 @@ def test_a_part_that_lies_far_away_is_matched_beside() -> None:
 @pytest.mark.parametrize("domain", list(zo.Domain), ids=lambda domain: domain.name.lower())
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
 def test_values_that_are_not_finite_are_filled_in_and_counted(domain: zo.Domain, value: float) -> None:
-    places = PLACES[domain](SOURCE)
+    places = places_of(domain, SOURCE)
     values = places[:, 2].copy()
     wrong = np.arange(0, len(values), 50)
     values[wrong] = value

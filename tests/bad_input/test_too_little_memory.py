@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import creature
-from doors import assert_refused, contents, run
+from doors import add_colors, assert_refused, contents, run
 
 import zoomout_core as zo
 from zoomout_core import __main__ as entry
@@ -78,6 +78,7 @@ def test_commands_say_it_and_write_nothing(
 ) -> None:
     arguments, place = COMMANDS[case]
     monkeypatch.chdir(meshes[0].parent)
+    add_colors(meshes[0])
     (meshes[0].parent / "map.npz").write_bytes(b"the former map")
     before = contents(meshes[0].parent)
     without_memory(monkeypatch, place)
@@ -89,6 +90,7 @@ def test_commands_say_it_and_write_nothing(
 def test_what_will_not_fit_is_refused_with_the_detail_that_does(
     monkeypatch: pytest.MonkeyPatch, meshes: tuple[Path, Path], command: str
 ) -> None:
+    add_colors(meshes[0])
     source, target = map(str, meshes)
     output = str(meshes[0].parent / ("out.ply" if command == "transfer" else "map.npz"))
     full = memory_need.memory_need([400, 400], 200, None)

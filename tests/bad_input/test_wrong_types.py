@@ -53,6 +53,22 @@ WRONG: dict[str, Callable[[], object]] = {
     "faces that are none": lambda: zo.Surface(SURFACE.vertices, None),  # type: ignore[arg-type]
     "points in words": lambda: zo.PointCloud("points"),
     "a surface as a basis": lambda: zo.wave_kernel_signature(SURFACE),  # type: ignore[arg-type]
+    "a seed below zero": lambda: zo.match(SURFACE, SURFACE, seed=-1),
+    "symmetries by a letter": lambda: zo.detect_symmetry(SURFACE, most="a"),  # type: ignore[arg-type]
+    "half a symmetry": lambda: zo.detect_symmetry(SURFACE, most=0.5),  # type: ignore[arg-type]
+    "no number of symmetries": lambda: zo.detect_symmetry(SURFACE, most=None),  # type: ignore[arg-type]
+    "true symmetries": lambda: zo.detect_symmetry(SURFACE, most=True),
+    "a symmetry's seed in words": lambda: zo.detect_symmetry(SURFACE, seed="one"),  # type: ignore[arg-type]
+    "a left side in words": lambda: zo.detect_symmetry(SURFACE, left="up"),
+    "a left side of nothing": lambda: zo.detect_symmetry(SURFACE, left=[{}, {}, {}]),  # type: ignore[arg-type]
+    "faces of one column of three rows": lambda: zo.Surface(np.eye(3), np.arange(3).reshape(1, 3, 1)),
+    "faces of faces": lambda: zo.Surface(np.eye(3), np.arange(3).reshape(1, 1, 3)),
+    "faces of lists": lambda: zo.Surface(np.eye(3), [[[0], [1], [2]]]),  # type: ignore[arg-type]
+    "a face with a list in it": lambda: zo.Surface(np.eye(3), [[0, [1], 2]]),  # type: ignore[arg-type]
+    "faces of words": lambda: zo.Surface(np.eye(3), [["a", "b", "c"]]),  # type: ignore[arg-type]
+    "faces of objects": lambda: zo.Surface(np.eye(3), np.array([[0, 1, 2]], dtype=object)),
+    "a face of numbers in a row": lambda: zo.Surface(np.eye(3), np.arange(3)),
+    "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
 
 

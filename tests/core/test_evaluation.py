@@ -13,7 +13,7 @@ from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
 from zoomout_core.cli import main
-from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share, offset_errors
+from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 
@@ -151,18 +151,6 @@ def files(small: Creature, other: Creature, tmp_path_factory: pytest.TempPathFac
 def evaluate(folder: Path, map_file: str, *options: str) -> Result:
     named = [str(folder / name) if "." in name else name for name in (map_file, "source.off", "target.off", *options)]
     return CliRunner().invoke(main, ["evaluate", *named])
-
-
-def test_errors_of_offsets_are_relative_and_weighted_by_area() -> None:
-    # A unit square and a rectangle three times as wide.
-    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (5, 0, 0), (5, 1, 0), (2, 1, 0)]
-    surface = Surface(points, [(0, 1, 2, 3), (4, 5, 6, 7)])
-    truth = np.zeros((8, 3, 3))
-    truth[:, :, 2] = 2
-    offsets = truth.copy()
-    offsets[:, 1] = 0
-    offsets[:4, 2, 0] = 3
-    assert offset_errors(offsets, truth, surface) == pytest.approx([0, 1, np.sqrt(9 / 4 / 4)])
 
 
 def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:

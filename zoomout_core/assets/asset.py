@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"
 UV, COLOR = "uv", "color"
 
+# Characters that end a line, begin a comment or continue a line in OBJ files, and those that UTF-8 cannot store.
+UNSTORABLE = re.compile(r"[\x00-\x1f\x7f-\x9f#\\\ud800-\udfff]")
+
 
 @dataclass(frozen=True)
 class Material:
@@ -31,7 +35,7 @@ class Material:
     Attributes:
         name: name shown to the user.
         color: scene-linear base colour, with alpha.
-        image: file content of the base colour's image, PNG or JPEG.
+        image: file content of the base colour's image, of any type that `images.image_type` knows.
     """
 
     name: str
@@ -161,6 +165,6 @@ def to_srgb(colors: Floats) -> Floats:
     return np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
 
 
-def suffix_of(image: bytes) -> str:
-    """The extension of an image's file."""
-    return ".png" if image.startswith(b"\x89PNG") else ".jpg"
+def one_line(name: str) -> str:
+    """A name as formats of lines can store it: without line breaks, control characters, comments and continuations."""
+    return UNSTORABLE.sub("_", " ".join(name.split())) or "unnamed"

@@ -3,20 +3,27 @@
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Iterable
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
 from zoomout_core.assets.write_gltf import write_gltf
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.files import existing, read_surface
+from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.named_files import named_files
+from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import atomic_write_together
+from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
@@ -26,8 +33,13 @@ MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS, *OF_BLENDER)
 
 
 @memory_in_words
-def read_asset(path: str | PathLike[str]) -> Asset:
+def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]] = ()) -> Asset:
     """Read a mesh file with its attributes, materials and skin; only the shape for formats without a reader here.
+
+    Args:
+        path: the file.
+        folders: further folders in which the buffers, materials and images that it names may be. By default, they must
+            be in the folder of the file, or below; the notes of the asset list those that were left out.
 
     Raises:
         MeshError: the file is missing, cannot be read, or has no faces.
@@ -41,7 +53,7 @@ def read_asset(path: str | PathLike[str]) -> Asset:
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
     try:
-        return Asset(read_surface(place)) if reader is None else reader(place)
+        return Asset(read_surface(place)) if reader is None else reader(place, tuple(map(Path, folders)))
     except (MeshError, ImportError):
         raise
     except Exception as error:  # readers raise various errors on a broken file
@@ -57,17 +69,72 @@ def check_format(path: str | PathLike[str]) -> None:
         raise MeshError(f"{path} has no supported file extension: use {', '.join(WRITERS)}.")
 
 
-def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
+def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None:
+    """Check that an asset can be written in a format, by writing it to a temporary folder.
+
+    Args:
+        asset: the asset.
+        path: the file that it is from.
+        ending: extension of the format.
+
+    Raises:
+        MeshError: it cannot be written; the message says why.
+    """
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        try:
+            write_asset(asset, Path(folder) / f"trial{ending}")
+        except Exception as error:  # broken documents are noticed in various ways
+            reason = " ".join(f"{error}".rstrip(".").split()) or type(error).__name__
+            raise MeshError(
+                f"The materials and joints of {path} cannot be written as {ending[1:].upper()} ({reason}): correct the "
+                "file, or choose other data or another format."
+            ) from error
+
+
+def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | PathLike[str]] = ()) -> tuple[str, ...]:
     """Write an asset and the files that it refers to; returns a sentence for each kind of data that was left out.
+
+    Args:
+        asset: the content.
+        path: the file to write; its materials, images and buffer are written beside it.
+        inputs: files that must not be replaced, neither by the file nor by those beside it.
 
     Raises:
         MeshError: files with this extension cannot be written.
-        OutputError: it cannot be written; the earlier file is unchanged.
+        OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store
         ()
     """
     check_format(path)
-    with atomic_write_together(path) as place:
+    with atomic_write_together(path, inputs) as place:
         return WRITERS[place.suffix.lower()](asset, place)
+
+
+def inputs_of(*paths: str | PathLike[str], folders: Iterable[str | PathLike[str]] = ()) -> list[Path]:
+    """Mesh files, and the buffers, materials and images that they name; files that cannot be read name none."""
+    found = []
+    for path in map(Path, paths):
+        found.append(path)
+        with suppress(MeshError):  # it is reported when it is read
+            found += [named.path for named in named_files(path, map(Path, folders))]
+    return found
+
+
+def check_siblings(output: str | PathLike[str], inputs: Iterable[Path]) -> None:
+    """Check, before the work begins, that the files beside an output will replace no input.
+
+    Args:
+        output: the file that will be written.
+        inputs: the files that it is made from, see `inputs_of`.
+
+    Raises:
+        OutputError: one of the files may have the name of an input.
+    """
+    path = Path(os.path.realpath(output))
+    stem = re.escape(one_line(path.stem))
+    siblings = re.compile(rf"{stem}\.(mtl|bin)|{stem}_\d+\.\w+", re.IGNORECASE)
+    for each in inputs:
+        if siblings.fullmatch(each.name) and is_same_file(each.parent, path.parent) and each.exists():
+            raise replaces_input(each)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
+from zoomout_core.mesh.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_file
+from zoomout_core.mesh.opening import shown
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
+from zoomout_core.runtime.input_files import OutsideError
 
 if TYPE_CHECKING:
-    from pygltflib import GLTF2, Accessor
+    from pygltflib import GLTF2, Accessor, Texture
 
 COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # glTF's codes for buffers of vertices and of indices.
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+# The extension of glTF for copies of a mesh.
+INSTANCES = "EXT_mesh_gpu_instancing"
 
 
 def library() -> Any:
@@ -43,53 +48,78 @@ class Document:
 
     Args:
         path: path of the file.
+        folders: further folders in which its buffers and images may be.
+
+    Attributes:
+        gltf: its content.
+        notes: sentences about images that could not be read.
 
     Raises:
         MeshError: it cannot be read, or its meshes are compressed.
         ImportError: pygltflib is not installed.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, folders: Iterable[Path] = ()) -> None:
         reading = library().GLTF2
-        try:
-            self.gltf: GLTF2 = reading().load(str(path))
-            self.folder = path.parent
-            self._buffers = [self._buffer(number) for number in range(len(self.gltf.buffers))]
-        except Exception as error:  # pygltflib raises various errors on a broken file
-            reason = " ".join(str(error).split())
-            raise MeshError(
-                f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
-            ) from error
-        for extension in self.gltf.extensionsRequired:
-            if extension in COMPRESSED:
-                raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")
+        self._file: GltfFile | None = read_gltf_file(path, folders)
+        self.gltf: GLTF2 = reading.from_json(
+            json.dumps(self._file.tree), infer_missing=True, object_hook=_with_free_objects
+        )
+        self.notes: list[str] = []
+        self._buffers, self._images = self._file.buffers, dict[int, bytes | None]()
 
     @classmethod
     def from_gltf(cls, gltf: GLTF2) -> Document:
         """Make a document from a glTF object in memory, with one buffer."""
         document = cls.__new__(cls)
-        document.gltf, document.folder = gltf, Path()
-        document._buffers = [bytes(gltf.binary_blob())]
+        document.gltf, document._file, document.notes = gltf, None, []
+        document._buffers, document._images = (bytes(gltf.binary_blob()),), {}
         return document
 
-    def _buffer(self, number: int) -> bytes:
-        uri = self.gltf.buffers[number].uri
-        return bytes(self.gltf.binary_blob()) if uri is None else self.read_uri(uri)
+    @property
+    def has_buffer_files(self) -> bool:
+        """Whether a buffer of it is in a file of its own."""
+        return any(is_file(buffer.uri) for buffer in self.gltf.buffers)
 
-    def read_uri(self, uri: str) -> bytes:
-        """Read the bytes of a URI: embedded data, or a file beside the document."""
-        if uri.startswith("data:"):
-            return bytes(self.gltf.decode_data_uri(uri))
-        from urllib.parse import unquote
+    def image(self, number: int) -> bytes | None:
+        """File content of an image; None, with a note, if it cannot be read or is no image."""
+        if number not in self._images:
+            self._images[number] = None
+            try:
+                content = self._image(number)
+                if image_type(content) is None:
+                    raise ValueError("it is no image of a known type")
+                self._images[number] = content
+            except OutsideError:
+                self._note(number, "is outside the folder of the file")
+            except OSError as error:
+                self._note(number, f"could not be opened ({error.strerror})")
+            except ValueError as error:
+                self._note(number, f"could not be read ({error})")
+        return self._images[number]
 
-        return (self.folder / unquote(uri)).read_bytes()
+    def _image(self, number: int) -> bytes:
+        image = self.gltf.images[number]
+        if image.bufferView is not None:
+            return self.view(image.bufferView)
+        if image.uri is None:
+            raise ValueError("it has neither a file nor a buffer")
+        if self._file is None:
+            return data_of(image.uri)
+        return self._file.read_uri(image.uri)
 
-    def image(self, number: int | None) -> bytes | None:
-        """File content of an image; None without a number, or if an extension stores it."""
-        image = None if number is None else self.gltf.images[number]
-        if image is None or (image.bufferView is None and image.uri is None):
-            return None
-        return self.read_uri(image.uri) if image.bufferView is None else self.view(image.bufferView)
+    def _note(self, number: int, why: str) -> None:
+        image = self.gltf.images[number]
+        name = shown(image.uri if is_file(image.uri) else image.name or f"image {number}")
+        self.notes.append(f"The image {name} {why}, and was left out.")
+
+    def image_of(self, texture: int) -> bytes | None:
+        """File content of a texture's image: the one that all programs read, if there are several."""
+        for number in sources_of(self.gltf.textures[texture]).values():
+            content = self.image(number)
+            if content is not None:
+                return content
+        return None
 
     def view(self, number: int) -> bytes:
         """The bytes of a buffer view."""
@@ -105,8 +135,6 @@ class Document:
         if accessor.bufferView is not None:
             stride = self.gltf.bufferViews[accessor.bufferView].byteStride or dtype.itemsize * width
             content, start = self.view(accessor.bufferView), accessor.byteOffset or 0
-            if len(content) < start + stride * (accessor.count - 1) + dtype.itemsize * width:
-                raise MeshError("A buffer of the file ends too early: check that the file is complete.")
             values = np.ndarray((accessor.count, width), dtype, content, start, (stride, dtype.itemsize)).copy()
         if accessor.sparse is not None:
             indices, changed = accessor.sparse.indices, accessor.sparse.values
@@ -135,12 +163,31 @@ class Document:
         return worlds, parent
 
     def in_order(self, parent: Integers) -> Iterator[int]:
-        """The nodes, each after its parent."""
+        """The nodes, each after its parent; the file was checked for nodes with several parents."""
         waiting = [number for number in range(len(parent) - 1, -1, -1) if parent[number] < 0]
         while waiting:
             number = waiting.pop()
             yield number
             waiting.extend(reversed(self.gltf.nodes[number].children or []))
+
+
+def _with_free_objects(part: dict[str, Any]) -> dict[str, Any]:
+    """A part of a document without free data that is no object, which pygltflib does not take."""
+    return {name: value for name, value in part.items() if name != "extras" or isinstance(value, dict)}
+
+
+def is_file(uri: str | None) -> bool:
+    """Whether a URI refers to a file, rather than containing the data."""
+    return uri is not None and not uri.startswith("data:")
+
+
+def sources_of(texture: Texture) -> dict[str, int]:
+    """The images of a texture by the extension that refers to each, "" for glTF itself, which comes first."""
+    found = {} if texture.source is None else {"": texture.source}
+    extensions = texture.extensions or {}
+    return found | {
+        name: extensions[name]["source"] for name in TEXTURE_EXTENSIONS if "source" in (extensions.get(name) or {})
+    }
 
 
 def local_matrix(node: Any) -> Floats:
@@ -182,8 +229,16 @@ class Buffer:
             values: values of a type that glTF supports.
             target: the use of the buffer.
             bounded: whether to store the minimum and maximum of each column.
+
+        Raises:
+            MeshError: bounded values are infinite, or too large for single floats.
         """
         rows = values.reshape(len(values), -1)
+        if bounded and not np.isfinite(rows).all():
+            raise MeshError(
+                "Some coordinates or times are infinite, or too large for the single floats of glTF: check that no "
+                "node of the source has a scale of zero, or scale the meshes down."
+            )
         code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
         width = rows.dtype.itemsize * rows.shape[1]
         padding = np.zeros((len(rows), -width % 4 if target == ARRAY_BUFFER else 0), np.uint8)

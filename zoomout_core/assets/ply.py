@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, UV, Asset, from_srgb, on_points, to_srgb
-from zoomout_core.mesh.files import file_bytes, surface_of
+from zoomout_core.mesh.files import surface_of
+from zoomout_core.mesh.opening import file_bytes
 from zoomout_core.mesh.ply_files import ply_columns, ply_polygons
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -18,8 +20,8 @@ from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
-def read_ply(path: Path) -> Asset:
-    """Read a PLY file.
+def read_ply(path: Path, _: Iterable[Path] = ()) -> Asset:
+    """Read a PLY file, which needs no other file.
 
     Raises:
         MeshError: it cannot be read, or has no faces.

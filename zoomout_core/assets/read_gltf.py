@@ -7,10 +7,10 @@ morph targets are merged, and the other data belongs to the corners.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf import Document
+from zoomout_core.assets.gltf import INSTANCES, Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -64,19 +64,57 @@ class _Mesh:
     weight: Floats
 
 
-def read_gltf(path: Path) -> Asset:
+def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
     """Read a glTF or GLB file.
+
+    Args:
+        path: the file.
+        folders: further folders in which its buffers and images may be.
 
     Raises:
         MeshError: it cannot be read, is compressed, or has no triangles.
         ImportError: pygltflib is not installed.
     """
-    document = Document(path)
+    scene = _read_scene(path, folders)
+    if scene is None:
+        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
+    document, nodes, meshes, skeleton, matrices, surface = scene
+    attributes = [
+        *_corner_attributes(meshes, matrices),
+        *_shape_keys(meshes, matrices),
+        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
+    ]
+    skin, materials = skeleton.skin(meshes, surface.vertices), materials_of(document)
+    left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
+    objects = tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes)
+    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes), objects)
+
+
+def read_gltf_surface(path: Path) -> Surface | None:
+    """The surface of `read_gltf` without its data, for `mesh.files`; None without triangles."""
+    scene = _read_scene(path)
+    return None if scene is None else scene.surface
+
+
+class _Scene(NamedTuple):
+    """The meshes of a file, posed and joined."""
+
+    document: Document
+    nodes: Sequence[int]  # with meshes
+    meshes: Sequence[_Mesh]  # with triangles
+    skeleton: _Skeleton
+    matrices: Sequence[Floats]  # (n, 3, 4) of each mesh, which pose its vertices
+    surface: Surface
+
+
+def _read_scene(path: Path, folders: Iterable[Path] = ()) -> _Scene | None:
+    """Read the meshes of a file; None without triangles."""
+    document = Document(path, folders)
     worlds, parent = document.worlds()
     nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
     meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
     if not meshes:
-        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
+        return None
     skeleton = _Skeleton(document, worlds, parent, meshes)
     meshes = [_wind_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
@@ -86,15 +124,7 @@ def read_gltf(path: Path) -> Asset:
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
     surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
-    attributes = [
-        *_corner_attributes(meshes, matrices),
-        *_shape_keys(meshes, matrices),
-        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
-    ]
-    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes))
-    skin = skeleton.skin(meshes, vertices)
-    objects = tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes)
-    return Asset(surface, tuple(attributes), materials_of(document), skin, document, notes, objects)
+    return _Scene(document, nodes, meshes, skeleton, matrices, surface)
 
 
 def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
@@ -109,6 +139,8 @@ def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
         for channel in each.channels
         if channel.target.path == "weights"
     }
+    if any(INSTANCES in (document.gltf.nodes[node].extensions or {}) for node in nodes):
+        found.append("copies of meshes (EXT_mesh_gpu_instancing)")
     if len(moving) > 1:
         found.append("animated weights of several meshes' morph targets")
     return found
@@ -147,7 +179,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
     first = np.cumsum([0, *counts])
     rows = _rows_of_all(attributes, counts)
     targets = max((len(each.targets or []) for each in primitives), default=0)
-    keys = tuple((mesh.extras or {}).get("targetNames") or [])[:targets]
+    keys = _key_names(mesh.extras)[:targets]
     keys += tuple(f"Target {key + 1}" for key in range(len(keys), targets))
     offsets = np.zeros((first[-1], targets, 3))
     for each, start, count in zip(primitives, first, counts, strict=False):
@@ -177,6 +209,12 @@ def _mesh(document: Document, number: int) -> _Mesh:
         joint[chosen],
         weight[chosen],
     )
+
+
+def _key_names(extras: Any) -> tuple[str, ...]:
+    """The names of morph targets in the free data of a mesh, which may be of any type."""
+    names = extras.get("targetNames") if isinstance(extras, dict) else None
+    return tuple(map(str, names)) if isinstance(names, list) else ()
 
 
 def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:
@@ -269,7 +307,7 @@ def materials_of(document: Document) -> tuple[Material, ...]:
         look = material.pbrMetallicRoughness
         color = look.baseColorFactor if look is not None and look.baseColorFactor else [1.0, 1.0, 1.0, 1.0]
         texture = None if look is None else look.baseColorTexture
-        image = None if texture is None else document.image(document.gltf.textures[texture.index].source)
+        image = None if texture is None else document.image_of(texture.index)
         materials.append(Material(material.name or f"Material {number + 1}", tuple(color), image))
     return tuple(materials)
 

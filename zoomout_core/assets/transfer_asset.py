@@ -85,12 +85,7 @@ def transfer_asset(
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
-    chosen = [each for each in source.attributes if kind_of(each) in kinds]
-    skin = source.skin if WEIGHTS in kinds else None
-    if not chosen and skin is None:
-        raise MeshError(
-            f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
-        )
+    chosen, skin = select_data(source, kinds)
     mapped = map_target(match, source.surface, target.surface, fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
@@ -115,6 +110,21 @@ def transfer_asset(
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
+
+
+def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
+    """The attributes and the skin of an asset that are of some kinds.
+
+    Raises:
+        MeshError: there are none.
+    """
+    chosen = [each for each in source.attributes if kind_of(each) in kinds]
+    skin = source.skin if WEIGHTS in kinds else None
+    if not chosen and skin is None:
+        raise MeshError(
+            f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
+        )
+    return chosen, skin
 
 
 def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) -> list[str]:

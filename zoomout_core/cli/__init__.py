@@ -12,15 +12,16 @@ from zoomout_core.cli.match_command import match
 from zoomout_core.cli.sample_command import sample
 from zoomout_core.cli.symmetry_command import symmetry
 from zoomout_core.cli.transfer_command import transfer
-from zoomout_core.command_options import threads_option
+from zoomout_core.command_options import quiet_option, threads_option
 
 
 @click.group(cls=CommandGroup)
 @click.version_option(package_name="zoomout-core")
 @threads_option
+@quiet_option
 def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
 
 
 for command in (match, transfer, collection, symmetry, evaluate, info, sample, demo):
-    main.add_command(command)
+    main.add_command(quiet_option(command))

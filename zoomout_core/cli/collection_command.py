@@ -14,21 +14,21 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.files import MESHES, WRITERS
+from zoomout_core.assets.files import MESHES, WRITERS, read_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY, meshes_of
 from zoomout_core.cli.report import json_option
-from zoomout_core.cli.transfer_command import check_kinds
+from zoomout_core.cli.transfer_command import check_kinds, check_source
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
-from zoomout_core.collection.engine import Engine, InThisProcess, local_engine, remote_engine
+from zoomout_core.collection.engine import Engine, InThisProcess, has_dask, local_engine, remote_engine
 from zoomout_core.collection.pairs import read_pairs
 from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option
+from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
@@ -158,6 +158,8 @@ def collection(
         names = [item.name for item in items_of(files)]
         ending = ending or _usual_ending(template)
         carries = transfers and _uses_blender(files, template, ending, blender)
+        if transfers and not carries and template is not None:
+            check_source(read_asset(template), str(template), chosen, f".{ending}")
         choice: dict[str, Any] = {"template": template}
         if all_pairs or pairs is not None:
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
@@ -185,10 +187,10 @@ def collection(
         click.echo(json.dumps(figures_of_collection(result, received), indent=1))
     else:
         for line in lines_of_collection(result):
-            click.echo(line)
+            tell(line)
         if pictures and not find_spec("matplotlib"):
-            click.echo(f"No pictures: {install_hint('plots')}.")
-        click.echo(f"Written to {output}; open {output / PAGE}.")
+            tell(f"No pictures: {install_hint('plots')}.")
+        tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)
 
@@ -238,7 +240,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
             raise OptionError("A cluster brings its own workers: omit --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
-        workers = min(usable_cores(), count) if find_spec("distributed") else 1
+        workers = min(usable_cores(), count) if has_dask() else 1
     return local_engine(workers, retries)
 
 
@@ -254,6 +256,22 @@ def _match_all(
     """Match, transfer, draw, and write the report."""
     with portion(0.0, MATCHED):
         result = match_collection(files, output, **how)
+    try:
+        return result, _complete(result, output, how, pictures, kinds, ending, force)
+    except (ValueError, OSError) as error:
+        raise MeshError(f"{error} The maps are in {output / MAPS}: run the command again to finish.") from error
+
+
+def _complete(
+    result: CollectionResult,
+    output: Path,
+    how: dict[str, Any],
+    pictures: bool,
+    kinds: Sequence[str],
+    ending: str,
+    force: bool,
+) -> dict[str, list[str]] | None:
+    """Transfer, draw and write the report; returns the notes of a transfer on each target."""
     received, drawn = None, {}
     named = how.get("template")
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
@@ -266,4 +284,4 @@ def _match_all(
         with portion(DRAWN, 1.0):
             drawn = draw(result, template, engine)
     write_reports(result, drawn, received)
-    return result, received
+    return received

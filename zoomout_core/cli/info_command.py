@@ -11,16 +11,18 @@ import numpy as np
 from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli.report import json_option, say
+from zoomout_core.command_options import folders_option
 from zoomout_core.mesh.triangles import border_edges
 
 
 @click.command()
 @click.argument("mesh", type=click.Path())
+@folders_option
 @json_option
-def info(mesh: str, as_json: bool) -> None:
+def info(mesh: str, folders: tuple[str, ...], as_json: bool) -> None:
     """Show the contents of MESH that `zoomout transfer` can carry."""
     try:
-        asset = read_asset(mesh)
+        asset = read_asset(mesh, folders)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     figures = _figures(asset)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import click
 
 from zoomout_core.assets.files import READERS, read_asset
 from zoomout_core.assets.part_names import PartName, name_parts_of
-from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.maps import check_map_output, keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import (
     OptionError,
@@ -39,7 +40,7 @@ NEAREST = "nearest"
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @in_place_option
-@match_options
+@partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
 @table_options(option_table.RESULT)
 @json_option
@@ -74,18 +75,13 @@ def match(
                 nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
-            arguments = start_arguments(**options)
+            arguments = start_arguments(**options, more_starts=[NEAREST])
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
                 if candidate:
                     result = result.use(candidate)
-            result.surface_map.save(
-                output,
-                confidence=result.confidence,
-                functional_map=result.functional_map,
-                has_partner=result.has_partner,
-                source_has_partner=result.source_has_partner,
-            )
+            with keep_map(partial(save_match, result), Path(output)):
+                save_match(result, Path(output))
             lines, figures = _summary(result, _parts_of(source, result.source))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None

@@ -13,6 +13,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.part_names import PartName
 from zoomout_core.cli.group import JSON
+from zoomout_core.command_options import tell
 from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import GREEN
@@ -32,7 +33,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         click.echo(json.dumps(figures, indent=1))
         return
     for line in lines:
-        click.echo(line)
+        tell(line)
 
 
 def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, Any]:

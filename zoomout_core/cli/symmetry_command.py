@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.maps import check_map_output, keep_map
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import check_axis, mesh_options, progress_bar
 from zoomout_core.matching.presets import resolve_detail
@@ -49,13 +51,8 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         if candidate > len(found):
             raise MeshError(f"There is no candidate {candidate}: only {len(found)} were found.")
         chosen = found[candidate - 1]
-        chosen.surface_map.save(
-            output,
-            confidence=chosen.confidence,
-            functional_map=chosen.functional_map,
-            distance=chosen.distance,
-            side=chosen.sides(),
-        )
+        with keep_map(partial(_save, chosen), Path(output), use=""):
+            _save(chosen, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     lines = [f"{number}. {describe(entry)}" for number, entry in enumerate(found, start=1)]
@@ -66,6 +63,21 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         "notes": list(chosen.notes),
     }
     say([*lines, *chosen.notes, f"Number {candidate} written to {output}"], figures, as_json)
+
+
+def _save(symmetry: Symmetry, path: Path) -> None:
+    """Write a symmetry, and the sides that it makes.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    symmetry.surface_map.save(
+        path,
+        confidence=symmetry.confidence,
+        functional_map=symmetry.functional_map,
+        distance=symmetry.distance,
+        side=symmetry.sides(),
+    )
 
 
 def describe(symmetry: Symmetry) -> str:

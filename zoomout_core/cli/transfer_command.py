@@ -4,16 +4,27 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
+from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.assets.files import (
+    MESHES,
+    WRITERS,
+    check_format,
+    check_siblings,
+    check_writable,
+    inputs_of,
+    read_asset,
+    write_asset,
+)
 from zoomout_core.assets.part_names import name_parts
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
     end_with_code,
@@ -24,8 +35,16 @@ from zoomout_core.batch import (
     say_outcomes,
     write_report,
 )
+from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import OptionError, batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import (
+    OptionError,
+    batch_options,
+    folders_option,
+    match_options,
+    progress_bar,
+    start_arguments,
+)
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -52,6 +71,7 @@ MATCHED = 0.8
     show_default=True,
     help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
+@folders_option
 @json_option
 @match_options
 def transfer(
@@ -64,6 +84,7 @@ def transfer(
     shape: str,
     candidate: int,
     force: bool,
+    folders: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -87,14 +108,17 @@ def transfer(
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
-        arguments, asset = start_arguments(**options), read_asset(source)
+        inputs = [] if in_place else inputs_of(source, *(job.target for job in jobs), folders=folders)
+        for job in jobs:
+            check_siblings(job.output, inputs)
+        arguments, asset = start_arguments(**options), read_asset(source, folders)
+        choices = candidate, force, wanted, shape.replace("-", " "), arguments
+        check_source(asset, source, wanted, jobs[0].output.suffix)
         with progress_bar() as bar:
-            outcomes = run_jobs(
-                jobs, partial(_run_job, asset, candidate, force, wanted, shape.replace("-", " "), arguments)
-            )
+            outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
             if all(outcome.error for outcome in outcomes):
                 bar.close()
-        given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, **options}
+        given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, "folders": folders, **options}
         figures = figures_of(source, outcomes, given)
         if is_folder(output):
             write_report(figures, Path(output))
@@ -121,8 +145,23 @@ def check_kinds(kinds: str) -> list[str]:
     return chosen
 
 
+def check_source(source: Asset, path: str, kinds: list[str], ending: str) -> None:
+    """Check before the first match that a source has the data, and that it can be written.
+
+    Raises:
+        MeshError: it has none, or it cannot be written.
+    """
+    chosen, skin = select_data(source, kinds)
+    trial = replace(source, attributes=tuple(chosen), skin=skin)
+    if MATERIALS not in kinds and skin is None:
+        trial = replace(trial, materials=(), document=None)
+    check_writable(trial, path, ending)
+
+
 def _run_job(
     source: Asset,
+    folders: Sequence[str],
+    inputs: Sequence[Path],
     candidate: int,
     force: bool,
     kinds: list[str],
@@ -132,19 +171,21 @@ def _run_job(
     report: dict[str, Any],
 ) -> list[str]:
     """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
-    target = read_asset(job.target)
+    target = read_asset(job.target, folders)
+    check_writable(target, job.target, job.output.suffix)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
     parts = name_parts(source)
-    report |= {**match_figures(result, parts), "notes": [*source.notes, *result.notes]}
+    report |= {**match_figures(result, parts), "notes": [*source.notes, *target.notes, *result.notes]}
     check_verdict(result.verdict, force, len(result.candidates))
-    with portion(MATCHED, 1.0):
-        made = transfer_asset(source, target, result, kinds, shape)
-    job.output.parent.mkdir(exist_ok=True)
-    left_out = write_asset(made.asset, job.output)
+    with keep_map(partial(save_match, result), job.output):
+        job.output.parent.mkdir(exist_ok=True)
+        with portion(MATCHED, 1.0):
+            made = transfer_asset(source, target, result, kinds, shape)
+        left_out = write_asset(made.asset, job.output, inputs)
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *left_out]}
     return [

@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from zoomout_core.collection.collection import MIN_TEMPLATE_CERTAINTY, SHAPES_BETWEEN
 from zoomout_core.collection.cycles import Agreement, agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
-from zoomout_core.collection.pairs import pairs_between
+from zoomout_core.collection.pairs import pairs_of_unsure
 from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
@@ -30,30 +29,23 @@ THROUGH = (
 
 
 def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str, MatchResult]:
-    """Replace matches of several targets with one source by candidates that agree better with each other.
+    """Replace matches of several targets with one source, by name, by candidates that agree better with each other.
 
-    Targets with an uncertain match are matched with the most similar targets that have a certain one. Returns at once
-    if either kind is missing.
-
-    Args:
-        results: the matches, by the names of the targets.
-        options: options of the matches between targets.
+    Targets with an uncertain match are matched, with these options, with the most similar targets that have a certain
+    one. Returns at once if either kind is missing.
     """
-    unsure = [name for name, result in results.items() if result.certainty < MIN_TEMPLATE_CERTAINTY]
-    sure = [name for name, result in results.items() if result.certainty >= MIN_TEMPLATE_CERTAINTY]
-    if not unsure or not sure:
+    certainty = {name: result.certainty for name, result in results.items()}
+    between = pairs_of_unsure(certainty, lambda name: results[name].pair.target_shape.basis.eigenvalues)
+    if not between:
         return dict(results)
     first = next(iter(results.values())).pair
     summaries = {SOURCE: summary_of(first.source, first.source_shape, "")}
-    for name in (*unsure, *sure):
-        pair = results[name].pair
-        summaries[name] = summary_of(pair.target, pair.target_shape, "")
+    for name, result in results.items():
+        summaries[name] = summary_of(result.pair.target, result.pair.target_shape, "")
     maps = {
         PairName(SOURCE, name): candidate_maps_of(result, (summaries[SOURCE], summaries[name]))
         for name, result in results.items()
     }
-    spectra = {name: summaries[name].eigenvalues for name in (*unsure, *sure)}
-    between = pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
     for number, pair_name in enumerate(between):
         surfaces = results[pair_name.source].pair.target, results[pair_name.target].pair.target
         start, end = (0.7 * (number + step) / len(between) for step in (0, 1))
@@ -77,16 +69,14 @@ def _take(
         result, candidate = results[pair.target], agreement.candidate[pair]
         start, end = (0.7 + 0.3 * (number + step) / len(changed) for step in (0, 1))
         third = agreement.through.get(pair)
-        if third is None:
-            with portion(start, end):
+        with portion(start, end):
+            if third is None:
                 found, note = result.use(candidate), AGREED
-        else:
-            images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
-            given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
-            begun = replace(options, initial="given", initial_map=given)
-            surfaces = result.pair.source, result.pair.target
-            with portion(start, end):
-                found, note = match(*surfaces, begun), message(THROUGH, name=third)
+            else:
+                images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
+                given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
+                begun = replace(options, initial="given", initial_map=given)
+                found, note = match(result.pair.source, result.pair.target, begun), message(THROUGH, name=third)
         taken[pair.target] = replace(found, notes=(note, *found.notes))
     advance(1.0)
     return taken

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
-from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import CARRIED, carry_pair
 from zoomout_core.matching.verdict import check_verdict
@@ -26,10 +24,8 @@ def carry(
 ) -> dict[str, list[str]]:
     """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
-    Failures are added to those of the result.
-
     Args:
-        result: the collection.
+        result: the collection, whose failures grow by those of the transfer.
         template: the name of the shape that has the attributes.
         kinds: kinds of data, from `assets.transfer_asset.KINDS`.
         ending: extension of the files, such as glb.
@@ -49,7 +45,8 @@ def carry(
         except MeshError as error:
             result.failures[f"transfer to {pair.target}"] = str(error)
             continue
-        paths = (source.file.resolve(), *_paths(result, pair, ending), tuple(kinds))
+        target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
+        paths = (source.file.absolute(), target, result.folder / place_of_map(pair), output, tuple(kinds))
         if source.original is None:
             tasks.append(Task(key, transfer_pair, paths))
         else:
@@ -63,8 +60,3 @@ def carry(
         else:
             notes[name] = list(done.result)
     return notes
-
-
-def _paths(result: CollectionResult, pair: PairName, ending: str) -> tuple[Path, Path, Path]:
-    target = result.items[pair.target].file.resolve()
-    return target, result.folder / place_of_map(pair), result.folder / MESHES / f"{pair.target}.{ending}"

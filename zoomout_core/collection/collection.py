@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -17,7 +16,7 @@ from uuid import uuid4
 from zoomout_core.collection.cycles import CYCLES, Agreement, agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
-from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
+from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_unsure, pairs_with_template
 from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
 from zoomout_core.collection.tasks import (
     MAPS,
@@ -40,14 +39,11 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.outputs import is_same_file
 from zoomout_core.runtime.progress import Progress, listening, portion
 
 _log = logging.getLogger(__name__)
 
-# If a map from the template is less certain (a probability), its shape is also matched with other shapes.
-MIN_TEMPLATE_CERTAINTY = 0.9
-# Number of these other shapes: those most similar in spectrum among the certain ones. Each costs a match.
-SHAPES_BETWEEN = 3
 # Shape summaries kept in memory, at a third of a megabyte each.
 KEPT = 2000
 # Fractions of the progress at the end of: reading by Blender, preparing shapes, matching the given pairs, and others.
@@ -185,14 +181,14 @@ def match_collection(
     engine = InThisProcess() if engine is None else engine
     with listening(progress):
         with portion(0.0, READ):
-            read = read_items(items, place, of_template, carries, blender, engine)
+            readable, failures = read_items(items, place, of_template, carries, blender, engine)
         if wanted is not None:
-            wanted = [pair for pair in wanted if not read.failures.keys() & set(pair)]
-        run = _Run(read.items, place, options, engine, cache)
-        run.failures |= read.failures
+            wanted = [pair for pair in wanted if not failures.keys() & set(pair)]
+        run = _Run(readable, place, options, engine, cache)
+        run.failures |= failures
         first = PREPARED if wanted is None else MATCHED
         with portion(READ, first):
-            run.prepare_and_match(wanted)
+            run.match(dict.fromkeys(wanted or ()), "Matching" if wanted else "Preparing", readable)
         with portion(first, COMPARED):
             if wanted is None:
                 assert neighbours is not None
@@ -206,7 +202,7 @@ def match_collection(
                 run.match(run.beginnings(agreement), "Making maps consistent")
     return CollectionResult(
         run.folder,
-        items | read.items,
+        items | readable,
         run.records,
         run.failures,
         agreement,
@@ -231,7 +227,7 @@ def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Pat
 
 
 def _is_at(path: Path, other: str | PathLike[str]) -> bool:
-    return path.resolve() == Path(other).resolve()
+    return is_same_file(path, other)
 
 
 def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
@@ -258,7 +254,7 @@ class _Run:
         engine: Engine,
         cache: str | PathLike[str] | None,
     ) -> None:
-        self.items, self.folder, self._engine = items, folder.resolve(), engine
+        self.items, self.folder, self._engine = items, folder.absolute(), engine
         self.prepared: dict[str, Prepared] = {}
         self.records: dict[PairName, PairRecord] = {}
         self.failures: dict[str, str] = {}
@@ -268,26 +264,41 @@ class _Run:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._shared = engine.sees([self.folder, *(item.path for item in items.values() if item.path.exists())])
         results = self.folder if self._shared else None
-        kept = None if cache is None else Path(cache).resolve()
+        kept = None if cache is None else Path(cache).absolute()
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
 
-    def prepare_and_match(self, pairs: Sequence[PairName] | None) -> None:
-        """Prepare all shapes, and match the pairs that are already known."""
-        tasks = [self._preparing(item) for item in self.items.values()]
-        tasks += [self._matching(pair, None) for pair in pairs or ()]
-        self._complete(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
-
-    def match(self, beginnings: Mapping[PairName, Beginning | None], title: str = "Matching") -> None:
-        """Match pairs of shapes that are prepared."""
-        needed = sorted({name for pair in beginnings for name in pair})
+    def match(
+        self,
+        beginnings: Mapping[PairName, Beginning | None],
+        title: str = "Matching",
+        names: Iterable[str] | None = None,
+    ) -> None:
+        """Prepare shapes, by default those of the pairs, match the pairs, and record the results."""
+        needed = sorted({name for pair in beginnings for name in pair}) if names is None else names
         tasks = [self._preparing(self.items[name]) for name in needed]
         tasks += [self._matching(pair, beginning) for pair, beginning in beginnings.items()]
-        self._complete(tasks, len(beginnings), title)
+        failed: dict[Item | PairName, str] = {}
+        matched = 0
+
+        def title_of(ended: int) -> str:
+            failures = f", {len(failed)} failed" if failed else ""
+            counts = (matched, len(beginnings)) if beginnings else (ended, len(tasks))
+            return f"{title} {counts[0]} of {counts[1]}{failures}"
+
+        of = {task.key: task.arguments[0] for task in tasks}
+        for done in run_tasks(self._engine, tasks, title_of):
+            if isinstance(done.result, Failure):
+                failed[of[done.key]] = done.result.message
+            else:
+                self._take_in(done.result)
+                matched += isinstance(done.result, Matched)
+        self.failures |= {item.name: reason for item, reason in failed.items() if isinstance(item, Item)}
+        for pair, reason in failed.items():
+            if isinstance(pair, PairName) and not self.failures.keys() & set(pair):  # else the failure names the shape
+                self.failures[str(pair)] = reason
 
     def _preparing(self, item: Item) -> Task:
-        content = None
-        if not self._shared and item.path.is_file():
-            content = item.path.read_bytes()
+        content = item.path.read_bytes() if not self._shared and item.path.is_file() else None
         return Task(f"prepare {item.name}", prepare, (_absolute(item), content, self._place))
 
     def _matching(self, pair: PairName, beginning: Beginning | None) -> Task:
@@ -295,31 +306,8 @@ class _Run:
         after = tuple(f"prepare {name}" for name in pair)
         return Task(f"match {pair}", match_pair, (pair, items, beginning, self._place), after)
 
-    def _complete(self, tasks: Sequence[Task], pairs: int, title: str) -> None:
-        """Run tasks and record their results."""
-        kinds: Counter[str] = Counter()
-        names = {task.key: task.arguments[0] for task in tasks}
-        failed_pairs: dict[PairName, str] = {}
-
-        def title_of(ended: int) -> str:
-            failed = f", {kinds['failed']} failed" if kinds["failed"] else ""
-            counts = (kinds["matched"], pairs) if pairs else (ended, len(tasks))
-            return f"{title} {counts[0]} of {counts[1]}{failed}"
-
-        for done in run_tasks(self._engine, tasks, title_of):
-            kinds[self._take_in(names[done.key], done.result, failed_pairs)] += 1
-        for pair, message in failed_pairs.items():
-            if not any(name in self.failures for name in pair):  # else the failure names the shape
-                self.failures[str(pair)] = message
-
-    def _take_in(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
-        """Record the result of a task, or why a pair failed; returns its kind."""
-        if isinstance(result, Failure):
-            if isinstance(of, Item):
-                self.failures[of.name] = result.message
-            else:
-                failed_pairs[of] = result.message
-            return "failed"
+    def _take_in(self, result: Prepared | Matched) -> None:
+        """Record the result of a task."""
         for place, content in result.content.items():
             if Path(place).parts[0] in (MAPS, SHAPES):
                 write_whole(self.folder / place, content)
@@ -327,21 +315,15 @@ class _Run:
             self.prepared[result.name] = result
             if result.seconds:
                 self.seconds_of_shapes[result.name] = result.seconds
-            return "prepared"
-        assert isinstance(result, Matched)
-        self.records[result.pair] = result.record
-        self.matched += result.new
-        return "matched"
+        else:
+            self.records[result.pair] = result.record
+            self.matched += result.new
 
     def unsure_pairs(self) -> list[PairName]:
         """Pairs of shapes whose map from the template is uncertain with similar shapes whose map is certain."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
-        unsure = [name for name in self.items if certainty.get(name, 1.0) < MIN_TEMPLATE_CERTAINTY]
-        sure = [name for name in self.items if certainty.get(name, 0.0) >= MIN_TEMPLATE_CERTAINTY]
-        if not unsure or not sure:
-            return []
-        spectra = {name: self.prepared[name].eigenvalues for name in (*unsure, *sure)}
-        return pairs_between(unsure, sure, spectra, SHAPES_BETWEEN)
+        in_order = {name: certainty[name] for name in self.items if name in certainty}
+        return pairs_of_unsure(in_order, lambda name: self.prepared[name].eigenvalues)
 
     def agreement(self) -> Agreement | None:
         """The candidates that agree best; None where no three shapes are matched with each other."""
@@ -370,4 +352,4 @@ class _Run:
 
 
 def _absolute(item: Item) -> Item:
-    return replace(item, path=item.path.resolve())
+    return replace(item, path=item.path.absolute())

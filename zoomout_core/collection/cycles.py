@@ -80,9 +80,7 @@ class Agreement:
 def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], ShapeSummary]) -> Agreement:
     """Choose a candidate for each pair of a collection, so that as many cycles as possible close.
 
-    Args:
-        maps: the candidates of each pair, the most likely first.
-        shape: returns the summary of the shape with a name.
+    The maps have the most likely candidate first; `shape` returns the summary of the shape with a name.
     """
     votes = _Votes(dict(maps), shape)
     first = dict.fromkeys(maps, 0)
@@ -159,7 +157,7 @@ class _Votes:
         """Probability of a pair's candidate among its candidates, with all other pairs fixed."""
         if not self.cycles_of[pair]:
             return float(self.maps[pair].certainty[labels[pair]])
-        costs = self._costs(pair, dict(labels))
+        costs = self._costs(pair, dict(labels), self.cycles_of[pair])
         odds = np.exp(costs.min() - costs)
         return float(odds[labels[pair]] / odds.sum())
 
@@ -188,20 +186,19 @@ class _Votes:
         """Give a pair the cheapest candidate; returns whether it changed."""
         if not self.cycles_of[pair]:
             return False
-        costs = self._costs(pair, labels)
+        costs = self._costs(pair, labels, self.cycles_of[pair])
         best = int(np.argmin(costs))
         if costs[best] >= costs[labels[pair]] - CYCLES.gain:
             return False
         labels[pair] = best
         return True
 
-    def _costs(self, pair: PairName, labels: dict[PairName, int]) -> Floats:
-        """(m,) cost of each candidate of a pair, with all other pairs fixed."""
+    def _costs(self, pair: PairName, labels: dict[PairName, int], cycles: Sequence[Triangle]) -> Floats:
+        """(m,) cost of each candidate of a pair, by itself and in some cycles, with all other pairs fixed."""
         now, costs = labels[pair], []
         for number, probability in enumerate(self.prior(pair)):
             labels[pair] = number
-            around = sum(self._openness(cycle, labels) for cycle in self.cycles_of[pair])
-            costs.append(around - np.log(probability))
+            costs.append(sum(self._openness(cycle, labels) for cycle in cycles) - np.log(probability))
         labels[pair] = now
         return np.array(costs)
 
@@ -229,12 +226,7 @@ class _Votes:
     def _beside(self, first: PairName, other: PairName, labels: dict[PairName, int]) -> int:
         """The candidate of a pair that agrees best with another pair of the same shape, ignoring all other pairs."""
         shared = [cycle for cycle in self.cycles_of[other] if first in cycle]
-        now, costs = labels[other], []
-        for number, probability in enumerate(self.prior(other)):
-            labels[other] = number
-            costs.append(sum(self._openness(cycle, labels) for cycle in shared) - np.log(probability))
-        labels[other] = now
-        return int(np.argmin(costs)) if shared else now
+        return int(np.argmin(self._costs(other, labels, shared))) if shared else labels[other]
 
     def _total(self, pairs: list[PairName], labels: Mapping[PairName, int]) -> float:
         """The total cost of the candidates of some pairs."""
@@ -251,10 +243,7 @@ class _Votes:
             third = min((_third(pair, cycle) for cycle in cycles), key=lambda name: self._doubt(pair, name, labels))
             forward = self._map(third, pair.source, labels)[self._map(pair.target, third, labels)]
             backward = self._map(third, pair.target, labels)[self._map(pair.source, third, labels)]
-            maps = self.maps[pair].with_another(forward, backward)
-            maps.certainty[-1] = CYCLES.composed
-            maps.reverses_orientation[-1] = maps.reverses_orientation[0]
-            self.maps[pair], through[pair] = maps, third
+            self.maps[pair], through[pair] = self.maps[pair].with_another(forward, backward, CYCLES.composed), third
         return through
 
     def _doubt(self, pair: PairName, third: str, labels: Mapping[PairName, int]) -> float:

@@ -4,16 +4,21 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 from uuid import uuid4
 
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
+from zoomout_core.runtime.child_process import child_environment, modules_of_python_in
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.progress import advance, renaming, stage
 
@@ -25,6 +30,10 @@ CONNECTING = 20
 ARRIVING = 60
 # Tasks submitted to a cluster at a time: more than its workers, and few enough for its scheduler to keep up.
 MAX_UNDER_WAY = 2000
+# The first version of Python that can leave out the working folder.
+SAFE_PATH_SINCE = (3, 11)
+# Where processes on this machine listen: other machines cannot connect.
+LOOPBACK = "127.0.0.1"
 LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
 
 
@@ -33,6 +42,10 @@ class Failure:
     """A failed task; the message says why, in a sentence."""
 
     message: str
+
+
+class _Lost(Failure):
+    """A task that was abandoned with its worker, whether or not it was at fault."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +91,7 @@ class Engine(Protocol):
 def run_tasks(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]) -> Iterator[Done]:
     """Run tasks, and yield each when it has ended, with the progress of the whole.
 
-    Args:
-        engine: runs the tasks.
-        tasks: the tasks.
-        title: returns the title of the progress for the number of finished tasks.
+    `title` returns the title of the progress for the number of finished tasks.
     """
     if not tasks:
         return
@@ -111,10 +121,9 @@ def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 class InThisProcess:
-    """Runs one task after the other; their progress is reported without the titles of their stages.
+    """Runs one task after the other, with retries of failures that may pass, such as a lack of memory.
 
-    Args:
-        retries: how often to retry a task after a failure that may pass, such as a lack of memory.
+    Their progress is reported without the titles of their stages.
     """
 
     def __init__(self, retries: int = 0) -> None:
@@ -155,7 +164,7 @@ class OnDask:
 
     def sees(self, paths: Sequence[Path]) -> bool:
         self._client.wait_for_workers(1, timeout=CONNECTING)
-        there = self._client.run(_all_exist, [str(path.resolve()) for path in paths])
+        there = self._client.run(_all_exist, [str(path.absolute()) for path in paths])
         return bool(there) and all(there.values())
 
     def as_completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
@@ -218,11 +227,10 @@ class OnDask:
             yield Done(task.key, fault)
             return
         for done in self._as_completed(chain):
-            result = Failure(done.result.message) if isinstance(done.result, _Lost) else done.result
-            if isinstance(result, Failure):
-                failed[done.key] = result
+            if isinstance(done.result, Failure):
+                failed[done.key] = done.result
             if done.key == task.key:
-                yield Done(task.key, result)
+                yield done
 
     def _result_of(self, future: Any) -> Any:
         if future.status == "finished":
@@ -237,13 +245,6 @@ class OnDask:
         error = future.exception() if future.status == "error" else None
         lost = error is None or type(error).__name__ == "KilledWorker"
         return (_Lost if lost else Failure)(sentence_of(error))
-
-
-@dataclass(frozen=True)
-class _Lost:
-    """A task that was abandoned with its worker, whether or not it was at fault."""
-
-    message: str
 
 
 def _requirements(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
@@ -287,8 +288,12 @@ def sentence_of(error: BaseException | None) -> str:
 def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     """An engine on this machine: this process for one worker, else a Dask cluster of one process per core.
 
+    The processes listen on this machine only, and require each other's certificates, which are made for each cluster:
+    whoever can send a task to a worker can run any code as its user.
+
     Raises:
         ImportError: several workers were asked for, and Dask is not installed.
+        OSError: the processes would import modules of the working folder instead of Python's.
     """
     if workers == 1:
         yield InThisProcess(retries)
@@ -296,15 +301,28 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     distributed = _import_distributed(retries)
     import dask
 
+    check_working_folder()
     # Each process computes on a core of its own. Dask's default settings return the memory of every freed array to the
     # system at once, and request it again: 97 s of processor time instead of 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
+    settings = {
+        "distributed.nanny.pre-spawn-environ": alone,
+        # Their HTTP servers cannot be turned off, but need not answer.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+    }
     with (
-        dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),
+        TemporaryDirectory(prefix="zoomout-", ignore_cleanup_errors=True) as folder,
+        dask.config.set(settings),
+        _environment(child_environment()),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=":0",
+            host=LOOPBACK,
+            dashboard_address=f"{LOOPBACK}:0",
+            scheduler_kwargs={"dashboard": False},
+            security=True,
+            local_directory=folder,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
@@ -312,13 +330,40 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
         yield OnDask(client, retries)
 
 
+def has_dask() -> bool:
+    """Whether several processes can be used."""
+    return all(map(find_spec, ("distributed", "cryptography")))
+
+
+def check_working_folder() -> None:
+    """Check that new processes import nothing from the working folder; Python 3.10 cannot leave it out.
+
+    Raises:
+        OSError: it has modules with the names of Python's own.
+    """
+    if sys.version_info < SAFE_PATH_SINCE and (planted := modules_of_python_in(Path.cwd())):
+        raise OSError(
+            f"{planted[0]} in the current folder would replace a module of Python in each process: start the command "
+            "in another folder, or use --workers 1."
+        )
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """A context with environment variables, for all processes started in it; Dask adds those of its workers."""
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
+
+
 @contextmanager
 def remote_engine(address: str, retries: int) -> Iterator[Engine]:
-    """An engine on a running Dask cluster, such as one of SLURM or Kubernetes.
-
-    Args:
-        address: the scheduler's address, such as tcp://10.0.0.1:8786.
-        retries: how often to retry a task.
+    """An engine on the running Dask cluster of a scheduler's address, such as tcp://10.0.0.1:8786.
 
     Raises:
         ImportError: Dask is not installed.
@@ -340,11 +385,13 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
 def _import_distributed(retries: int) -> Any:
     """The package, configured so that a dying worker uses up one try of its task."""
     try:
+        import cryptography  # noqa: F401, for certificates
         import dask
         import distributed
     except ImportError as error:
         raise ImportError(
-            f"Using several processes requires Dask: {install_hint('collections')}, or use --workers 1."
+            f"Using several processes requires Dask and cryptography: {install_hint('collections')}, or use "
+            "--workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})
     # Its log is about its own parts; failures are in the report.

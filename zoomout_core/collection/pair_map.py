@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,13 +27,16 @@ RECORD = "record"
 
 
 class PairName(NamedTuple):
-    """A pair of shapes, by their names: the map starts on the target and lands on the source."""
+    """A pair of shapes, by their names: the map starts on the target and lands on the source.
+
+    For the user it leads from the source, which has the data, to the target.
+    """
 
     source: str
     target: str
 
     def __str__(self) -> str:
-        return f"{self.target} to {self.source}"
+        return f"{self.source} to {self.target}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +55,13 @@ class CandidateMaps:
     certainty: Floats
     reverses_orientation: Booleans
 
-    def with_another(self, forward: Integers, backward: Integers) -> CandidateMaps:
-        """These, with one more map at the end, whose properties are unknown."""
+    def with_another(self, forward: Integers, backward: Integers, certainty: float) -> CandidateMaps:
+        """These, with one more map at the end, which treats the orientation like the first."""
         return CandidateMaps(
             np.vstack([self.forward, forward]),
             np.vstack([self.backward, backward]),
-            np.append(self.certainty, 0.0),
-            np.append(self.reverses_orientation, False),
+            np.append(self.certainty, certainty),
+            np.append(self.reverses_orientation, self.reverses_orientation[0]),
         )
 
 
@@ -164,36 +168,30 @@ def load_candidate_maps(path: Path) -> CandidateMaps:
     return CandidateMaps(forward.astype(np.int64), backward.astype(np.int64), certainty, reverses)
 
 
-def candidate_maps_of(result: MatchResult, summaries: tuple[ShapeSummary, ShapeSummary]) -> CandidateMaps:
-    """The candidates of a match, as maps between the samples of the shape summaries."""
+def candidate_maps_of(result: MatchResult, summaries: Sequence[ShapeSummary]) -> CandidateMaps:
+    """The candidates of a match, as maps between the samples of the summaries of its source and target."""
     candidates = result.candidates[:MAX_CANDIDATES]
-    there = [_between_samples(result.pair, each, summaries) for each in candidates]
+    forward, backward = zip(*(_between_samples(result.pair, each, summaries) for each in candidates), strict=True)
     return CandidateMaps(
-        np.array([forward for forward, _ in there]),
-        np.array([backward for _, backward in there]),
+        np.array(forward),
+        np.array(backward),
         np.array([each.certainty for each in candidates]),
         np.array([each.reverses_orientation for each in candidates]),
     )
 
 
-def _between_samples(
-    pair: Pair, candidate: Candidate, summaries: tuple[ShapeSummary, ShapeSummary]
-) -> tuple[Integers, Integers]:
-    """A candidate as maps between the samples of the shape summaries, in both directions.
+def _between_samples(pair: Pair, candidate: Candidate, summaries: Sequence[ShapeSummary]) -> tuple[Integers, Integers]:
+    """A candidate as maps between the samples of two summaries, in both directions.
 
     The match may have used another body of a shape than was prepared, such as a skin around it. Then samples are
     assigned to the nearest vertices.
     """
-    shapes = pair.source_shape, pair.target_shape
-    search = [each.search for each in shapes]
-    back = nearest_samples(search[1], search[0], candidate.reverse_functional_map)
-    own = [surface_vertices(shape, each.samples) for shape, each in zip(shapes, search, strict=True)]
-    numbers = [
-        summary.number_of(vertices, surface)
-        for summary, vertices, surface in zip(summaries, own, (pair.source, pair.target), strict=True)
-    ]
-    forward, backward = numbers[0][candidate.sample_map], numbers[1][back]
-    return _at_samples(summaries[1], numbers[1], forward), _at_samples(summaries[0], numbers[0], backward)
+    back = nearest_samples(pair.target_shape.search, pair.source_shape.search, candidate.reverse_functional_map)
+    source, target = summaries
+    on_source = source.number_of(surface_vertices(pair.source_shape, pair.source_shape.search.samples), pair.source)
+    on_target = target.number_of(surface_vertices(pair.target_shape, pair.target_shape.search.samples), pair.target)
+    forward, backward = on_source[candidate.sample_map], on_target[back]
+    return _at_samples(target, on_target, forward), _at_samples(source, on_source, backward)
 
 
 def _at_samples(summary: ShapeSummary, numbers: Integers, images: Integers) -> Integers:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -15,9 +15,14 @@ from scipy.spatial.distance import cdist
 from zoomout_core.arrays import Floats
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import read_whole
 
 # Eigenvalues used to compare shapes: the first, of the constant function, is always zero.
 COMPARED = slice(1, 40)
+# If a map from the template is less certain (a probability), its shape is also matched with other shapes.
+MIN_TEMPLATE_CERTAINTY = 0.9
+# Number of these other shapes: those most similar in spectrum among the certain ones. Each costs a match.
+SHAPES_BETWEEN = 3
 # Distance between two equal shapes: positive, so that a spanning tree sees their edge.
 SMALLEST = 1e-12
 
@@ -33,11 +38,9 @@ def all_pairs(names: Sequence[str]) -> list[PairName]:
 
 
 def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> list[PairName]:
-    """Each shape with the most similar ones, and further pairs that connect all shapes.
+    """Each shape with the most similar ones by eigenvalues (k,), and further pairs that connect all shapes.
 
-    Args:
-        eigenvalues: (k,) of each shape, by name.
-        neighbours: how many shapes to choose for each shape; others may choose it as well.
+    Each chooses `neighbours` others; others may choose it as well.
     """
     names = list(eigenvalues)
     if len(names) < 2:
@@ -53,19 +56,19 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
     return [PairName(names[i], names[j]) for i, j in sorted(chosen)]
 
 
-def pairs_between(
-    unsure: Sequence[str], sure: Sequence[str], eigenvalues: Mapping[str, Floats], most: int
-) -> list[PairName]:
-    """Pairs of each unsure shape, as the target, with the most similar sure ones.
+def pairs_of_unsure(certainty: Mapping[str, float], eigenvalues: Callable[[str], Floats]) -> list[PairName]:
+    """Pairs of each shape whose map from a template is uncertain, as the target, with the most similar certain ones.
 
     Args:
-        unsure: names of shapes.
-        sure: names of other shapes.
-        eigenvalues: (k,) of each shape, by its name.
-        most: how many sure shapes for each.
+        certainty: of the maps from the template, by the names of their targets.
+        eigenvalues: returns those (k,) of the shape with a name.
     """
-    distances = unlikeness([eigenvalues[name] for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
-    nearest = np.argsort(distances, axis=1, kind="stable")[:, :most]
+    unsure = [name for name in certainty if certainty[name] < MIN_TEMPLATE_CERTAINTY]
+    sure = [name for name in certainty if certainty[name] >= MIN_TEMPLATE_CERTAINTY]
+    if not unsure or not sure:
+        return []
+    distances = unlikeness([eigenvalues(name) for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, :SHAPES_BETWEEN]
     return [PairName(sure[j], name) for name, row in zip(unsure, nearest.tolist(), strict=True) for j in row]
 
 
@@ -83,7 +86,7 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
         MeshError: the file cannot be read, a line does not have two names, or a name is unknown.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_whole(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise MeshError(f"{path} could not be read as a list of pairs ({reason}): give a text file.") from error

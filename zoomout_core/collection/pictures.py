@@ -33,12 +33,7 @@ PIXELS, MAX_VERTICES = 180, 6_000
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A drawn shape.
-
-    Attributes:
-        png: content of the PNG file.
-        colors: (n, 3) colours of its vertices, 0 to 255.
-    """
+    """A drawn shape: the content of a PNG file, and the colours (n, 3) of its vertices, 0 to 255."""
 
     png: bytes
     colors: NDArray[np.uint8]
@@ -47,20 +42,18 @@ class Picture:
 def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Task]:
     """Tasks that draw all shapes with a map: each after the shape that it takes its colours from.
 
-    Args:
-        result: the collection.
-        root: the shape that is coloured by position, such as a template; the one with most maps if not given.
+    The root, such as a template, is coloured by position; without one, the shape with most maps.
     """
     tasks = []
     for name, parent in color_tree(list(result.records), result.records, root):
-        path = result.items[name].path.resolve()
+        path = result.items[name].path.absolute()
         after: tuple[str, ...] = ()
         map_file, forward, parent_path = None, True, None
         if parent is not None:
             pair = PairName(parent, name)
             forward = pair in result.records
             map_file = result.folder / place_of_map(pair if forward else PairName(name, parent))
-            parent_path, after = result.items[parent].path.resolve(), (f"picture {parent}",)
+            parent_path, after = result.items[parent].path.absolute(), (f"picture {parent}",)
         tasks.append(Task(f"picture {name}", draw_picture, (path, parent_path, map_file, forward), after))
     return tasks
 
@@ -106,14 +99,10 @@ def color_tree(
 def draw_picture(
     path: Path, parent_path: Path | None, map_file: Path | None, forward: bool, parent: Picture | None = None
 ) -> Picture:
-    """Draw a shape.
+    """Draw the shape of a file.
 
-    Args:
-        path: the shape's file.
-        parent_path: the file of the shape that it takes its colours from; None to colour it by position.
-        map_file: file of the map between the two.
-        forward: whether the map leads from this shape to the other.
-        parent: the drawn parent.
+    Its colours are those of the drawn parent through a map file, from this shape to the parent if `forward`, else back;
+    without these they are by position.
     """
     surface = as_surface(read_shape(path))
     if parent is None or parent_path is None or map_file is None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from zoomout_core.collection.collection import CollectionResult
+from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.matching.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
 from zoomout_core.runtime.outputs import atomic_write
@@ -28,9 +29,7 @@ MAX_ROWS = 100
 def figures_of_collection(result: CollectionResult, received: Mapping[str, list[str]] | None = None) -> dict[str, Any]:
     """How a collection went, in values that JSON can store; pairs are sorted by trust, lowest first.
 
-    Args:
-        result: the collection.
-        received: the notes of a transfer on each target.
+    With a transfer, `received` are its notes on each target.
     """
     agreement, levels = result.agreement, _levels(result)
     pairs = []
@@ -71,29 +70,30 @@ def lines_of_collection(result: CollectionResult) -> list[str]:
     levels = _levels(result)
     doubtful = ", ".join(f"{levels[level]} {level}" for level in (RED, AMBER) if levels[level])
     lines = [
-        f"{len(records)} pairs of {len(result.items)} shapes are matched, {result.matched} of them in this run; "
+        f"Matched {_pairs(len(records))} of {len(result.items)} shapes, {result.matched} of them in this run; "
         f"{len(result.failures)} failed.",
         f"Verdicts: {levels[GREEN]} green{f', {doubtful} (check these first)' if doubtful else ''}.",
     ]
     if agreement is not None:
         before, after = (float(np.mean(list(each.values()))) for each in (agreement.before, agreement.after))
-        changed = ", ".join(map(str, agreement.changed)) or "none"
+        cycles = f"Around cycles, maps miss their start by {before:.3f} at unit area"
+        changed = ", ".join(map(str, agreement.changed))
         lines.append(
-            f"Maps miss by {before:.3f} around cycles, and by {after:.3f} after they were made consistent (at unit "
-            f"area); changed: {changed}."
+            f"{cycles}, and by {after:.3f} with other candidates for {changed}."
+            if changed
+            else f"{cycles}; no other candidates close them better."
         )
     return [*lines, *(f"{name}: failed. {message}" for name, message in result.failures.items())]
+
+
+def _pairs(count: int) -> str:
+    return "1 pair" if count == 1 else f"{count} pairs"
 
 
 def write_reports(
     result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, list[str]] | None = None
 ) -> None:
-    """Write `report.json` and `report.html` to the folder of a collection.
-
-    Args:
-        result: the collection.
-        pictures: PNG files of its shapes, by name.
-        received: the notes of a transfer on each target.
+    """Write `report.json` and `report.html`, with PNG files of the shapes by name, to the folder of a collection.
 
     Raises:
         OutputError: they cannot be written.
@@ -102,7 +102,7 @@ def write_reports(
     with atomic_write(result.folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
     with atomic_write(result.folder / PAGE) as part:
-        part.write_text(page_of(result, pictures), encoding="utf-8")
+        part.write_text(page_of(result, pictures), encoding="utf-8", errors="backslashreplace")
 
 
 def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
@@ -122,8 +122,27 @@ def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
         summary="".join(f"<p>{escape(line)}</p>" for line in lines_of_collection(result)),
         cards="".join(cards),
         rows="".join(_row(result, pair) for pair in rows),
-        shown=f"The {len(rows)} least trusted of {len(result.records)}" if len(rows) < len(result.records) else "All",
+        shown=_shown(len(rows), len(result.records)),
+        cycles=_about_cycles(result.agreement),
         failures=_failures(result.failures),
+    )
+
+
+def _shown(rows: int, pairs: int) -> str:
+    """Which pairs the table shows."""
+    if rows < pairs:
+        return f"The {rows} least trusted of {pairs} pairs."
+    return f"All {pairs} pairs, the least trusted first." if pairs > 1 else ""
+
+
+def _about_cycles(agreement: Agreement | None) -> str:
+    """The meaning of trust, and of a cycle's error if there are cycles."""
+    if agreement is None:
+        return "Trust is the certainty of the map."
+    changed = ", before and after other candidates were chosen for some pairs" if agreement.changed else ""
+    return (
+        "Trust combines the certainty of the map and the errors of the cycles around it: a cycle's error is the mean "
+        f"distance, at unit area, by which maps around three shapes miss their start{changed}."
     )
 
 
@@ -159,9 +178,11 @@ def _row(result: CollectionResult, pair: PairName) -> str:
     record, agreement = result.records[pair], result.agreement
     cycle = ""
     if agreement is not None and pair in agreement.after:
-        cycle = f"{agreement.before[pair]:.3f} → {agreement.after[pair]:.3f}"
-    chosen = "" if not record.candidate else f"candidate {record.candidate}"
-    chosen = f"through {record.through}" if record.through else chosen
+        errors = dict.fromkeys(f"{each[pair]:.3f}" for each in (agreement.before, agreement.after))
+        cycle = " → ".join(errors)
+    chosen = f"candidate {record.candidate}" if record.candidate else ""
+    if record.through:
+        chosen = f"through {record.through}"
     cells = (
         pair.source,
         pair.target,
@@ -186,7 +207,8 @@ def _failures(failures: Mapping[str, str]) -> str:
     if not failures:
         return ""
     rows = "".join(f"<tr>{_cells(each)}</tr>" for each in failures.items())
-    return f"<h2>Failed</h2><table><thead><tr><th>what</th><th>why</th></tr></thead><tbody>{rows}</tbody></table>"
+    table = f"<table><thead><tr><th>what</th><th>why</th></tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>Failed</h2><div class="scroll">{table}</div>'
 
 
 PAGE_TEMPLATE = Template((Path(__file__).parent / "report_page.html").read_text(encoding="utf-8"))

@@ -82,7 +82,7 @@ class ShapeSummary:
         return np.asarray(cKDTree(self.points).query(surface.vertices[vertices])[1])
 
     def as_arrays(self) -> dict[str, Any]:
-        """Arrays that `from_arrays` restores this from."""
+        """Arrays whose file `load` reads."""
         return {
             "key": np.frombuffer(bytes.fromhex(self.key), dtype=np.uint8),
             "samples": self.samples,
@@ -92,11 +92,6 @@ class ShapeSummary:
         }
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, Any]) -> ShapeSummary:
-        """Restore a summary from `as_arrays`."""
-        return cls(**{**arrays, "key": arrays["key"].tobytes().hex()})
-
-    @classmethod
     def load(cls, path: Path) -> ShapeSummary:
         """Read a summary from a file that was written from `as_arrays`.
 
@@ -104,7 +99,8 @@ class ShapeSummary:
             ArrayFileError: it is no such file.
         """
         try:
-            return cls.from_arrays(read_arrays(path))
+            arrays: dict[str, Any] = read_arrays(path)
+            return cls(**arrays | {"key": arrays["key"].tobytes().hex()})
         except (KeyError, TypeError) as error:
             raise ArrayFileError("it is not a preprocessed shape") from error
 
@@ -117,13 +113,19 @@ def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
     """
     files = [Path(path) for path in paths]
     stems = [path.stem for path in files]
-    items = [Item(path.stem if stems.count(path.stem) == 1 else path.name, path) for path in files]
+    names = [path.stem if stems.count(path.stem) == 1 else path.name for path in files]
+    items = [Item(_printable(name), path) for name, path in zip(names, files, strict=True)]
     first: dict[str, Path] = {}
     for item in items:
         other = first.setdefault(item.name.casefold(), item.path)
         if other is not item.path:
             raise MeshError(f"{other} and {item.path} would both be named {item.name}: rename one of them.")
     return items
+
+
+def _printable(name: str) -> str:
+    """The name of a file, with other bytes than those of UTF-8 written as numbers, for reports and keys."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def content_key(content: bytes) -> str:
@@ -151,13 +153,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
 def summary_of(surface: Surface, shape: ShapeAnalysis, key: str) -> ShapeSummary:
     """Summarise a prepared shape."""
     samples = surface_vertices(shape, shape.search.samples)
-    return ShapeSummary(
-        key,
-        samples,
-        surface.vertices[samples],
-        shape.distances_between,
-        shape.basis.eigenvalues,
-    )
+    return ShapeSummary(key, samples, surface.vertices[samples], shape.distances_between, shape.basis.eigenvalues)
 
 
 def spread_from_samples(surface: Surface, samples: Integers, images: Integers) -> Integers:

@@ -9,40 +9,33 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from pathlib import Path
 from time import perf_counter
-from typing import Any
-
-import numpy as np
+from typing import TypeVar
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.pair_map import (
-    PairName,
-    PairRecord,
-    arrays_of,
-    candidate_maps_of,
-    load_candidate_maps,
-)
+from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
-from zoomout_core.matching.disk_cache import package_version
 from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
-from zoomout_core.mesh.files import existing, read_shape
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.version import package_version
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
 # Folders of workers without access to the results: prepared shapes to send, and received ones.
 PREPARED, CACHE = "prepared", "cache"
+Stored = TypeVar("Stored", ShapeSummary, PairRecord)
 # Maximum bytes of a collection's prepared shapes: a thousand of the usual size.
 MAX_BYTES = 16 << 30
 
@@ -69,11 +62,7 @@ class Workplace:
         return self.results if self.results is not None else _folder_of_worker() / f"zoomout-{self.token}"
 
     def storing(self, of: str = "") -> AbstractContextManager[None]:
-        """A context in which prepared shapes are stored as this workplace says.
-
-        Args:
-            of: name of a shape that is prepared for sending, which is stored separately.
-        """
+        """A context that stores prepared shapes as this workplace says; that `of` a name, to be sent, separately."""
         cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
         return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 
@@ -151,35 +140,31 @@ def place_of_map(pair: PairName) -> Path:
 
 
 def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
-    """Prepare a shape once for all of its pairs.
-
-    Args:
-        item: its file.
-        content: content of the file, if workers have no access to it.
-        place: where to work.
+    """Prepare a shape once for all of its pairs; the content of its file is given if workers have no access to it.
 
     Raises:
         MeshError: it cannot be read or matched.
     """
     began = perf_counter()
-    path = item.path
+    path = _path_of(item, place, sent=content is not None)
     if content is not None:
-        path = _place_of_input(item, place)
         write_whole(path, content)
-    key = content_key(existing(path).read_bytes())
+    key = content_key(file_bytes(existing(path)))
     output = place.folder / place_of_shape(item.name)
-    summary = _known_shape(output, place.key(key))
+    summary = _known(ShapeSummary.load, output, place.key(key))
     seconds = 0.0
     if summary is None:
         with place.storing(item.name):
             summary = summarise(path, place.key(key), place.options)
-        _write_arrays(output, summary.as_arrays())
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(output) as part:
+            write_arrays(part, summary.as_arrays())
         seconds = perf_counter() - began
     shipped = {}
     if content is not None:
-        shipped = {str(file.relative_to(place.folder)): file.read_bytes() for file in (path, output)}
+        shipped = {str(each.relative_to(place.folder)): each.read_bytes() for each in (path, output)}
         apart = place.folder / PREPARED / item.name
-        shipped |= {str(Path(CACHE) / file.relative_to(apart)): file.read_bytes() for file in apart.rglob("*.npz")}
+        shipped |= {str(Path(CACHE) / each.relative_to(apart)): each.read_bytes() for each in apart.rglob("*.npz")}
     return Prepared(item.name, key, summary.eigenvalues, seconds, shipped)
 
 
@@ -191,15 +176,9 @@ def match_pair(
     source: Prepared,
     target: Prepared,
 ) -> Matched:
-    """Match a pair, unless its map exists.
+    """Match a pair of files, after both are prepared, unless its map exists.
 
-    Args:
-        pair: its names.
-        items: its files.
-        beginning: the starting point of its map; None for the shapes alone, or for the earlier choice.
-        place: where to work.
-        source: the prepared source.
-        target: the prepared target.
+    The beginning is the starting point of its map; None for the shapes alone, or for the earlier choice.
 
     Raises:
         MeshError: a file cannot be read or matched.
@@ -210,25 +189,21 @@ def match_pair(
                 write_whole(place.folder / name, content)
     output = place.folder / place_of_map(pair)
     key = place.key(source.key, target.key)
-    record = _known_record(output, key)
+    record = _known(PairRecord.load, output, key)
     if record is not None and (beginning is None or beginning.is_start_of(record)):
         return Matched(pair, record, False)
     earlier = load_candidate_maps(output) if record is not None else None
     began = perf_counter()
-    paths = [_path_of(item, place, shape) for item, shape in zip(items, (source, target), strict=True)]
-    shapes = read_shape(paths[0]), read_shape(paths[1])
+    first, second = (read_shape(_path_of(item, place, sent=bool(source.content))) for item in items)
     options = place.options
     if beginning is not None and beginning.samples is not None and beginning.images is not None:
-        images = spread_from_samples(as_surface(shapes[1]), beginning.samples, beginning.images)
+        images = spread_from_samples(as_surface(second), beginning.samples, beginning.images)
         options = replace(options, initial="given", initial_map=images)
     with place.storing():
-        result = match(*shapes, options)
+        result = match(first, second, options)
         if beginning is not None and beginning.candidate:
             result = result.use(beginning.candidate)
-    summaries = (
-        ShapeSummary.load(place.folder / place_of_shape(pair.source)),
-        ShapeSummary.load(place.folder / place_of_shape(pair.target)),
-    )
+    summaries = [ShapeSummary.load(place.folder / place_of_shape(name)) for name in pair]
     through = "" if beginning is None else beginning.through
     # Keep the earlier candidates, so that the next run makes the same choice.
     candidates = earlier or candidate_maps_of(result, summaries)
@@ -250,8 +225,8 @@ def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kind
     known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds)
     output.parent.mkdir(parents=True, exist_ok=True)
-    left_out = write_asset(made.asset, output)
-    return (*made.notes, *left_out)
+    left_out = write_asset(made.asset, output, inputs_of(source, target))
+    return (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
 
 
 def _folder_of_worker() -> Path:
@@ -262,37 +237,18 @@ def _folder_of_worker() -> Path:
     return Path(tempfile.gettempdir())
 
 
-def _place_of_input(item: Item, place: Workplace) -> Path:
-    """Path of the local copy of a file, for a worker without access to it."""
-    return place.folder / "inputs" / item.name / item.path.name
+def _path_of(item: Item, place: Workplace, sent: bool) -> Path:
+    """Path of an item's file, or of its copy that was sent to a worker without access to it."""
+    return place.folder / "inputs" / item.name / item.path.name if sent else item.path
 
 
-def _path_of(item: Item, place: Workplace, shape: Prepared) -> Path:
-    return _place_of_input(item, place) if shape.content else item.path
-
-
-def _known_shape(path: Path, key: str) -> ShapeSummary | None:
-    """The stored summary; None if its content differs or it cannot be read."""
+def _known(load: Callable[[Path], Stored], path: Path, key: str) -> Stored | None:
+    """What an earlier run stored; None if its contents or options differ, or it cannot be read."""
     try:
-        summary = ShapeSummary.load(path)
+        stored = load(path)
     except (FileNotFoundError, ArrayFileError):
         return None
-    return summary if summary.key == key else None
-
-
-def _known_record(path: Path, key: str) -> PairRecord | None:
-    """The record of an earlier match of the same contents with the same options."""
-    try:
-        record = PairRecord.load(path)
-    except (FileNotFoundError, ArrayFileError):
-        return None
-    return record if record.key == key else None
-
-
-def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    file = BytesIO()
-    np.savez_compressed(file, **arrays)
-    write_whole(path, file.getvalue())
+    return stored if stored.key == key else None
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -11,16 +11,15 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
-from zoomout_core.matching.disk_cache import package_version
 from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.version import package_version
 
 # Folders of the results: surfaces that Blender read, and records of its transfers.
 SURFACES, CARRIED = "surfaces", "carried"
@@ -35,18 +34,6 @@ DATA = {
 }
 
 
-class ReadItems(NamedTuple):
-    """Items that are ready to be matched.
-
-    Attributes:
-        items: readable items, by name.
-        failures: why the others could not be read.
-    """
-
-    items: dict[str, Item]
-    failures: dict[str, str]
-
-
 def is_of_blender(path: Path) -> bool:
     """Whether only Blender can read a file."""
     return path.suffix.lower() in ENDINGS
@@ -54,8 +41,8 @@ def is_of_blender(path: Path) -> bool:
 
 def read_items(
     items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
-) -> ReadItems:
-    """Read the files that need Blender, unless their surfaces are stored already.
+) -> tuple[dict[str, Item], dict[str, str]]:
+    """Read the files that need Blender, unless their surfaces are stored already in the folder of the results.
 
     Args:
         items: items by name.
@@ -64,6 +51,9 @@ def read_items(
         carries: whether Blender will transfer data to all.
         program: Blender's program, see `blender_command`.
         engine: runs the tasks, if it has access to the files.
+
+    Returns:
+        The readable items, and why the others could not be read, by name.
     """
     chosen = [each for each in items.values() if (carries or is_of_blender(each.path)) and each.path.is_file()]
     found, tasks = dict(items), []
@@ -73,7 +63,7 @@ def read_items(
         known = is_of_blender(item.path) or item.path.suffix.lower() in IMPORTED
         found[item.name] = Item(item.name, surface, item.path if known else surface)
         if not surface.is_file():
-            tasks.append(Task(f"read {item.name}", read_item, (item.path.resolve(), role, surface, known, program)))
+            tasks.append(Task(f"read {item.name}", read_item, (item.path.absolute(), role, surface, known, program)))
     if tasks:
         (folder / SURFACES).mkdir(parents=True, exist_ok=True)
     failures = {}
@@ -84,7 +74,7 @@ def read_items(
             name = done.key.removeprefix("read ")
             failures[name] = done.result.message
             del found[name]
-    return ReadItems(found, failures)
+    return found, failures
 
 
 def read_item(path: Path, role: str, output: Path, known: bool, program: str | None) -> None:
@@ -102,16 +92,10 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
 def carry_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
 ) -> tuple[str, ...]:
-    """Transfer a source's data to a target by Blender, unless done already; returns notes for the user.
+    """Transfer a source's data to a target by Blender, unless this is on record; returns notes for the user.
 
-    Args:
-        source: a file that Blender reads.
-        target: another one.
-        map_file: the map between the surfaces that Blender read.
-        output: the file to write.
-        kinds: keys of `DATA`; with skin weights the target is bound to the armature.
-        record: file that records the transfer.
-        program: Blender's program, see `blender_command`.
+    The map is between the surfaces that Blender read. The kinds are keys of `DATA`; with skin weights the target is
+    bound to the armature.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.
@@ -122,7 +106,7 @@ def carry_pair(
     if known is not None:
         return known
     output.parent.mkdir(parents=True, exist_ok=True)
-    arguments = ["carry", str(source), str(target), "--map", str(map_file.resolve()), "--save", str(output.resolve())]
+    arguments = ["carry", str(source), str(target), "--map", str(map_file.absolute()), "--save", str(output.absolute())]
     arguments += ["--data", *(DATA[kind] for kind in kinds)]
     if WEIGHTS in kinds:
         arguments += ["--bind", "--replace-binding"]
@@ -140,7 +124,7 @@ def carry_pair(
 def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
     """Path of a file's surface, by content; removes earlier surfaces of that name."""
     key = content_key(repr((content_key(item.path.read_bytes()), role, package_version())).encode())
-    place = folder.resolve() / SURFACES / f"{item.name}-{key}.ply"
+    place = folder.absolute() / SURFACES / f"{item.name}-{key}.ply"
     pattern = re.compile(re.escape(item.name) + "-[0-9a-f]{32}[.]ply")
     for path in place.parent.glob("*.ply"):
         if path != place and pattern.fullmatch(path.name):

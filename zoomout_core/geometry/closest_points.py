@@ -34,15 +34,10 @@ SINGLE_PRECISION_DIMENSION = 16
 def closest_points(
     points: Floats, vertices: Floats, triangles: Integers, tolerance: float = 0.0
 ) -> tuple[Integers, Floats]:
-    """Find the closest point of a triangle mesh in space for every query point.
+    """Find the closest point of triangles (m, 3) on vertices (n, 3) for every query point (q, 3).
 
-    Exact, except for points so far from the surface that more than 256 triangles are about equally close.
-
-    Args:
-        points: (q, 3) queries.
-        vertices: (n, 3) positions, in the same unit.
-        triangles: (m, 3) vertex numbers.
-        tolerance: how much a distance may exceed the minimum, in the same unit.
+    Exact, except for points so far from the surface that more than 256 triangles are about equally close. A distance
+    may exceed the minimum by the tolerance, in the unit of the vertices.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
@@ -51,18 +46,17 @@ def closest_points(
 
 
 class SurfaceSearch:
-    """A triangle mesh, prepared once for searches of closest points in space.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-    """
+    """A mesh of triangles (m, 3) on vertices (n, 3), prepared once for searches of closest points in space."""
 
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self.triangles = vertices, triangles
         self._used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
         self._tree = _tree(vertices[self._used])
-        self._at_vertex = _triangles_at(triangles, len(vertices))
+        # Where each vertex's entries begin, and the triangles at the vertices, one vertex after the other.
+        m = len(triangles)
+        entries = np.ones(3 * m, dtype=np.int8), triangles.ravel(), 3 * np.arange(m + 1)
+        table = csc_array(entries, shape=(len(vertices), m)).tocsr()
+        self._at_vertex = table.indptr, table.indices
 
     def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
         """Find the closest point for every query point, see `closest_points`."""
@@ -92,12 +86,9 @@ class SurfaceSearch:
 
 
 class _Group:
-    """Triangles of about one size.
+    """The triangles `members` (g,), of about one size.
 
-    Attributes:
-        centre: (g, 3) their centres of gravity.
-        radius: (g,) maximum distance of their corners from the centres.
-        members: (g,) their numbers.
+    Their centres of gravity are (g, 3), and their corners at most a radius (g,) away from these.
     """
 
     def __init__(self, centre: Floats, radius: Floats, members: Integers) -> None:
@@ -118,14 +109,6 @@ def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]
     """Distances and numbers of a tree's points nearest to each query, in several threads for many queries."""
     distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
     return np.asarray(distance), np.asarray(number)
-
-
-def _triangles_at(triangles: Integers, n: int) -> tuple[Indices, Indices]:
-    """(n + 1,) where each vertex's entries begin, and (3m,) the triangles at the vertices, one after the other."""
-    m = len(triangles)
-    ones = np.ones(3 * m, dtype=np.int8)
-    table = csc_array((ones, triangles.ravel(), 3 * np.arange(m + 1)), shape=(n, m)).tocsr()
-    return table.indptr, table.indices
 
 
 class _Closest:
@@ -184,12 +167,7 @@ def _first_min(values: Floats, group: Integers) -> Integers:
 
 
 class Neighbourhoods:
-    """The triangles within a few edges of each vertex of a mesh, prepared for many projections.
-
-    Args:
-        triangles: (m, 3) vertex numbers.
-        n: number of vertices.
-        edges: maximum distance of a triangle's nearest corner, in edges, from 0.
+    """The triangles (m, 3) within some edges, from 0, of each of n vertices of a mesh, prepared for many projections.
 
     Attributes:
         triangles: (m, 3) vertex numbers.
@@ -220,16 +198,10 @@ class Neighbourhoods:
 def project_to_embedding(
     points: Floats, embedding: Floats, neighbourhoods: Neighbourhoods, nearest: Integers
 ) -> tuple[Integers, Floats]:
-    """Precise map: find the closest point on an embedded surface around the nearest vertex.
+    """Precise map: find the point of an embedded surface (n, k) that is closest to each query (q, k).
 
-    Searches the neighbourhood of the nearest vertex, as in the local variant of Ezuz and Ben-Chen (Deblurring and
+    Searches the neighbourhood of the nearest vertex (q,), as in the local variant of Ezuz and Ben-Chen (Deblurring and
     denoising of maps between shapes, 2017), with bounded memory. Uses single precision for many dimensions.
-
-    Args:
-        points: (q, k) queries in the embedding.
-        embedding: (n, k) the surface's vertices in the embedding.
-        neighbourhoods: neighbourhoods of the surface's triangles; every vertex is used.
-        nearest: (q,) the vertex of the embedding nearest to each query.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.
@@ -238,11 +210,9 @@ def project_to_embedding(
 
 
 class EmbeddedSurface:
-    """A surface, prepared once to project many points onto it, see `project_to_embedding`.
+    """An embedded surface (n, k), prepared once to project many points onto it, see `project_to_embedding`.
 
-    Args:
-        embedding: (n, k) the surface's vertices in the embedding.
-        neighbourhoods: neighbourhoods of the surface's triangles; every vertex is used.
+    Every vertex must be used by the triangles of the neighbourhoods.
     """
 
     def __init__(self, embedding: Floats, neighbourhoods: Neighbourhoods) -> None:
@@ -290,12 +260,7 @@ class EmbeddedSurface:
 
 
 def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers, Indices, Integers]:
-    """Select the lists of some owners; lists are stored one after the other, before and after.
-
-    Args:
-        first: (n + 1,) where each owner's list begins.
-        entries: (e, ...) all lists.
-        chosen: (c,) owners.
+    """Select the lists of chosen owners (c,) among entries (e, ...) in which those of owner i begin at `first[i]`.
 
     Returns:
         (p,) the position in `chosen` of each entry, (p, ...) the entries, and (c,) where each list begins among them.
@@ -310,13 +275,7 @@ def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers
 
 
 def closest_on_triangles(points: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """The point of each triangle abc that is closest to a point.
-
-    Args:
-        points: (..., 3) positions.
-        a: (..., 3) first corners, of a common shape with the points.
-        b: (..., 3) second corners.
-        c: (..., 3) third corners.
+    """The points of triangles abc that are closest to points; all are (..., 3), of a common shape.
 
     Returns:
         (..., 3) barycentric coordinates, and (..., 3) vectors from there to the points.
@@ -334,13 +293,9 @@ def inner_products(ap: Floats, ab: Floats, ac: Floats, axis: Literal[0, -1]) -> 
 
 
 def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
-    """Barycentric coordinates of the point of a triangle abc that is closest to p.
+    """(..., 3) barycentric coordinates, non-negative, of the point of a triangle abc that is closest to p.
 
-    Args:
-        dots: the inner products ap.ab, ap.ac, ab.ab, ab.ac, ac.ac, of any common shape.
-
-    Returns:
-        (..., 3) weights of a, b, c, non-negative, summing to one; a degenerate triangle gives a point of it.
+    The inner products are ap.ab, ap.ac, ab.ab, ab.ac, ac.ac. A degenerate triangle gives a point of it.
     """
     ap_ab, ap_ac, ab_ab, ab_ac, ac_ac = dots
     bc_bc = ab_ab - 2 * ab_ac + ac_ac

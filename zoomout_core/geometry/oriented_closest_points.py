@@ -42,18 +42,10 @@ ORIENTED_SEARCH = OrientedSearchTuning()
 
 
 def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers]:
-    """Distribute points over triangles by area, deterministically.
+    """(count, 3) points that represent equal areas of triangles (m, 3), and (count,) their triangles.
 
-    They are stratified along the triangles' order; within a triangle they follow the additive recurrence of the
-    plastic number (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        count: number of points.
-
-    Returns:
-        (count, 3) points that represent equal areas, and (count,) their triangles.
+    They are stratified along the triangles' order; within a triangle they follow the additive recurrence of the plastic
+    number (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
     """
     cumulative = np.cumsum(triangle_areas(vertices, triangles))
     at = (np.arange(count) + 0.5) / count * cumulative[-1]

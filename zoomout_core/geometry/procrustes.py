@@ -72,14 +72,10 @@ def procrustes(
     handedness: ArrayLike | None = 1.0,
     scales: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
 ) -> Similarities:
-    """The similarities that bring point sets closest to their images.
+    """The similarities that bring point sets (..., n, d) closest to their images (..., n, d).
 
-    Args:
-        points: (..., n, d) point sets.
-        images: (..., n, d) images of the points.
-        weights: (n,) or (..., n) weights of the points, not negative, not all zero; equal when not given.
-        handedness: (...) 1 for rotations, -1 for reflections, None for the better fit.
-        scales: (...) minimum and maximum scale; (1, 1) for rigid motions.
+    Weights (n,) or (..., n) are not negative and not all zero. The handedness (...) is 1 for rotations, -1 for
+    reflections, None for the better fit. The scales (...) are the minimum and maximum; (1, 1) for rigid motions.
     """
     return Moments.between(points, images, weights).similarities(handedness, scales)
 

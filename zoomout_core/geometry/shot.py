@@ -78,14 +78,10 @@ def _neighbours(points: Floats, tree: cKDTree, radius: float) -> tuple[Integers,
 
 
 def _frames(offset: Floats, weight: Floats, area: Floats, centre: Integers, normals: Floats) -> Floats:
-    """(b, 3, 3) axes x, y, z as rows: principal axes of the neighbours, the largest first.
+    """(b, 3, 3) axes x, y, z as rows: principal axes of the neighbours by weights (p,), the largest first.
 
-    Args:
-        offset: (p, 3) vectors from each centre to a neighbour.
-        weight: (p,) weights of the neighbours in the covariance.
-        area: (p,) areas of the neighbours; x points to the side with more area.
-        centre: (p,) number of the centre.
-        normals: (b, 3) normals of the centres; z points to their side.
+    Offsets (p, 3) lead from each centre, of number (p,), to a neighbour of area (p,). The axis x points to the side
+    with more area, z to that of the centres' normals (b, 3).
     """
     count = len(normals)
     moments = segment_sum(weight[:, None] * (offset[:, :, None] * offset[:, None]).reshape(-1, 9), centre, count)
@@ -98,7 +94,7 @@ def _frames(offset: Floats, weight: Floats, area: Floats, centre: Integers, norm
 
 
 def _histograms(local: Floats, cosine: Floats, distance: Floats, area: Floats, centre: Integers, count: int) -> Floats:
-    """(count, 352) areas of the neighbours, each distributed to the adjacent bins in all four coordinates.
+    """(count, 352) areas (p,) of the neighbours, each distributed to the adjacent bins in all four coordinates.
 
     Args:
         local: (p, 3) offsets in the frames of their centres.

@@ -50,21 +50,15 @@ def beside(rows: Floats, anchors: Floats) -> Floats:
 
 
 def coordinates(
-    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None
+    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None = None
 ) -> tuple[Floats, Floats]:
-    """Coordinates in which corresponding places are close to each other.
+    """Coordinates (q, d) of places of the target and (p, d) of the source in which corresponding places are close.
 
-    Args:
-        target_rows: (q, k) eigenfunctions at places of the target.
-        source_rows: (p, k) eigenfunctions at places of the source.
-        functional_map: (k_target, k_source).
-        anchors: anchors at the same places.
-
-    Returns:
-        (q, d) coordinates of the target's places and (p, d) of the source's.
+    They come from the eigenfunctions (q, k) and (p, k) and the anchors at these places, and a functional map
+    (..., k_target, k_source).
     """
-    k_target, k_source = functional_map.shape
-    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ functional_map.T
-    return (
-        (queries, embedded) if anchors is None else (beside(queries, anchors.target), beside(embedded, anchors.source))
-    )
+    k_target, k_source = functional_map.shape[-2:]
+    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ np.swapaxes(functional_map, -1, -2)
+    if anchors is None:
+        return queries, embedded
+    return beside(queries, anchors.target), beside(embedded, anchors.source)

@@ -33,16 +33,10 @@ def bend(
     missed: Floats,
     width: float,
 ) -> SurfaceMap:
-    """Move the images of some vertices; elsewhere the displacement fades by a Gaussian of the geodesic distance.
+    """Displace the images of some places (l,) of the target by (l, 3).
 
-    Args:
-        surface_map: map from the target's vertices to the source.
-        source_vertices: (n_s, 3) positions.
-        target_vertices: (n_t, 3) positions.
-        target_triangles: (m, 3) vertex numbers.
-        places: (l,) vertices of the target.
-        missed: (l, 3) displacement of the image of each.
-        width: w of the Gaussian exp(-(d / w)^2), in the target's unit; narrower between places close together.
+    Elsewhere the displacement fades by exp(-(d / width)^2) with the geodesic distance d, and faster between places
+    close together. Positions are (n_s, 3) and (n_t, 3); the width is in the target's unit.
     """
     graph = edge_graph(target_vertices, target_triangles)
     size = max(1, BLOCK // len(target_vertices))

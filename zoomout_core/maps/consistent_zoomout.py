@@ -20,6 +20,7 @@ from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.mesh.triangles import components
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
@@ -97,7 +98,11 @@ def consistent_zoomout(
     fewest = min(len(basis.eigenvalues) for basis in bases)
     if k_final > fewest:
         raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")
-    check_connected(len(bases), list(maps))
+    groups = int(components(np.array(list(maps)).reshape(-1, 2).astype(np.int64), len(bases)).max()) + 1
+    if groups > 1:
+        raise ValueError(
+            f"The pairs split the {len(bases)} shapes into {groups} unconnected groups: add pairs that connect them."
+        )
     sampled = [SampledBasis.of(basis, farthest_points(basis.points, max(samples, k_final))) for basis in bases]
     k_initial = min(k_initial, k_final, *(min(each.shape) for each in maps.values() if each.ndim == 2))
     functional_maps: dict[PairOfShapes, Floats] = {
@@ -106,33 +111,13 @@ def consistent_zoomout(
         else functional_map_of(given.astype(np.int64), bases[source], bases[target], k_initial, k_initial)
         for (source, target), given in maps.items()
     }
-    eigenvalues = [basis.eigenvalues for basis in bases]
-    return ConsistentMaps(latent_through(sampled, eigenvalues, functional_maps, k_final, step), bases)
-
-
-def latent_through(
-    sampled: Sequence[SampledBasis],
-    eigenvalues: Sequence[Floats],
-    functional_maps: Mapping[PairOfShapes, Floats],
-    k_final: int,
-    step: int,
-) -> list[Floats]:
-    """The latent bases (k_final, d) of all shapes, by iterations on samples; see `consistent_zoomout`.
-
-    Args:
-        sampled: the bases of the shapes at samples.
-        eigenvalues: eigenvalues of the shapes.
-        functional_maps: (k, k) maps of pairs (source, target), all of one size.
-        k_final: functions of each shape at the end.
-        step: growth per iteration.
-    """
     k = len(next(iter(functional_maps.values())))
     while True:
-        latent = latent_basis(functional_maps, [values[:k] for values in eigenvalues])
+        latent = latent_basis(functional_maps, [basis.eigenvalues[:k] for basis in bases])
         if k == k_final:
-            return latent
+            return ConsistentMaps(latent, bases)
         k = min(k + step, k_final)
-        embedded = [each.rows[:, : len(basis)] @ basis for each, basis in zip(sampled, latent, strict=True)]
+        embedded = [each.rows[:, : len(functions)] @ functions for each, functions in zip(sampled, latent, strict=True)]
         functional_maps = {
             (source, target): sampled[target].fit(
                 sampled[source].rows[nearest(embedded[target], embedded[source]), :k], k
@@ -144,16 +129,9 @@ def latent_through(
 def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Sequence[Floats]) -> list[Floats]:
     """A canonical consistent latent basis of functional maps (Huang, Achlioptas, Guibas, Ovsjanikov 2019).
 
-    It minimises the sum of ||C Y_source - Y_target||^2 over the maps, where the sum of Y^T Y over the shapes is the
-    identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
-    those of each shape.
-
-    Args:
-        functional_maps: (k, k) maps of pairs (source, target).
-        eigenvalues: (k,) eigenvalues of each shape.
-
-    Returns:
-        For each shape (k, k), its latent functions as columns.
+    It minimises the sum of ||C Y_source - Y_target||^2 over the maps (k, k), where the sum of Y^T Y over the shapes is
+    the identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
+    those of each shape. The columns (k, k) for each shape are its latent functions.
     """
     k, count = len(eigenvalues[0]), len(eigenvalues)
     diagonal = np.zeros((count, k, k))
@@ -177,21 +155,3 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     _, turned = eigh(frequencies)
     # Scale so that the maps through the latent space are as large as the given ones.
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]
-
-
-def check_connected(count: int, pairs: Sequence[PairOfShapes]) -> None:
-    """Raise a ValueError unless pairs connect all of `count` shapes."""
-    group = list(range(count))
-
-    def root(shape: int) -> int:
-        while group[shape] != shape:
-            shape = group[shape]
-        return shape
-
-    for source, target in pairs:
-        group[root(source)] = root(target)
-    groups = len({root(shape) for shape in range(count)})
-    if groups > 1:
-        raise ValueError(
-            f"The pairs split the {count} shapes into {groups} unconnected groups: add pairs that connect them."
-        )

@@ -195,9 +195,7 @@ class _Energy:
         size = _Energy(*nothing, left, right, np.zeros_like(self.mask)).mean_value()
         root = np.sqrt(weight * self.mean_value() / size) if size > 0 else 0.0
         return replace(
-            self,
-            left=np.concatenate([self.left, root * left]),
-            right=np.concatenate([self.right, sign * root * right]),
+            self, left=np.concatenate([self.left, root * left]), right=np.concatenate([self.right, sign * root * right])
         )
 
     def compress(self) -> _Energy:
@@ -210,9 +208,7 @@ class _Energy:
         pairs = mixtures[:, energies > RANK_TOLERANCE * energies[-1]].T @ pairs
         left, right = np.split(pairs, [self.left[0].size], axis=1)
         return replace(
-            self,
-            left=left.reshape(-1, *self.left.shape[1:]),
-            right=right.reshape(-1, *self.right.shape[1:]),
+            self, left=left.reshape(-1, *self.left.shape[1:]), right=right.reshape(-1, *self.right.shape[1:])
         )
 
 

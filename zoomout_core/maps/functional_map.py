@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
@@ -121,8 +122,7 @@ def _embeddings(
     """Embeddings (n_t, k_t) of the target's vertices and (n_s, k_t) of the source's; corresponding ones are close."""
     C = check_functional_map(functional_map)
     check_fits_bases(C.shape, basis_source, basis_target)
-    k_target, k_source = C.shape
-    return basis_target.eigenvectors[:, :k_target], basis_source.eigenvectors[:, :k_source] @ C.T
+    return coordinates(basis_target.eigenvectors, basis_source.eigenvectors, C)
 
 
 def check_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
@@ -208,11 +208,9 @@ def eigenvalue_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> F
 def resolvent_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
     """(k_t, k_s) distances of the resolvents of eigenvalues (exponent 1/2), scaled to mean one in each row."""
     largest = max(eigenvalues_source[-1], eigenvalues_target[-1])
-    parts = []
-    for eigenvalues in (eigenvalues_source, eigenvalues_target):
-        relative = eigenvalues / largest
-        parts.append(np.stack([np.sqrt(relative), np.ones_like(relative)]) / (1 + relative))
-    return _of_mean_one(((parts[1][:, :, None] - parts[0][:, None, :]) ** 2).sum(axis=0))
+    relative = eigenvalues_source / largest, eigenvalues_target / largest
+    source, target = (np.stack([np.sqrt(each), np.ones_like(each)]) / (1 + each) for each in relative)
+    return _of_mean_one(((target[:, :, None] - source[:, None]) ** 2).sum(axis=0))
 
 
 def _of_mean_one(mask: Floats) -> Floats:

@@ -36,11 +36,6 @@ class KnownMatch:
     def load(cls, path: str | PathLike[str], source: Surface, target: Surface) -> KnownMatch:
         """Read a match that `zoomout match` or `zoomout collection` wrote; a bare map is trusted everywhere.
 
-        Args:
-            path: path of the file.
-            source: the surface that the map lands on, as read for the match.
-            target: the surface that it starts from.
-
         Raises:
             MeshError: it contains no map, or a map of other surfaces.
         """
@@ -50,10 +45,12 @@ class KnownMatch:
         values = {name: np.ones(count) for name, count in sizes.items()} | read_arrays(path, tuple(sizes))
         fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
         if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
-            raise MeshError(
-                f"{path} is a map of {len(vertex)} vertices between other surfaces, but this target has "
-                f"{len(target.vertices)}: match these two again."
+            other = (
+                f"of {len(vertex)} vertices between other surfaces, but this target has {len(target.vertices)}"
+                if len(vertex) != len(target.vertices)
+                else f"onto another source than this one of {len(source.vertices)} vertices"
             )
+            raise MeshError(f"{path} is a map {other}: match these two again.")
         return cls(
             surface_map,
             np.nan_to_num(values["confidence"].astype(np.float64)).clip(0, 1),

@@ -20,12 +20,7 @@ MAX_TRANSITION_FRACTION = 0.5
 
 
 def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
-    """(n_t,) share of the new map at each vertex, in [0, 1]: zero outside of a mask, growing inside.
-
-    Args:
-        mask: (n_t,) in [0, 1]; 0 where the map is kept.
-        target: the surface of the mask.
-    """
+    """(n_t,) share of the new map, in [0, 1]: zero outside of a mask (n_t,) in [0, 1], growing inside."""
     weights = np.asarray(mask, dtype=np.float64)
     kept = np.flatnonzero(weights == 0)
     if not len(kept):
@@ -40,14 +35,7 @@ def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
 
 
 def redone(before: SurfaceMap, after: SurfaceMap, shares: Floats, source: Surface) -> SurfaceMap:
-    """Blend two maps at each vertex; their images are mixed in space.
-
-    Args:
-        before: the map that is kept exactly where the share is 0.
-        after: the map that is taken exactly where the share is 1.
-        shares: (n_t,) in [0, 1].
-        source: the surface that both land on.
-    """
+    """Blend two maps by the shares (n_t,) of the second, in [0, 1]; images are mixed in space, and exact at 0 and 1."""
     triangle = np.where(shares == 1, after.triangle, before.triangle)
     barycentric = np.where((shares == 1)[:, None], after.barycentric, before.barycentric)
     mixed = np.flatnonzero((shares > 0) & (shares < 1))

@@ -17,7 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.summary import Summary
 
@@ -93,15 +93,9 @@ class SurfaceMap(Summary):
         return np.einsum("nc,nc...->n...", self.barycentric, corners)
 
     def at(self, source: Surface, target: Surface, triangle: Integers, barycentric: Floats) -> SurfaceMap:
-        """The map at any points of the target, such as corners or samples inside its faces.
+        """The map at points (q, 3) in the target's triangles (q,), such as corners or samples inside its faces.
 
         The images of the corners are mixed in space, and the mixture is projected to the source.
-
-        Args:
-            source: the surface of the images.
-            target: the surface of the points.
-            triangle: (q,) target triangles.
-            barycentric: (q, 3) the points in them.
         """
         images = self.interpolate(source.vertices)[target.triangles[triangle]]
         points = np.einsum("qc,qcx->qx", barycentric, images)
@@ -136,7 +130,7 @@ class SurfaceMap(Summary):
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         with atomic_write(_npz(path)) as part:
-            np.savez_compressed(part, **arrays, **extra)
+            write_arrays(part, arrays | extra)
 
     @classmethod
     def load(cls, path: str | PathLike[str], source: Surface) -> SurfaceMap:
@@ -233,12 +227,9 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
 
 
 def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
-    """(m,) which triangles a map flips: their images face against the surface.
+    """(m,) which triangles (m, 3) of the target a map flips: their images (n_t, 3) face against the source.
 
-    Args:
-        images: (n_t, 3) images of the target's vertices.
-        normals: (n_t, 3) normals of the source at the images; not necessarily of unit length.
-        triangles: (m, 3) triangles of the target.
+    The normals (n_t, 3) of the source at the images need not have unit length.
     """
     facing = np.einsum("mx,mcx->m", triangle_normals(images, triangles), normals[triangles])
     return np.asarray(facing < 0)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve, solve_triangular
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
-from zoomout_core.maps.anchors import Anchors, beside
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.functional_map import (
     check_fits_bases,
     check_functional_map,
@@ -254,15 +254,9 @@ def upsample(
     step: int,
     anchors: Anchors | None = None,
 ) -> tuple[Floats, Integers]:
-    """Upsample a small functional map on samples to k_final functions on the larger side.
+    """Upsample a small functional map (k_target, k_source) on samples to k_final functions on the larger side.
 
-    Args:
-        source: samples of the shape that the map lands on.
-        target: samples of the shape that the map starts from.
-        functional_map: (k_target, k_source), or a stack of them, which is faster than one after the other.
-        k_final: size to reach.
-        step: growth per iteration.
-        anchors: values at the samples that should agree under the map. Not for a stack.
+    A stack of maps is faster than one after the other, but takes no anchors: values at the samples that should agree.
 
     Returns:
         The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
@@ -285,23 +279,17 @@ def _upsample_through(
 
 
 def nearest_samples(
-    source: SampledBasis, target: SampledBasis, functional_map: Floats, anchors: Anchors | None = None
+    source: SampledBasis | _Places,
+    target: SampledBasis | _Places,
+    functional_map: Floats,
+    anchors: Anchors | None = None,
 ) -> Integers:
     """(..., s_t) number of the source sample that a functional map (..., k_t, k_s) assigns to each target sample."""
-    k_target, k_source = functional_map.shape[-2:]
-    embedded = source.rows[:, :k_source] @ np.swapaxes(functional_map, -1, -2)
-    if anchors is None:
-        return nearest(target.rows[:, :k_target], embedded)
-    return nearest(beside(target.rows[:, :k_target], anchors.target), beside(embedded, anchors.source))
+    return nearest(*coordinates(target.rows, source.rows, functional_map, anchors))
 
 
 class _Places(NamedTuple):
-    """Vertices of a shape on which a map is refined.
-
-    Attributes:
-        rows: (p, k) eigenvectors at the vertices.
-        weights: (p,) weights in the fits of functional maps.
-    """
+    """Eigenvectors (p, k) at vertices of a shape on which a map is refined, and their weights (p,) in its fits."""
 
     rows: Floats
     weights: Floats
@@ -310,26 +298,12 @@ class _Places(NamedTuple):
 def _upsample_both_ways(
     source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
 ) -> tuple[Floats, Floats]:
-    """Upsample in both directions.
-
-    Args:
-        source: places of the shape that the map lands on.
-        target: places of the shape that the map starts from.
-        there: (k_target, k_source) functional map.
-        back: (k_source, k_target) functional map of the inverse.
-        sizes: sizes to go through.
-    """
+    """Upsample a functional map (k_target, k_source) and its inverse through sizes."""
     for k_target, k_source in sizes:
-        to_source, to_target = _nearest_places(source, target, there), _nearest_places(target, source, back)
+        to_source, to_target = nearest_samples(source, target, there), nearest_samples(target, source, back)
         there = _fit_to_both(source, target, to_source, to_target, k_source, k_target)
         back = _fit_to_both(target, source, to_target, to_source, k_target, k_source)
     return there, back
-
-
-def _nearest_places(source: _Places, target: _Places, functional_map: Floats) -> Integers:
-    """(p_t,) the source place that a functional map (k_t, k_s) assigns to each target place."""
-    k_target, k_source = functional_map.shape
-    return nearest(target.rows[:, :k_target], source.rows[:, :k_source] @ functional_map.T)
 
 
 def _fit_to_both(

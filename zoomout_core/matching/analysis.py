@@ -34,36 +34,24 @@ FLAT_CURVATURE = 0.01
 
 @dataclass(frozen=True)
 class AnalysisTuning(Tuning, set_by="correspondence"):
-    """The features that shapes are compared by.
+    """The features that shapes are compared by."""
 
-    Attributes:
-        min_functions: number of eigenfunctions for the ranking of candidates, even if the final map is smaller.
-        search_samples: number of farthest-point samples on which the search for the right map runs.
-        distance_samples: number of the first of them from which geodesic distances are computed.
-        neighbourhood: width w of the Gaussian weight exp(-(d / w)^2) of a sample at distance d: nearer samples of a
-            limb rotate together.
-        neighbours: number of nearest samples that count as neighbours.
-        biharmonic_functions: eigenfunctions, the constant one included, of the biharmonic coordinates.
-        curvature_times: diffusion times for smoothing mean curvature.
-        curvature_limit: limit to which mean curvature is clipped before, so that spikes do not spread.
-        coarse_functions: eigenfunctions of the signatures that compare shapes far from isometric.
-        fine_functions: eigenfunctions of the signatures that a functional map is fitted to.
-        signature_bands: number of energies of the signatures.
-        pseudo_scalar_time: diffusion time for smoothing pseudo-scalars.
-    """
-
-    min_functions: int = tuned(120, "eigenfunctions", 2, 1000)
-    search_samples: int = tuned(400, "samples", 1, 10_000)
-    distance_samples: int = tuned(200, "samples", 1, 10_000)
+    min_functions: int = tuned(120, "eigenfunctions", 2, 1000)  # for ranking, even if the final map is smaller
+    search_samples: int = tuned(400, "samples", 1, 10_000)  # farthest-point samples that the search runs on
+    distance_samples: int = tuned(200, "samples", 1, 10_000)  # the first of them, with geodesic distances
+    # Width w of the Gaussian weight exp(-(d / w)^2) of a sample at distance d: nearer samples of a limb rotate
+    # together.
     neighbourhood: float = tuned(0.2, "at unit area", 1e-3, 2)
-    neighbours: int = tuned(8, "samples", 1, 100)
-    biharmonic_functions: int = tuned(20, "eigenfunctions", 2, 1000)
+    neighbours: int = tuned(8, "samples", 1, 100)  # number of nearest samples that count as neighbours
+    biharmonic_functions: int = tuned(20, "eigenfunctions", 2, 1000)  # of biharmonic coordinates, the constant included
+    # Diffusion times for smoothing mean curvature.
     curvature_times: tuple[float, ...] = tuned((5e-3, 2e-3, 8e-4, 3e-4), "area, at unit area", 0, 1)
+    # Limit to which mean curvature is clipped before, so that spikes do not spread.
     curvature_limit: float = tuned(60.0, "1 / length, at unit area", 1, 10_000)
-    coarse_functions: int = tuned(61, "eigenfunctions", 3, 1000)
-    fine_functions: int = tuned(101, "eigenfunctions", 3, 1000)
-    signature_bands: int = tuned(12, "bands", 3, 100)
-    pseudo_scalar_time: float = tuned(3e-4, "area, at unit area", 0, 1)
+    coarse_functions: int = tuned(61, "eigenfunctions", 3, 1000)  # of signatures for shapes far from isometric
+    fine_functions: int = tuned(101, "eigenfunctions", 3, 1000)  # of signatures that a functional map is fitted to
+    signature_bands: int = tuned(12, "bands", 3, 100)  # number of energies of the signatures
+    pseudo_scalar_time: float = tuned(3e-4, "area, at unit area", 0, 1)  # diffusion time for smoothing pseudo-scalars
 
 
 ANALYSIS = AnalysisTuning()
@@ -71,21 +59,13 @@ ANALYSIS = AnalysisTuning()
 
 @dataclass(frozen=True, eq=False)
 class ShapeAnalysis:
-    """The analysis of a connected part of a surface.
+    """The analysis of a connected part of a surface."""
 
-    Attributes:
-        proxy: the part, and its proxy mesh, which everything below belongs to.
-        stiffness: (n, n) stiffness matrix.
-        basis: eigenfunctions.
-        sampled: the basis at farthest-point samples.
-        distances: (d, n) geodesic distances, along edges, from the first samples to all vertices, at unit area.
-    """
-
-    proxy: Proxy
-    stiffness: csc_array
-    basis: SpectralBasis
-    sampled: SampledBasis
-    distances: Floats
+    proxy: Proxy  # the part, and its proxy mesh, which everything below belongs to
+    stiffness: csc_array  # (n, n) stiffness matrix
+    basis: SpectralBasis  # eigenfunctions
+    sampled: SampledBasis  # the basis at farthest-point samples
+    distances: Floats  # (d, n) geodesic distances, along edges, from the first samples to all vertices, at unit area
 
     @property
     def mesh(self) -> WorkingMesh:
@@ -186,14 +166,9 @@ class ShapeAnalysis:
 
 
 def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None) -> ShapeAnalysis:
-    """Prepare a connected working mesh.
+    """Prepare a connected working mesh of unit area, decimated to about `proxy_vertices` first, if these are given.
 
-    Args:
-        part: one component, of unit area.
-        k: number of eigenfunctions; fewer if the mesh has fewer vertices.
-        samples: number of farthest-point samples, at least k.
-        seed: of the eigensolver.
-        proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
+    It has k eigenfunctions, or fewer on a mesh of fewer vertices, and at least k farthest-point samples.
 
     Raises:
         MeshError: there is not enough memory for its number of vertices.

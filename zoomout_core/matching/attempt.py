@@ -17,20 +17,14 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class AttemptTuning(Tuning, set_by="characters"):
-    """When to try another body, and which one to choose.
+    """When to try another body, and which one to choose."""
 
-    Attributes:
-        sure: minimum certainty of a body's map at which no other body is tried.
-        same_place: distance below which two images count as the same place.
-        same_share: the maps of two bodies are the same if more than this share of their images are.
-        clearly_better: minimum ratio of the worth of a later attempt to that of an earlier one. Later attempts, such as
-            tight hulls, lose thin parts. In the table a rolling character as one hull improves by 2.1; a mannequin
-            whose knees touch gets worse at 1.2.
-    """
-
-    sure: float = tuned(0.8, "probability", 0, 1)
-    same_place: float = tuned(0.15, "at unit area", 0, 2)
-    same_share: float = tuned(0.75, "1", 0, 1)
+    sure: float = tuned(0.8, "probability", 0, 1)  # minimum certainty of a body's map at which no other body is tried
+    same_place: float = tuned(0.15, "at unit area", 0, 2)  # distance below which two images count as the same place
+    same_share: float = tuned(0.75, "1", 0, 1)  # maps of two bodies are the same if more of their images are
+    # Minimum ratio of the worth of a later attempt to that of an earlier one. Later attempts, such as tight hulls, lose
+    # thin parts. In the table a rolling character as one hull improves by 2.1; a mannequin whose knees touch gets worse
+    # at 1.2.
     clearly_better: float = tuned(1.3, "1", 1, 10)
 
 
@@ -39,17 +33,11 @@ ATTEMPTS = AttemptTuning()
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A pair of bodies and its candidates.
+    """A pair of bodies and its candidates."""
 
-    Attributes:
-        pair: of the bodies' shapes.
-        candidates: maps between them, the most likely first.
-        coverage: the part of both surfaces, in [0, 1], that the bodies cover.
-    """
-
-    pair: Pair
-    candidates: Sequence[Candidate]
-    coverage: float
+    pair: Pair  # of the bodies' shapes
+    candidates: Sequence[Candidate]  # maps between them, the most likely first
+    coverage: float  # the part of both surfaces, in [0, 1], that the bodies cover
 
     @property
     def worth(self) -> float:
@@ -69,10 +57,8 @@ class Attempt:
 def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """The attempt of the highest worth, or the one of the largest coverage if all found the same map.
 
-    In that case they confirm each other, and the result takes the highest certainty among them.
-
-    Args:
-        attempts: the most promising first; a later one is chosen only if it is clearly better.
+    In that case they confirm each other, and the result takes the highest certainty among them. The most promising
+    attempts come first; a later one is chosen only if it is clearly better.
     """
     most = max(attempt.coverage for attempt in attempts)
     widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])

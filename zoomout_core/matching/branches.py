@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -42,102 +41,56 @@ MIN_TIPS = 3
 
 @dataclass(frozen=True)
 class BranchTuning(Tuning, set_by="everywhere"):
-    """Which tips have branches, and which of these are siblings.
+    """Which tips have branches, and which of these are siblings."""
 
-    Attributes:
-        persistence: minimum rise of the average distance from the base of a branch to its tip.
-        max_count: maximum number of tips of a shape.
-        max_length: maximum length of a branch; the search for the map pairs limbs.
-        claimed: fraction of a branch, from its tip, whose images decide which branch the map pairs it with.
-        sibling: branches are siblings if the distance of their tips is at most this multiple of their total length.
-        max_siblings: maximum number of siblings; all pairings of them are compared.
-        max_difference: maximum mean difference of relative distances among siblings that a pairing may have.
-        margin: the map's own pairing is kept unless its difference exceeds the smallest one by more than this.
-        checked: fraction of a branch, from its tip, in which all images must be on the partner's branch.
-    """
-
-    persistence: float = tuned(0.02, "at unit area", 0, 2)
-    max_count: int = tuned(24, "tips", 2, 100)
-    max_length: float = tuned(0.12, "at unit area", 0, 10)
-    claimed: float = tuned(0.5, "1", 0, 1)
-    sibling: float = tuned(1.4, "1", 1, 100)
-    max_siblings: int = tuned(6, "tips", 3, 8)
-    max_difference: float = tuned(0.06, "1", 0, 10)
-    margin: float = tuned(0.02, "1", 0, 10)
-    checked: float = tuned(0.9, "1", 0, 1)
+    persistence: float = tuned(0.02, "at unit area", 0, 2)  # minimum rise of the average distance to a tip
+    max_count: int = tuned(24, "tips", 2, 100)  # maximum number of tips of a shape
+    max_length: float = tuned(0.12, "at unit area", 0, 10)  # of a branch; the search pairs limbs
+    claimed: float = tuned(0.5, "1", 0, 1)  # fraction, from the tip, whose images decide about the map's pairing
+    sibling: float = tuned(1.4, "1", 1, 100)  # largest distance of siblings' tips, in their total length
+    max_siblings: int = tuned(6, "tips", 3, 8)  # maximum number of siblings; all pairings of them are compared
+    max_difference: float = tuned(0.06, "1", 0, 10)  # of relative distances among siblings, on average
+    margin: float = tuned(0.02, "1", 0, 10)  # in the difference, by which the map's own pairing may exceed the smallest
+    checked: float = tuned(0.9, "1", 0, 1)  # fraction, from the tip, whose images must be on the partner's branch
 
 
 BRANCHES = BranchTuning()
 
 
-class Exchanged(NamedTuple):
-    """A map with branches matched anew.
-
-    Attributes:
-        surface_map: from the target to the source.
-        unsettled: (n_t,) vertices at the bases of these branches, whose images must be filled in.
-    """
-
-    surface_map: SurfaceMap
-    unsettled: Booleans
-
-
 @dataclass(frozen=True, eq=False)
 class _Branches:
-    """The branches of a shape.
+    """The branches of a shape."""
 
-    Attributes:
-        distances: (n, m) geodesic distances of the surface's vertices to the tips, infinite off the body.
-        between: (m, m) distances between tips.
-        length: (m,) of each branch: half the distance to the nearest other tip, at which the two branches meet.
-        group: (m,) number of the group of siblings that each belongs to, such as the fingers of a hand.
-    """
-
-    distances: SingleFloats
-    between: Floats
-    length: Floats
-    group: Integers
+    distances: SingleFloats  # (n, m) geodesic distances of the surface's vertices to the tips, infinite off the body
+    between: Floats  # (m, m) distances between tips
+    length: Floats  # (m,) of each branch: half the distance to the nearest other tip, at which the two branches meet
+    group: Integers  # (m,) number of the group of siblings that each belongs to, such as the fingers of a hand
 
 
-@dataclass(frozen=True, eq=False)
-class _Images:
-    """The images of the vertices on the target's branches.
-
-    Attributes:
-        vertices: (q,) of the target.
-        distances: (q, m) geodesic distances of their images to the source's tips.
-    """
-
-    vertices: Integers
-    distances: SingleFloats
-
-
-def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> Exchanged:
+def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> tuple[SurfaceMap, Booleans]:
     """Match branches anew that a map sends to the wrong branch; maps with exact landmarks are not changed.
 
-    Args:
-        pair: the surfaces.
-        surface_map: from the target to the source.
+    Returns the map, and (n_t,) the vertices at the bases of these branches, whose images must be filled in.
     """
     unsettled = np.zeros(len(pair.target.vertices), dtype=bool)
     shapes = pair.source_shape, pair.target_shape
     if pair.exact_landmarks is not None or any(shape.proxy.full.is_hull for shape in shapes):
-        return Exchanged(surface_map, unsettled)
+        return surface_map, unsettled
     source, target = _branches(pair.source, shapes[0]), _branches(pair.target, shapes[1])
     if not (len(source.length) and len(target.length)):
-        return Exchanged(surface_map, unsettled)
-    images = _images(surface_map, source, target)
+        return surface_map, unsettled
+    vertices, distances = _images(surface_map, source, target)
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
-    nearest = np.argmin(images.distances, axis=1)
-    on_branch = images.distances.min(axis=1) < source.length[nearest]
-    for tip, other in _partners(source, target, images).items():
+    nearest = np.argmin(distances, axis=1)
+    on_branch = distances.min(axis=1) < source.length[nearest]
+    for tip, other in _partners(source, target, vertices, distances).items():
         away = target.distances[:, tip] / target.length[tip]
-        wrong = (away[images.vertices] < BRANCHES.checked) & on_branch & (nearest != other)
+        wrong = (away[vertices] < BRANCHES.checked) & on_branch & (nearest != other)
         found = _register(pair, surface_map, source, target, tip, other) if wrong.any() else None
         if found is not None:
             branch, triangle[branch], barycentric[branch] = found
             unsettled |= np.abs(away - 1) < 1 - BRANCHES.checked
-    return Exchanged(SurfaceMap(triangle, barycentric, surface_map.source_triangles), unsettled)
+    return SurfaceMap(triangle, barycentric, surface_map.source_triangles), unsettled
 
 
 def _branches(surface: Surface, shape: ShapeAnalysis) -> _Branches:
@@ -147,30 +100,30 @@ def _branches(surface: Surface, shape: ShapeAnalysis) -> _Branches:
     on_proxy = np.asarray(dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles), indices=tips))
     between = on_proxy[:, tips]
     length = (between + np.diag(np.full(len(tips), np.inf))).min(axis=1, initial=np.inf) / 2
-    group = _siblings(between, length)
+    short = length < BRANCHES.max_length  # long branches have no siblings
+    related = (between < BRANCHES.sibling * (length[:, None] + length)) & short & short[:, None]
+    group = np.asarray(connected_components(related, directed=False)[1], dtype=np.int64)
     kept = np.flatnonzero(np.bincount(group, minlength=1)[group] >= MIN_TIPS)
     distances = np.full((len(surface.vertices), len(kept)), np.inf, dtype=np.float32)
     if len(kept):
-        of_body = np.full(len(surface.vertices), -1)
-        used = surface.working.vertex_of >= 0
-        of_body[used] = shape.proxy.full.vertex_of[surface.working.vertex_of[used]]
+        of_body = shape.proxy.full.vertex_of
         on = np.flatnonzero(of_body >= 0)
         distances[on] = shape.proxy.place.interpolate(on_proxy[kept].T)[of_body[on]]
     return _Branches(distances, between[np.ix_(kept, kept)], length[kept], group[kept])
 
 
-def _images(surface_map: SurfaceMap, source: _Branches, target: _Branches) -> _Images:
-    """Geodesic distances of images to the source's tips, where the target has branches."""
+def _images(surface_map: SurfaceMap, source: _Branches, target: _Branches) -> tuple[Integers, SingleFloats]:
+    """(q,) the vertices on the target's branches, and (q, m) distances of their images to the source's tips."""
     vertices = np.flatnonzero((target.distances < target.length).any(axis=1))
     corners = surface_map.source_triangles[surface_map.triangle[vertices]]
     barycentric = surface_map.barycentric[vertices].astype(np.float32)
     distances = np.zeros((len(vertices), len(source.length)), dtype=np.float32)
     for number in range(3):  # a corner off the body makes the distance infinite
         distances += np.maximum(barycentric[:, number, None], 1e-9) * source.distances[corners[:, number]]
-    return _Images(vertices, distances)
+    return vertices, distances
 
 
-def _partners(source: _Branches, target: _Branches, images: _Images) -> dict[int, int]:
+def _partners(source: _Branches, target: _Branches, vertices: Integers, distances: SingleFloats) -> dict[int, int]:
     """The source's tip of each of the target's tips, for tips with siblings, such as fingers.
 
     Siblings, whose branches grow from one place, are paired with siblings by the distances among them. These decide
@@ -178,9 +131,9 @@ def _partners(source: _Branches, target: _Branches, images: _Images) -> dict[int
     """
     nearest = np.full(len(target.length), -1)
     for tip, length in enumerate(target.length):
-        outer = target.distances[images.vertices, tip] < BRANCHES.claimed * length
+        outer = target.distances[vertices, tip] < BRANCHES.claimed * length
         if outer.any():
-            nearest[tip] = np.argmin(np.median(images.distances[outer], axis=0) / source.length)
+            nearest[tip] = np.argmin(np.median(distances[outer], axis=0) / source.length)
     partner: dict[int, int] = {}
     for group in np.unique(target.group[nearest >= 0]).tolist():
         tips = np.flatnonzero((target.group == group) & (nearest >= 0))
@@ -190,29 +143,12 @@ def _partners(source: _Branches, target: _Branches, images: _Images) -> dict[int
     return partner
 
 
-def _siblings(between: Floats, length: Floats) -> Integers:
-    """(m,) the number of the group of siblings that each tip belongs to; long branches have none.
-
-    Args:
-        between: (m, m) distances between tips.
-        length: (m,) of the branches.
-    """
-    short = length < BRANCHES.max_length
-    related = (between < BRANCHES.sibling * (length[:, None] + length)) & short & short[:, None]
-    return np.asarray(connected_components(related, directed=False)[1])
-
-
 def _pair_siblings(
     source: _Branches, target: _Branches, tips: Integers, others: Integers, nearest: Integers
 ) -> dict[int, int]:
-    """Pair siblings of the target with as many of the source by the distances among them; empty if these differ.
+    """Pair siblings (k,) of the target with as many of the source by the distances among them; empty if these differ.
 
-    Args:
-        source: the source's branches.
-        target: the target's branches.
-        tips: (k,) siblings of the target.
-        others: (k,) siblings of the source.
-        nearest: (k,) the tip of the source near which the map has each of the target's.
+    The map has each of the target's tips near the source's tip `nearest` (k,).
     """
     i, j = np.triu_indices(len(tips), k=1)
     choices = others[np.array(list(permutations(range(len(others)))))]
@@ -233,10 +169,8 @@ def _register(
     """Register a branch of the target to one of the source alone, by rigid ICP (Besl and McKay 1992).
 
     It starts with both tips at the same point, turned like the map around the base, and then along the other branch.
-
-    Returns:
-        (q,) the branch's vertices, (q,) triangles of the source, and (q, 3) barycentric coordinates; None if the meshes
-        are too coarse to tell how the branches are turned.
+    Returns (q,) the branch's vertices, (q,) triangles of the source, and (q, 3) barycentric coordinates; None if the
+    meshes are too coarse to tell how the branches are turned.
     """
     away, away_source = target.distances[:, tip] / target.length[tip], source.distances[:, other] / source.length[other]
     places, rest = pair.target.vertices / pair.target.working.scale, pair.source.vertices / pair.source.working.scale

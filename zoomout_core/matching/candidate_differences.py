@@ -30,9 +30,7 @@ MAX_OTHER_HALF_SHARE = 0.25
 def differences(images: Sequence[Floats], mirrored: Sequence[bool]) -> list[str]:
     """How each map differs from the first one, which is the `BEST`.
 
-    Args:
-        images: for each map (s, 3) the points of the source that the same places of the target go to; Z is up.
-        mirrored: whether each reverses the orientation.
+    Each map is given by its images (s, 3) of the same places, with Z up, and whether it reverses the orientation.
     """
     return [BEST, *(_difference(images[0], *one) for one in zip(images[1:], mirrored[1:], strict=True))]
 

@@ -21,19 +21,14 @@ ON_BORDER = 1e-2
 
 @dataclass(frozen=True)
 class ConfidenceTuning(Tuning, set_by="correspondence"):
-    """From the misses of a map to its confidence.
+    """From the misses of a map to its confidence."""
 
-    Attributes:
-        half_confidence: expected error at which confidence halves: there half of the vertices are off by more than
-            0.025 and a fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
-        pooling: diffusion length over which errors are averaged: an error is rarely a single vertex's.
-        without_partner: where going there and back misses by more than this, there is no counterpart.
-        beyond_border: the same where the map there ends on a border of the other shape: what fills a hole of it.
-    """
-
+    # Expected error at which confidence halves: there half of the vertices are off by more than 0.025 and a fifth by
+    # more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
     half_confidence: float = tuned(0.022, "at unit area", 1e-6, 1)
-    pooling: float = tuned(0.05, "at unit area", 0, 1)
-    without_partner: float = tuned(0.085, "at unit area", 0, 2)
+    pooling: float = tuned(0.05, "at unit area", 0, 1)  # diffusion length that averages errors
+    without_partner: float = tuned(0.085, "at unit area", 0, 2)  # no counterpart beyond this miss there and back
+    # The same where the map there ends on a border of the other shape: what fills a hole of it.
     beyond_border: float = tuned(0.03, "at unit area", 0, 2)
 
 
@@ -41,24 +36,21 @@ CONFIDENCE = ConfidenceTuning()
 
 
 class Counterparts(NamedTuple):
-    """Which vertices of two surfaces, or of two shapes' meshes, have a counterpart on the other one.
+    """Which vertices of two surfaces, or of two shapes' meshes, have a counterpart on the other one."""
 
-    Attributes:
-        target: (n_t,) of the target.
-        source: (n_s,) of the source.
-    """
-
-    target: Booleans
-    source: Booleans
+    target: Booleans  # (n_t,) of the target
+    source: Booleans  # (n_s,) of the source
 
 
 def confidence_of(
-    there: SurfaceMap,
-    back: SurfaceMap,
-    functional_map: Floats,
+    there: SurfaceMap,  # from the target's mesh to the source's
+    back: SurfaceMap,  # from the source's mesh to the target's, found on its own
+    functional_map: Floats,  # (k_target, k_source) of the map from the target
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    mirrored: bool,
+    mirrored: bool,  # the map reverses the orientation
+    # (n_t,) whether a vertex has a counterpart; elsewhere confidence is 0, and nothing counts as flipped. All vertices
+    # have one by default.
     has_partner: Booleans | None = None,
 ) -> tuple[Floats, float]:
     """Confidence from the error that two indicators agree on, and from triangles that the map turns over.
@@ -66,22 +58,13 @@ def confidence_of(
     The indicators are the distance by which going there and back misses the start, and the disagreement of the
     eigenfunctions at the two ends. Either alone fails: the first with a map that is wrong both ways alike, the
     second at places where the eigenfunctions are alike. Their geometric mean orders errors better than both.
-
-    Args:
-        there: from the target's mesh to the source's.
-        back: from the source's mesh to the target's, found on its own.
-        functional_map: (k_target, k_source) of the map from the target.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        mirrored: the map reverses the orientation.
-        has_partner: (n_t,) whether a vertex has a counterpart; elsewhere confidence is 0, and nothing counts as
-            flipped. All vertices have one by default.
-
-    Returns:
-        (n_t,) confidence in [0, 1], and the part of the target's area, in [0, 1], that the map flips.
+    Returns (n_t,) confidence in [0, 1], and the part of the target's area, in [0, 1], that the map flips.
     """
     cycle = cycle_error(there, back, target.mesh.vertices)
-    errors = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
+    k_target, k_source = functional_map.shape
+    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
+    values, eigenvalues = target.basis.eigenvectors[:, :k_target], target.basis.eigenvalues[:k_target]
+    errors = np.column_stack([cycle, spectral_distance(values, mapped, eigenvalues)])
     pooled = np.maximum(target.basis.smoothed(errors, CONFIDENCE.pooling**2), 0)
     expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
     triangles = target.mesh.oriented_triangles
@@ -100,13 +83,7 @@ def counterparts_by_cycle(
 ) -> Counterparts:
     """Which vertices of two shapes' meshes return close to where they started, mapped there and back.
 
-    A tail that the other shape lacks maps to its surroundings there, and the map back does not reach it.
-
-    Args:
-        there: from the target's mesh to the source's.
-        back: from the source's mesh to the target's, found on its own.
-        source: the shape that the map there lands on.
-        target: the shape that it starts from.
+    A tail that the other shape lacks maps to its surroundings there, and the map back, found on its own, misses it.
     """
     return Counterparts(_returns(there, back, target, source), _returns(back, there, source, target))
 
@@ -122,22 +99,9 @@ def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: S
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:
-    """(n_t,) distance between each target vertex and its image under the map there and back, in the vertices' unit.
-
-    Args:
-        there: from the target's vertices to the source.
-        back: from the source's vertices to the target, found on its own.
-        target_vertices: (n_t, 3) positions.
-    """
+    """(n_t,) distance between target vertices (n_t, 3) and their images under the map there and back, in their unit."""
     returned = there.interpolate(back.interpolate(target_vertices))
     return np.asarray(np.linalg.norm(returned - target_vertices, axis=1))
-
-
-def _spectral_error(there: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Floats:
-    """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area."""
-    k_target, k_source = functional_map.shape
-    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
-    return spectral_distance(target.basis.eigenvectors[:, :k_target], mapped, target.basis.eigenvalues[:k_target])
 
 
 def spectral_distance(rows: Floats, others: Floats, eigenvalues: Floats) -> Floats:

@@ -41,21 +41,14 @@ MIN_PINNING_WIDTH_RATIO = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Evidence about the right map.
+    """Evidence about the right map."""
 
-    Attributes:
-        landmarks: corresponding places on the source and on the target, as for `landmarks_on_parts`.
-        common_axes: (a, 3) directions in which both surfaces are oriented alike, such as the up axis, or none.
-        regions: for each region of both, such as a vertex group, its source vertices and its target vertices.
-        earlier: (s,) source shape vertex of each search sample of the target by an earlier map, or None.
-        standing: (s, 3) positions of the target's search samples in the frame of the source's part, or None if the
-            two surfaces do not overlap.
-    """
-
-    landmarks: Landmarks | None
-    common_axes: Floats
-    regions: list[tuple[Integers, Integers]]
-    earlier: Integers | None = None
+    landmarks: Landmarks | None  # corresponding places on the source and on the target, as for `landmarks_on_parts`
+    common_axes: Floats  # (a, 3) directions in which both surfaces are oriented alike, such as the up axis, or none
+    regions: list[tuple[Integers, Integers]]  # source vertices and target vertices of each
+    earlier: Integers | None = None  # (s,) source vertex of each search sample by an earlier map
+    # (s, 3) positions of the target's search samples in the frame of the source's part, or None if the two surfaces do
+    # not overlap.
     standing: Floats | None = None
 
     def anchors(self, pair: Pair) -> Anchors | None:
@@ -75,7 +68,7 @@ class Constraints:
         landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
         heights = [
-            _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
+            positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]] @ self.common_axes.T
             for surface, shape in ((pair.target, target), (pair.source, source))
             if len(self.common_axes)
         ]
@@ -145,12 +138,9 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
     for number, region in enumerate(() if regions is None else regions):
         if len(region) != 2:
             raise ValueError(f"Region {number} must be a pair: its vertices on the source, and those on the target.")
-        checked.append(
-            (
-                vertex_numbers(region[0], len(source.vertices), f"Region {number} of the source"),
-                vertex_numbers(region[1], len(target.vertices), f"Region {number} of the target"),
-            )
-        )
+        of_source = vertex_numbers(region[0], len(source.vertices), f"Region {number} of the source")
+        of_target = vertex_numbers(region[1], len(target.vertices), f"Region {number} of the target")
+        checked.append((of_source, of_target))
     return checked
 
 
@@ -214,11 +204,6 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
         return float(distances[np.arange(len(image)), image].sum())
 
     return total_distance
-
-
-def _positions(surface: Surface, shape: ShapeAnalysis) -> Floats:
-    """(n, 3) the vertices of a shape's mesh in the surface's own frame."""
-    return positions_of_part(surface, shape)[shape.proxy.full_vertex]
 
 
 def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:

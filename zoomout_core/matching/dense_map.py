@@ -16,28 +16,20 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.refinement import REFINEMENT, refine
+from zoomout_core.matching.refinement import REFINEMENT, functional_map_by, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import side_by_side
 
 
 class DenseMap(NamedTuple):
-    """The map of a candidate between the shapes' meshes.
+    """The map of a candidate between the shapes' meshes."""
 
-    Attributes:
-        fit: of the target to the source.
-        counterparts: which vertices have a counterpart.
-        functional_map: (k_target, k_source).
-        confidence: (n_t,) of the target's vertices.
-        folded: the part of the target's area, in [0, 1], that the map flips.
-    """
-
-    fit: Fit
-    counterparts: Counterparts
-    functional_map: Floats
-    confidence: Floats
-    folded: float
+    fit: Fit  # of the target to the source
+    counterparts: Counterparts  # which vertices have a counterpart
+    functional_map: Floats  # (k_target, k_source)
+    confidence: Floats  # (n_t,) of the target's vertices
+    folded: float  # the part of the target's area, in [0, 1], that the map flips
 
 
 def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
@@ -75,9 +67,7 @@ def bend_onto_source(
 ) -> tuple[Fit, Floats]:
     """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
     fit = fit_nonrigid(refined, source, target, mirrored)
-    k_target, k_source = functional_map.shape
-    images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
-    return fit, target.basis.coefficients(images)[:k_target]
+    return fit, functional_map_by(fit.surface_map, source, target, functional_map.shape)
 
 
 def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
@@ -88,28 +78,24 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     if pair.exact_landmarks is not None:
         fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
     there = fit.surface_map
-    k_target, k_source = candidate.functional_map.shape
-    images = there.interpolate(source.basis.eigenvectors[:, :k_source])
-    functional_map = target.basis.coefficients(images)[:k_target]
+    functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.counterparts.target
     confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, known)
     if is_small(source, target):
-        confidence, folded = _confidence_by_part(pair, found, (k_target, k_source))
+        confidence, folded = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
     return DenseMap(fit, found.counterparts, functional_map, confidence, folded)
 
 
-def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tuple[Floats, float]:
+def _confidence_by_part(
+    found: PartFit, source: ShapeAnalysis, target: ShapeAnalysis, size: tuple[int, ...]
+) -> tuple[Floats, float]:
     """`confidence_of` the map of a whole to a small part, computed from the map of the part.
 
     All of the whole maps to the part, so the rest of it would outweigh the place of the part.
     """
-    (k_target, k_source), source, target = size, pair.source_shape, pair.target_shape
-    images = found.back.interpolate(target.basis.eigenvectors[:, :k_target])
-    functional_map = source.basis.coefficients(images)[:k_source]
-    has_partner = found.counterparts.source
-    of_part, folded = confidence_of(
-        found.back, found.fit.surface_map, functional_map, target, source, False, has_partner
-    )
-    return found.counterparts.target * found.fit.surface_map.interpolate(of_part), folded
+    there, known = found.fit.surface_map, found.counterparts.source
+    functional_map = functional_map_by(found.back, target, source, size[::-1])
+    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, known)
+    return found.counterparts.target * there.interpolate(of_part), folded

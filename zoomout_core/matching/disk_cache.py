@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,9 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.array_files import read_arrays
+from zoomout_core.runtime.array_files import read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
@@ -36,12 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 class ShapeFolder:
-    """A folder of prepared shapes.
-
-    Args:
-        folder: made if it is missing.
-        max_bytes: the most that the shapes may take; the least recently used are removed first.
-    """
+    """A folder of prepared shapes, made if it is missing; the least recently used beyond `max_bytes` are removed."""
 
     def __init__(self, folder: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> None:
         self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"
@@ -70,7 +65,7 @@ class ShapeFolder:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with atomic_write(self._path(key)) as part:
-                np.savez(part, key=np.frombuffer(key, np.uint8), **_arrays(shape))
+                write_arrays(part, {"key": np.frombuffer(key, np.uint8)} | _arrays(shape), compressed=False)
             self._make_room()
         except OSError as error:
             _log.warning("A shape cannot be cached in %s: %s", self._folder, error)
@@ -92,14 +87,6 @@ class ShapeFolder:
             with suppress(OSError):  # another process removed it, or keeps it open
                 path.unlink()
             total -= size
-
-
-def package_version() -> str:
-    """That of the installed package, which what is stored depends on."""
-    try:
-        return version("zoomout-core")
-    except PackageNotFoundError:  # run from its sources
-        return "sources"
 
 
 def _arrays(shape: ShapeAnalysis) -> dict[str, Any]:

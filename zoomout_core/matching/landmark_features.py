@@ -17,24 +17,17 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkTuning(Tuning, set_by="correspondence"):
-    """The functions of landmarks.
+    """The functions of landmarks."""
 
-    Attributes:
-        distance_spread: standard deviation of a distance over a shape, relative to its mean, for scaling distances.
-        distance_time: diffusion time for smoothing distances.
-        turn_weight: weight of pseudo-scalars of unit deviation relative to distances of unit scale.
-        turn_time: diffusion time for smoothing pseudo-scalars.
-        turning: maximum number of landmarks whose pseudo-scalars are used. These distinguish left from right; those of
-            more landmarks would outweigh the distances, and their memory grows quadratically.
-        max_count: maximum number of landmarks that constrain a map, those farthest from each other. All of them count
-            in the comparison of maps.
-    """
-
-    distance_spread: float = tuned(0.3, "1", 0.01, 10)
-    distance_time: float = tuned(5e-4, "area, at unit area", 0, 1)
-    turn_weight: float = tuned(0.3, "1", 0, 10)
-    turn_time: float = tuned(1e-3, "area, at unit area", 0, 1)
+    distance_spread: float = tuned(0.3, "1", 0.01, 10)  # deviation of a distance, relative to its mean
+    distance_time: float = tuned(5e-4, "area, at unit area", 0, 1)  # diffusion time for smoothing distances
+    turn_weight: float = tuned(0.3, "1", 0, 10)  # of pseudo-scalars of unit deviation against distances of unit scale
+    turn_time: float = tuned(1e-3, "area, at unit area", 0, 1)  # diffusion time for smoothing pseudo-scalars
+    # Maximum number of landmarks whose pseudo-scalars are used. These distinguish left from right; those of more
+    # landmarks would outweigh the distances, and their memory grows quadratically.
     turning: int = tuned(7, "landmarks", 0, 30)
+    # Maximum number of landmarks that constrain a map, those farthest from each other. All of them count in the
+    # comparison of maps.
     max_count: int = tuned(60, "landmarks", 3, 1000)
 
 
@@ -43,17 +36,12 @@ LANDMARKS = LandmarkTuning()
 
 @dataclass(frozen=True, eq=False)
 class LandmarkFeatures:
-    """Some vertices of a shape with their functions.
+    """Some vertices of a shape with their functions."""
 
-    Attributes:
-        vertices: (m,) of the shape's mesh.
-        distances: (n, m) smoothed geodesic distances to them, at unit area.
-        turns: (n, t, t) pseudo-scalars of the distances of each two of the first t vertices, all or some, of unit
-            deviation, antisymmetric: the sense in which the two places lie around a point, as seen from outside.
-    """
-
-    vertices: Integers
-    distances: Floats
+    vertices: Integers  # (m,) of the shape's mesh
+    distances: Floats  # (n, m) smoothed geodesic distances to them, at unit area
+    # (n, t, t) pseudo-scalars of the distances of each two of the first t vertices, all or some, of unit deviation,
+    # antisymmetric: the sense in which the two places lie around a point, as seen from outside.
     turns: Floats
 
     def at(self, rows: Integers) -> LandmarkFeatures:
@@ -63,9 +51,7 @@ class LandmarkFeatures:
     def features(self, chosen: Integers, side: int = 1) -> Floats:
         """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them.
 
-        Args:
-            chosen: numbers of places, in an order.
-            side: 1 as seen from outside, -1 as seen from inside; 0 leaves the turns out.
+        The side is 1 as seen from outside, -1 as seen from inside; 0 leaves the turns out.
         """
         i, j = np.triu_indices(min(len(chosen), LANDMARKS.turning), k=1)
         distances = self.distances[:, chosen] / (LANDMARKS.distance_spread * self.distances[:, chosen].mean(axis=0))

@@ -25,25 +25,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RigidAlignmentTuning(Tuning, set_by="correspondence"):
-    """How rotations are fitted, and the weights of positions in space.
+    """How rotations are fitted, and the weights of positions in space."""
 
-    Attributes:
-        image_functions: eigenfunctions for smoothing images.
-        coherence: weight of the neighbours' rotations against a sample's own: a limb does not determine the rotation
-            about its axis, and takes it from the body.
-        averagings: number of averagings of each sample with its neighbours, as matrices, before these are projected to
-            rotations.
-        relaxations: number of rounds of this.
-        blend_width: diffusion length over which the samples' rotations are interpolated on the surface.
-        normal_weight: distance that a unit difference of normals counts as; an angle a is a difference of 2 sin(a / 2).
-    """
-
-    image_functions: int = tuned(100, "eigenfunctions", 4, 1000)
+    image_functions: int = tuned(100, "eigenfunctions", 4, 1000)  # eigenfunctions for smoothing images
+    # Weight of the neighbours' rotations against a sample's own: a limb does not determine the rotation about its axis,
+    # and takes it from the body.
     coherence: float = tuned(0.3, "1", 0, 10)
-    averagings: int = tuned(3, "rounds", 0, 100)
-    relaxations: int = tuned(3, "rounds", 0, 100)
-    blend_width: float = tuned(0.05, "at unit area", 0, 1)
-    normal_weight: float = tuned(0.1, "at unit area", 0, 1)
+    averagings: int = tuned(3, "rounds", 0, 100)  # of a sample with its neighbours, as matrices
+    relaxations: int = tuned(3, "rounds", 0, 100)  # number of rounds of this
+    blend_width: float = tuned(0.05, "at unit area", 0, 1)  # diffusion length that blends samples' rotations
+    normal_weight: float = tuned(0.1, "at unit area", 0, 1)  # distance that equals a unit difference of normals
 
 
 RIGID_ALIGNMENT = RigidAlignmentTuning()
@@ -51,15 +42,10 @@ RIGID_ALIGNMENT = RigidAlignmentTuning()
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A target aligned with its source, in the source's frame, at unit area.
+    """A target aligned with its source, in the source's frame, at unit area."""
 
-    Attributes:
-        positions: (n_t, 3) of the target's vertices.
-        normals: (n_t, 3) their outward normals, rotated with them.
-    """
-
-    positions: Floats
-    normals: Floats
+    positions: Floats  # (n_t, 3) of the target's vertices
+    normals: Floats  # (n_t, 3) their outward normals, rotated with them
 
     def facing(self, normals: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Alignment:
         """The same, with normals flipped to agree with those at the images (n, 3) if sides are not known."""
@@ -76,13 +62,9 @@ def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
 def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, at: Integers | None = None) -> Alignment:
     """Move the target to smoothed images, the surroundings of each vertex by a rotation.
 
-    Args:
-        images: (k, 3) coefficients, in the target's basis, of the images of its vertices.
-        target: the shape that the map starts from.
-        width: diffusion length, at unit area, over which images are smoothed; thinner parts keep the target's own
-            cross-section.
-        mirrored: whether to align the target's mirror image, for maps that reverse the orientation.
-        at: (n,) the only vertices to align.
+    Images are given by their coefficients (k, 3) in the target's basis, and smoothed over the diffusion length `width`,
+    at unit area; thinner parts keep the target's own cross-section. `mirrored` aligns the target's mirror image, and
+    `at` (n,) are the only vertices to align.
     """
     rows: Integers | slice = slice(None) if at is None else at
     eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
@@ -102,33 +84,20 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
 
 
 def align_and_match(
-    vertex: Integers,
+    vertex: Integers,  # (s,) the source vertex of each of the target's samples
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    sampled: SampledBasis,
-    anchors: Anchors | None,
-    k: int,
-    width: float,
-    mirrored: bool,
-    among: Integers | slice = slice(None),
-    weight: float = 1.0,
+    sampled: SampledBasis,  # the target's basis at the samples
+    anchors: Anchors | None,  # at the source's vertices and the target's samples
+    k: int,  # size of the functional map
+    width: float,  # see `align`
+    mirrored: bool,  # see `align`
+    among: Integers | slice = slice(None),  # the source vertices to choose from
+    weight: float = 1.0,  # of positions in space, beside eigenfunctions
 ) -> tuple[Integers, Alignment]:
     """One round on samples: align the target by a map, and find nearest vertices in spectral and spatial coordinates.
 
-    Args:
-        vertex: (s,) the source vertex of each of the target's samples.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        sampled: the target's basis at the samples.
-        anchors: at the source's vertices and the target's samples.
-        k: size of the functional map.
-        width: see `align`.
-        mirrored: see `align`.
-        among: the source vertices to choose from.
-        weight: of positions in space, beside eigenfunctions.
-
-    Returns:
-        (s,) the next source vertices, and the aligned samples.
+    Returns (s,) the next source vertices, and the aligned samples.
     """
     count = min(RIGID_ALIGNMENT.image_functions, sampled.rows.shape[1])
     aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
@@ -149,9 +118,7 @@ def beside_places(
     weight: float,
     at: Integers | slice = slice(None),
 ) -> tuple[Floats, Floats]:
-    """Append scaled positions and normals to spectral coordinates (n_t, d) and (n_s, d).
-
-    Those of the source are for its vertices `at`.
+    """Append scaled positions and normals to spectral coordinates (n_t, d), and (n_s, d) of the source's vertices `at`.
 
     An error of position changes the first k eigenfunctions, at unit area, by half of their eigenvalues' sum times its
     square, which defines the common scale.

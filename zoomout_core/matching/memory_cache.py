@@ -7,6 +7,7 @@ mesh in as a new surface each time. `store_shapes` has shapes written to disk, t
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,11 +24,10 @@ from zoomout_core.matching.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.memory import bytes_of
 
 # Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
 MAX_BYTES = 512 << 20
-# Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
-PER_VERTEX = 300
 
 Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
@@ -49,8 +49,11 @@ class _Kept(Generic[Value]):
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
-            while sum(map(_bytes, self._values.values())) > MAX_BYTES:
+            while bytes_of(*self._values.values()) > MAX_BYTES:
                 self._values.popitem(last=False)
+
+    def unlock(self) -> None:
+        self._lock = Lock()
 
     def forget(self) -> None:
         with self._lock:
@@ -59,6 +62,9 @@ class _Kept(Generic[Value]):
 
 _shapes: _Kept[ShapeAnalysis] = _Kept()
 _meshes: _Kept[WorkingMesh] = _Kept()
+if hasattr(os, "register_at_fork"):  # not on Windows; a thread that does not exist in the child may hold the locks
+    os.register_at_fork(after_in_child=_shapes.unlock)
+    os.register_at_fork(after_in_child=_meshes.unlock)
 _folder: ShapeFolder | None = None
 
 
@@ -76,7 +82,8 @@ def cached_working_mesh(surface: Surface) -> WorkingMesh:
 
 def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:
     """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
-    key = _content(part, k, samples, seed, proxy_vertices)
+    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
+    key = _hash(repr(((k, samples, seed, proxy_vertices), part.scale)), *arrays)
     shape, folder = _shapes.take(key), _folder
     if shape is None and folder is not None:
         shape = folder.load(key, part)
@@ -125,23 +132,9 @@ def forget_shapes() -> None:
     _meshes.forget()
 
 
-def _content(part: WorkingMesh, *numbers: int | None) -> bytes:
-    """A hash of all that a shape depends on."""
-    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
-    return _hash(repr((numbers, part.scale)), *arrays)
-
-
 def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
     digest = blake2b(words.encode())
     for array in arrays:
         digest.update(repr((array.shape, array.dtype)).encode())
         digest.update(np.ascontiguousarray(array).data)
     return digest.digest()
-
-
-def _bytes(value: ShapeAnalysis | WorkingMesh) -> int:
-    """How much memory it takes, about, once a match has used it."""
-    if isinstance(value, WorkingMesh):
-        return 8 * value.vertices.nbytes
-    n, k = value.basis.eigenvectors.shape
-    return 8 * n * (k + PER_VERTEX) + 20 * value.proxy.full.vertices.nbytes

@@ -20,6 +20,7 @@ from zoomout_core.runtime.memory import free_memory
 # its vertices are as many functions more.
 ALWAYS, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
 GIB = 1 << 30
+COARSER = "use detail '{detail}' (in Python proxy_vertices={vertices})"
 
 
 def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> int:
@@ -30,12 +31,7 @@ def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVert
 
 
 def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> None:
-    """Refuse a match that does not fit into the free memory, if that is known.
-
-    Args:
-        vertices: of each mesh.
-        k_final: size of the final functional map.
-        proxy_vertices: of the proxies, as in `MatchOptions`.
+    """Refuse a match of meshes of some numbers of vertices that does not fit into the free memory, if that is known.
 
     Raises:
         NotEnoughMemoryError: it does not fit; the message says which size would, and which detail.
@@ -48,13 +44,7 @@ def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVer
         coarser = MatchOptions(**numbers)  # type: ignore[arg-type]
         coarser_need = memory_need(vertices, coarser.k_final, coarser.proxy_vertices)
         if coarser_need < need and coarser_need <= free:
-            ways.append(
-                message(
-                    "use detail '{detail}' (in Python proxy_vertices={vertices})",
-                    detail=name,
-                    vertices=repr(coarser.proxy_vertices),
-                )
-            )
+            ways.append(message(COARSER, detail=name, vertices=repr(coarser.proxy_vertices)))
             break
     parts = np.linspace(0.99, 0.01, 99)
     sizes = ([int(part * n) for n in vertices] for part in parts)

@@ -36,6 +36,8 @@ MISSED_LANDMARKS = (
     "The map contradicts {count} of the {total} landmarks: check that each pair is the same place on both shapes, with "
     "the source first."
 )
+TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: confidence is low there."
+SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
 TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
@@ -53,7 +55,15 @@ MAX_ROUNDING = 0.2
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
     """Notes on the limits of one input shape, and of the surface that was reconstructed from it."""
-    return (*notes_on_cloud(role, shape, surface), *_notes_on_rounding(role, surface))
+    notes = notes_on_cloud(role, shape, surface)
+    coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
+    if coarse < MAX_ROUNDING:
+        return notes
+    text = (
+        f"The {role} is so far from its origin that its coordinates are rounded by {{share:.0%}} of an edge length: "
+        "move it to the origin in the program that created it."
+    )
+    return (*notes, warning(text, share=coarse))
 
 
 def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
@@ -76,28 +86,10 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
     return tuple(warning(text) for true, text in notes if true)
 
 
-def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
-    """A note if coordinates are so far from the origin that their rounding is a notable part of an edge."""
-    coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
-    if coarse < MAX_ROUNDING:
-        return ()
-    return (
-        warning(
-            f"The {role} is so far from its origin that its coordinates are rounded by {{share:.0%}} of an edge "
-            "length: move it to the origin in the program that created it.",
-            share=coarse,
-        ),
-    )
-
-
 def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
-    """Notes on doubts about a map as a whole.
+    """Notes on doubts about a map as a whole, the chosen one of all candidates.
 
-    Args:
-        candidates: all maps that were found.
-        chosen: the number of the map among them.
-        placed: the part of the target's area that has a counterpart.
-        folded: the part of it that the map flips.
+    A part `placed` of the target's area has a counterpart, and the map flips a part `folded` of it.
     """
     notes: tuple[str, ...] = (warning(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
@@ -118,17 +110,6 @@ def notes_on_landmarks(errors: Floats) -> tuple[str, ...]:
 
 def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
     """Notes on parts that only one of the two surfaces has."""
-    notes = (
-        (
-            pair.target,
-            counterparts.target,
-            "About {share:.0%} of the target has no counterpart on the source: confidence is low there.",
-        ),
-        (
-            pair.source,
-            counterparts.source,
-            "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it.",
-        ),
-    )
-    shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
-    return tuple(warning(text, share=share) for share, text in shares if share > MAX_UNMATCHED_SHARE)
+    rests = (TARGET_ALONE, pair.target, counterparts.target), (SOURCE_ALONE, pair.source, counterparts.source)
+    shares = ((text, surface.share_of_area(~has_partner)) for text, surface, has_partner in rests)
+    return tuple(warning(text, share=share) for text, share in shares if share > MAX_UNMATCHED_SHARE)

@@ -45,55 +45,33 @@ REFINED = tuple(start for start in STARTS if start != "nearest")
 
 @dataclass(frozen=True)
 class Choice:
-    """One value of an option.
+    """One value of an option."""
 
-    Attributes:
-        name: the value; Blender has it in capitals.
-        help: a sentence without a full stop, as all texts here: Blender adds it.
-        label: in Blender.
-        doors: that offer it.
-    """
-
-    name: str
-    help: str
-    label: str = ""
-    doors: tuple[Door, ...] = tuple(Door)
+    name: str  # the value; Blender has it in capitals
+    help: str  # a sentence without a full stop, as all texts here: Blender adds it
+    label: str = ""  # in Blender
+    doors: tuple[Door, ...] = tuple(Door)  # that offer it
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a match.
+    """One option of a match."""
 
-    Attributes:
-        name: as in Python, in Blender and in MeshLab.
-        kind: of its values.
-        default: its value where none is given.
-        help: what happens and when to use it, without a full stop at the end.
-        doors: that offer it. `python -m meshlab_filter transfer` hands the options of the command line to a filter, so
-            those of a match need MeshLab, too.
-        label: in Blender.
-        flag: on the command line, where it is not the name.
-        choices: the values of a choice.
-        minimum: of a number.
-        maximum: of a number.
-        soft_maximum: as far as Blender's slider goes.
-        starts: values of `initial` that use the option.
-        panel: of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
-    """
-
-    name: str
-    kind: Kind
-    default: Any
-    help: str
+    name: str  # as in Python, in Blender and in MeshLab
+    kind: Kind  # of its values
+    default: Any  # its value where none is given
+    help: str  # what happens and when to use it, without a full stop at the end
+    # That offer it. `python -m meshlab_filter transfer` hands the options of the command line to a filter, so those of
+    # a match need MeshLab, too.
     doors: tuple[Door, ...] = tuple(Door)
-    label: str = ""
-    flag: str = ""
-    choices: tuple[Choice, ...] = ()
-    minimum: float | None = None
-    maximum: float | None = None
-    soft_maximum: float | None = None
-    starts: tuple[str, ...] = REFINED
-    panel: str = "Advanced"
+    label: str = ""  # in Blender
+    flag: str = ""  # on the command line, where it is not the name
+    choices: tuple[Choice, ...] = ()  # the values of a choice
+    minimum: float | None = None  # of a number
+    maximum: float | None = None  # of a number
+    soft_maximum: float | None = None  # as far as Blender's slider goes
+    starts: tuple[str, ...] = REFINED  # values of `initial` that use the option
+    panel: str = "Advanced"  # of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
 
     def name_at(self, door: Door) -> str:
         """What users of a door call it."""
@@ -114,6 +92,12 @@ BLENDER = (Door.BLENDER,)
 COMMAND_LINE = (Door.COMMAND_LINE,)
 MESHLAB = (Door.MESHLAB,)
 FILES = COMMAND_LINE + MESHLAB
+
+
+def _hint(name: str, label: str, default: bool, text: str) -> Option:
+    """Evidence on the map that Blender finds by itself, and that can be switched off."""
+    return Option(name, Kind.FLAG, default, text, BLENDER, label, starts=("auto",), panel="Hints")
+
 
 # How to begin, and what is known of the map.
 MATCHING = (
@@ -146,16 +130,7 @@ MATCHING = (
         starts=STARTS,
         panel="Match",
     ),
-    Option(
-        "map_file",
-        Kind.MAP,
-        "",
-        "Map file (.npz) to start from",
-        BLENDER,
-        "Map",
-        starts=("file",),
-        panel="Match",
-    ),
+    Option("map_file", Kind.MAP, "", "Map file (.npz) to start from", BLENDER, "Map", starts=("file",), panel="Match"),
     Option(
         "landmarks",
         Kind.LANDMARKS,
@@ -172,46 +147,25 @@ MATCHING = (
         label="Hit Exactly",
         panel="Landmarks",
     ),
-    Option(
+    _hint(
         "use_landmarks",
-        Kind.FLAG,
+        "Landmarks",
         True,
         "Landmarks on both objects mark corresponding places; a single pair tells left from right",
-        BLENDER,
-        "Landmarks",
-        starts=("auto",),
-        panel="Hints",
     ),
-    Option(
+    _hint(
         "names",
-        Kind.FLAG,
+        "Names",
         True,
         "Vertex groups and materials of the same name mark corresponding places. "
         "Turn this off if names mean different things on the two meshes",
-        BLENDER,
-        "Names",
-        starts=("auto",),
-        panel="Hints",
     ),
-    Option(
-        "same_up",
-        Kind.FLAG,
-        False,
-        "Both objects stand upright along the scene's Z axis",
-        BLENDER,
-        "Same Up Axis",
-        starts=("auto",),
-        panel="Hints",
-    ),
-    Option(
+    _hint("same_up", "Same Up Axis", False, "Both objects stand upright along the scene's Z axis"),
+    _hint(
         "from_last",
-        Kind.FLAG,
+        "Last Match",
         False,
         "The previous match of these two objects is approximately right. Use this after a small change of options",
-        BLENDER,
-        "Last Match",
-        starts=("auto",),
-        panel="Hints",
     ),
     Option(
         "common_axes",

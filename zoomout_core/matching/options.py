@@ -73,8 +73,7 @@ class MatchOptions:
     def __post_init__(self) -> None:
         _check_start(self.initial, self.landmarks, self.initial_map)
         _check_pairs(self.landmarks, self.regions)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral):
-            raise TypeError(f"seed is {self.seed!r}: give a whole number.")
+        check_count("seed", self.seed, 0)
         check_sizes(self.k_final, self.step, self.samples, self.proxy_vertices)
         if self.partial not in PARTIAL:
             raise ValueError(f"partial is {self.partial!r}: choose one of {', '.join(PARTIAL)}.")
@@ -129,7 +128,11 @@ def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Lit
         ("samples", samples, 1),
         ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
     ):
-        if value is None and name == "proxy_vertices":
-            continue
-        if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-            raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
+        if value is not None or name != "proxy_vertices":
+            check_count(name, value, least)
+
+
+def check_count(name: str, value: object, least: int) -> None:
+    """Raise a ValueError if a value is not a whole number, or below a minimum."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")

@@ -17,6 +17,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.messages import as_message, message
 
+REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
 # A landmark is rejected if it is farther than this from its surface, at unit area.
 MAX_LANDMARK_DISTANCE = 0.05
 
@@ -37,31 +38,18 @@ class LandmarkError(MeshError):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two surfaces with the analyses of their main parts.
+    """Two surfaces with the analyses of their main parts."""
 
-    Attributes:
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
-        source_shape: the source's main part.
-        target_shape: the target's main part.
-        k_final: size of the final functional map.
-        step: growth of the functional map in an iteration.
-        exact_landmarks: landmarks that the final map has to meet, as for `landmarks_on_parts`, or None.
-        regions: pairs of source vertices and target vertices that correspond as sets.
-        notes: sentences for the user about the two surfaces, for any map.
-        shares: (c,) the part of the source's outside, in [0, 1], that each of its components makes up.
-    """
-
-    source: Surface
-    target: Surface
-    source_shape: ShapeAnalysis
-    target_shape: ShapeAnalysis
-    k_final: int
-    step: int
-    exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
-    regions: Sequence[tuple[Integers, Integers]] = ()
-    notes: tuple[str, ...] = ()
-    shares: Floats = field(default_factory=lambda: np.ones(1))
+    source: Surface  # the surface that the map lands on
+    target: Surface  # the surface that the map starts from
+    source_shape: ShapeAnalysis  # the source's main part
+    target_shape: ShapeAnalysis  # the target's main part
+    k_final: int  # size of the final functional map
+    step: int  # growth of the functional map in an iteration
+    exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None  # which the final map has to meet
+    regions: Sequence[tuple[Integers, Integers]] = ()  # source and target vertices that correspond as sets
+    notes: tuple[str, ...] = ()  # sentences for the user about the two surfaces, for any map
+    shares: Floats = field(default_factory=lambda: np.ones(1))  # (c,) of the source's outside, by component
 
 
 def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
@@ -128,14 +116,7 @@ def distinct_landmarks(
     again = np.flatnonzero(original < np.arange(len(original)))
     if not len(again):
         return landmarks, ()
-    said = (
-        message(
-            "Landmark {number} is the same pair as landmark {original}: it counts once.",
-            number=one,
-            original=original[one],
-        )
-        for one in again
-    )
+    said = (message(REPEATED, number=one, original=original[one]) for one in again)
     return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), tuple(said)
 
 

@@ -28,22 +28,13 @@ AHEAD: tuple[Callable[[ShapeAnalysis], object], ...] = (
 
 def prepare_shape(
     part: WorkingMesh,
-    k_final: int,
-    samples: int,
-    seed: int,
-    proxy_vertices: int | Literal["auto"] | None,
-    ahead: tuple[Callable[[ShapeAnalysis], object], ...] = AHEAD,
+    k_final: int,  # size of the final functional map, see `MatchOptions`, as for the following
+    samples: int,  # number of farthest-point samples for ZoomOut
+    seed: int,  # of the eigensolver
+    proxy_vertices: int | Literal["auto"] | None,  # size of the proxy of a larger mesh
+    ahead: tuple[Callable[[ShapeAnalysis], object], ...] = AHEAD,  # further computations on the shape
 ) -> ShapeAnalysis:
-    """Analyse a connected part of unit area, or read its analysis from the cache.
-
-    Args:
-        part: the mesh.
-        k_final: size of the final functional map, see `MatchOptions`, as for the following.
-        samples: number of farthest-point samples for ZoomOut.
-        seed: of the eigensolver.
-        proxy_vertices: size of the proxy of a larger mesh.
-        ahead: further computations on the shape.
-    """
+    """Analyse a connected part of unit area, or read its analysis from the cache."""
     with portion(0.0, 0.97):
         functions = max(k_final, ANALYSIS.min_functions)
         size = proxy_size(len(part.vertices), proxy_vertices)

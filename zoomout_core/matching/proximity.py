@@ -109,11 +109,8 @@ def _match(
         )
     cosine = _cosines(surface_map, source, target, near)
     facing = (np.abs(cosine) if either_side else cosine) >= min_cosine
-    notes = tuple(
-        message(text, count=count, total=len(near))
-        for count, text in ((int((~near).sum()), TOO_FAR), (int((near & ~facing).sum()), TURNED_AWAY))
-        if count
-    )
+    counts = (int((~near).sum()), TOO_FAR), (int((near & ~facing).sum()), TURNED_AWAY)
+    notes = tuple(message(text, count=count, total=len(near)) for count, text in counts if count)
     return ProximityMatch(surface_map, (near & facing).astype(float), notes)
 
 

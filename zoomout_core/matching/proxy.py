@@ -24,22 +24,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ProxyTuning(Tuning, set_by="speed"):
-    """The default size of proxies, and the projection back to the full mesh.
+    """The default size of proxies, and the projection back to the full mesh."""
 
-    Attributes:
-        reduction: ratio of the mesh's vertices to the proxy's, within limits. Finer meshes share finer features, to
-            which the target is registered.
-        min_vertices: minimum size of a proxy.
-        max_vertices: maximum size of a proxy; larger ones take longer and gain little.
-        worthwhile: meshes larger by less than this factor are not decimated.
-        near_enough: an image on a proxy moves to any point of the full mesh within this distance, else to the nearest.
-    """
-
+    # Ratio of the mesh's vertices to the proxy's, within limits. Finer meshes share finer features, to which the target
+    # is registered.
     reduction: int = tuned(8, "1", 1, 1000)
-    min_vertices: int = tuned(4000, "vertices", 4, 10**6)
-    max_vertices: int = tuned(6000, "vertices", 4, 10**6)
-    worthwhile: float = tuned(1.25, "1", 1, 10)
-    near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)
+    min_vertices: int = tuned(4000, "vertices", 4, 10**6)  # minimum size of a proxy
+    max_vertices: int = tuned(6000, "vertices", 4, 10**6)  # larger ones take longer and gain little
+    worthwhile: float = tuned(1.25, "1", 1, 10)  # meshes larger by less than this factor are not decimated
+    near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)  # images move to any point of the full mesh this near
 
 
 PROXY = ProxyTuning()
@@ -50,19 +43,12 @@ ProxyVertices: TypeAlias = int | Literal["auto"] | None
 
 @dataclass(frozen=True, eq=False)
 class Proxy:
-    """A mesh part and its proxy, a smaller mesh; they are the same mesh if the part is small enough.
+    """A mesh part and its proxy, a smaller mesh; they are the same mesh if the part is small enough."""
 
-    Attributes:
-        full: the part.
-        mesh: the proxy, of unit area.
-        vertices: (n, 3) the proxy's vertices in the frame of the part.
-        merged: (n_full,) the proxy's vertex that each vertex of the part was merged into.
-    """
-
-    full: WorkingMesh
-    mesh: WorkingMesh
-    vertices: Floats
-    merged: Integers
+    full: WorkingMesh  # the part
+    mesh: WorkingMesh  # the proxy, of unit area
+    vertices: Floats  # (n, 3) the proxy's vertices in the frame of the part
+    merged: Integers  # (n_full,) the proxy's vertex that each vertex of the part was merged into
 
     @cached_property
     def place(self) -> SurfaceMap:

@@ -37,35 +37,23 @@ Quota: TypeAlias = tuple[int, int]
 
 @dataclass(frozen=True)
 class RankingTuning(Tuning, set_by="correspondence"):
-    """Which hypotheses to refine, and to which size.
+    """Which hypotheses to refine, and to which size."""
 
-    Attributes:
-        screening_size: size of the functional maps in the first comparison.
-        screening_step: their growth in an iteration.
-        size: size of the functional maps in the comparison of the best ones.
-        step: their growth in an iteration.
-        reverse_start: initial size of the functional map in the other direction.
-        reverse_step: its growth in an iteration.
-        margin: distinct maps whose scores exceed the best one by less than this are compared and aligned in space,
-            within the quotas.
-        direct: minimum and maximum number of maps that keep the orientation; a user may choose among them.
-        mirrored: minimum and maximum number of mirror images.
-        clear_orientation: a map whose normals disagree with the target's by more than this is a mirror image. If
-            agreement and disagreement balance, the map mirrors only some limbs, which alignment in space corrects.
-        mirror_penalty: score added to the mirror image of a cloth, which a plane fits as well as the cloth itself.
-    """
-
-    screening_size: int = tuned(30, "eigenfunctions", 4, 1000)
-    screening_step: int = tuned(2, "eigenfunctions", 1, 100)
-    size: int = tuned(60, "eigenfunctions", 4, 1000)
-    step: int = tuned(5, "eigenfunctions", 1, 100)
-    reverse_start: int = tuned(16, "eigenfunctions", 2, 1000)
-    reverse_step: int = tuned(4, "eigenfunctions", 1, 100)
+    screening_size: int = tuned(30, "eigenfunctions", 4, 1000)  # size of the functional maps in the first comparison
+    screening_step: int = tuned(2, "eigenfunctions", 1, 100)  # their growth in an iteration
+    size: int = tuned(60, "eigenfunctions", 4, 1000)  # size of the functional maps in the comparison of the best ones
+    step: int = tuned(5, "eigenfunctions", 1, 100)  # their growth in an iteration
+    reverse_start: int = tuned(16, "eigenfunctions", 2, 1000)  # initial size in the other direction
+    reverse_step: int = tuned(4, "eigenfunctions", 1, 100)  # its growth in an iteration
+    # Distinct maps whose scores exceed the best one by less than this are compared and aligned in space, within the
+    # quotas.
     margin: float = tuned(1.5, "1", 0, 100)
-    direct: Quota = tuned((4, 14), "candidates", 1, 1000)
-    mirrored: Quota = tuned((2, 4), "candidates", 0, 1000)
+    direct: Quota = tuned((4, 14), "candidates", 1, 1000)  # fewest and most that keep the orientation
+    mirrored: Quota = tuned((2, 4), "candidates", 0, 1000)  # fewest and most mirror images
+    # A map whose normals disagree with the target's by more than this is a mirror image. If agreement and disagreement
+    # balance, the map mirrors only some limbs, which alignment in space corrects.
     clear_orientation: float = tuned(0.2, "1", 0, 1)
-    mirror_penalty: float = tuned(0.5, "1", 0, 100)
+    mirror_penalty: float = tuned(0.5, "1", 0, 100)  # of a cloth's mirror image, which a plane fits as well
 
 
 RANKING = RankingTuning()
@@ -80,22 +68,14 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     also used without its right maps, at a tenth of the weight, because these may not be found. In cross-validation over
     kinds, all 203 maps above 90 % were right: 73 % of all right maps, and 91 % of those between two poses or persons.
     Of 256 pairs without their right maps, 39 were above 90 %.
-
-    Attributes:
-        another_map: mean distance of images above which two maps are rivals.
-        rivalry: rate at which the odds of a rival decrease with the lead in score.
-        largest_lead: lead beyond which the odds stay constant.
-        misfit: logarithm of the odds against a map whose mean distance in space is 1.
-        misfit_rate: rate at which it increases with the logarithm of the distance.
-        unlikely: certainty below which the right map of whole shapes may be missing, and more guesses are tried.
     """
 
-    another_map: float = tuned(0.1, "at unit area", 0, 2)
-    rivalry: float = tuned(3.85, "1", 0, 100)
-    largest_lead: float = tuned(20.0, "1", 0, 100)
-    misfit: float = tuned(27.73, "1", -100, 100)
-    misfit_rate: float = tuned(8.25, "1", 0, 100)
-    unlikely: float = tuned(0.5, "probability", 0, 1)
+    another_map: float = tuned(0.1, "at unit area", 0, 2)  # mean distance of images above which two maps are rivals
+    rivalry: float = tuned(3.85, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
+    largest_lead: float = tuned(20.0, "1", 0, 100)  # lead beyond which the odds stay constant
+    misfit: float = tuned(27.73, "1", -100, 100)  # log odds against a map whose mean distance in space is 1
+    misfit_rate: float = tuned(8.25, "1", 0, 100)  # rate at which it increases with the logarithm of the distance
+    unlikely: float = tuned(0.5, "probability", 0, 1)  # more guesses are tried below this certainty
 
 
 CERTAINTY = CertaintyTuning()
@@ -103,38 +83,26 @@ CERTAINTY = CertaintyTuning()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidate(Summary):
-    """A map between two shapes' samples, with its scores.
+    """A map between two shapes' samples, with its scores."""
 
-    Attributes:
-        origin: name of the hypothesis that it was refined from.
-        reverses_orientation: whether it reverses the orientation, as a mirror image does.
-        mirrored: whether it maps the target's mirror image. This equals `reverses_orientation`, unless the outer side
-            of an open surface is unknown: then it may be a map onto the other side.
-        functional_map: (k_target, k_source).
-        reverse_functional_map: (k_source, k_target), of the map found in the other direction.
-        sample_map: (s_t,) for each search sample of the target the number of its source sample.
-        anchors: constraints of the search at all vertices.
-        final_anchors: constraints of the final map, if the user gave any.
-        certainty: probability, in [0, 1], that this map is right, among the maps of the same orientation.
-        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with
-            constraints, and their total; the lowest total is the most likely map.
-        part_match: the placement of one shape as a part of the other, from which the map is found by registration;
-            None for maps of two whole shapes.
-        turns: number of maps, this one included, that differ only by rotational symmetries of one of the shapes.
-    """
-
-    origin: str
-    reverses_orientation: bool
+    origin: str  # name of the hypothesis that it was refined from
+    reverses_orientation: bool  # whether it reverses the orientation, as a mirror image does
+    # Whether it maps the target's mirror image. This equals `reverses_orientation`, unless the outer side of an open
+    # surface is unknown: then it may be a map onto the other side.
     mirrored: bool
-    functional_map: Floats
-    reverse_functional_map: Floats
-    sample_map: Integers
-    anchors: Anchors | None
-    final_anchors: Anchors | None
-    certainty: float
+    functional_map: Floats  # (k_target, k_source)
+    reverse_functional_map: Floats  # (k_source, k_target), of the map found in the other direction
+    sample_map: Integers  # (s_t,) for each search sample of the target the number of its source sample
+    anchors: Anchors | None  # constraints of the search at all vertices
+    final_anchors: Anchors | None  # constraints of the final map, if the user gave any
+    certainty: float  # probability, in [0, 1], that this map is right, among the maps of the same orientation
+    # Commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with constraints, and
+    # their total; the lowest total is the most likely map.
     scores: dict[str, float]
+    # The placement of one shape as a part of the other, from which the map is found by registration; None for maps of
+    # two whole shapes.
     part_match: PartCandidate | None = None
-    turns: int = 1
+    turns: int = 1  # number of maps, this one included, that differ only by rotational symmetries of one of the shapes
 
     def _summary(self) -> dict[str, str]:
         return {
@@ -162,25 +130,15 @@ def rank(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     disagreement: Disagreement = no_disagreement,
+    # Numbers of maps to compare that keep the orientation, and that reverse it; tuned numbers by default.
     quotas: tuple[Quota, Quota] | None = None,
+    # Disagreement of normals from which on a map is a mirror image; the tuned number by default.
     clear_orientation: float | None = None,
+    # Whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether it reverses
+    # the orientation.
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
 ) -> list[Candidate]:
-    """Refine hypotheses, drop duplicates and poor ones, and score the rest in both directions.
-
-    Args:
-        hypotheses: any number.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        disagreement: with the constraints.
-        quotas: numbers of maps to compare that keep the orientation, and that reverse it; tuned numbers by default.
-        clear_orientation: disagreement of normals from which on a map is a mirror image; the tuned number by default.
-        wanted: whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether
-            it reverses the orientation.
-
-    Returns:
-        Candidates, the most likely first; mirror images come after all others.
-    """
+    """Refine hypotheses, drop duplicates and poor ones, and score the rest both ways; mirror images come last."""
     shapes = source, target
     clear = RANKING.clear_orientation if clear_orientation is None else clear_orientation
     quotas = (RANKING.direct, RANKING.mirrored) if quotas is None else quotas
@@ -206,21 +164,14 @@ def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAn
     """
     apart = sides_are_known(source, target)
     ranked = sorted(candidates, key=lambda candidate: (apart and candidate.mirrored, candidate.scores["total"]))
-    return [
-        replace(
-            candidate,
-            certainty=_certainty(
-                candidate, [other for other in ranked if not apart or other.mirrored == candidate.mirrored], source
-            ),
-        )
-        for candidate in ranked
-    ]
+    rivals = {side: [one for one in ranked if not apart or one.mirrored == side] for side in (False, True)}
+    return [replace(one, certainty=_certainty(one, rivals[one.mirrored], source)) for one in ranked]
 
 
 def with_others(
     candidates: Sequence[Candidate], others: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis
 ) -> list[Candidate]:
-    """Merge candidates with others that are different maps; the most likely first, with their certainty."""
+    """Merge candidates with those of others that are different maps; the most likely first, with their certainty."""
     places = [source.coordinates[candidate.sample_map] for candidate in (*candidates, *others)]
     known = alike(places, HYPOTHESES.same_map)[len(candidates) :, : len(candidates)].any(axis=1)
     new = [other for other, is_known in zip(others, known, strict=True) if not is_known]
@@ -261,20 +212,20 @@ def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -
 
 
 def _screen(
-    hypothesis: Hypothesis,
+    guess: Hypothesis,
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     disagreement: Disagreement,
     clear_orientation: float,
 ) -> _Screened:
     size = min(RANKING.screening_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    anchors = _at_search_samples(hypothesis.anchors, source, target)
+    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
     step = RANKING.screening_step
-    functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, step, anchors)
+    functional_map, sample_map = upsample(source.search, target.search, guess.functional_map, size, step, anchors)
     reverses = orientation_agreement(sample_map, source, target) < -clear_orientation
     scores = scores_of(functional_map, sample_map, source, target, reverses)
-    scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
-    return _Screened(hypothesis, functional_map, sample_map, reverses, total_score(scores))
+    scores |= disagreement(functional_map, sample_map, guess.anchors)
+    return _Screened(guess, functional_map, sample_map, reverses, total_score(scores))
 
 
 def _leading(
@@ -300,7 +251,8 @@ def _leading(
 def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement) -> Candidate:
     """Refine further, compute the reverse map independently, and average the scores of both."""
     size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
-    anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
+    guess, reverses = entry.hypothesis, entry.reverses_orientation
+    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
     swapped = None if anchors is None else anchors.swap()
     step = RANKING.step
     functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, step, anchors)
@@ -309,25 +261,10 @@ def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, d
     start = min(RANKING.reverse_start, size)
     reverse = source.search.fit(target.search.rows[back, :start], start)
     reverse, reverse_map = upsample(target.search, source.search, reverse, size, RANKING.reverse_step, swapped)
-    reverses = entry.reverses_orientation
     there = scores_of(functional_map, sample_map, source, target, reverses)
     back_again = scores_of(reverse, reverse_map, target, source, reverses)
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}
-    scores |= disagreement(functional_map, sample_map, entry.hypothesis.anchors)
+    scores |= disagreement(functional_map, sample_map, guess.anchors)
     scores["total"] = total_score(scores)
-    return Candidate(
-        entry.hypothesis.origin,
-        reverses,
-        reverses,
-        functional_map,
-        reverse,
-        sample_map,
-        entry.hypothesis.anchors,
-        entry.hypothesis.final_anchors,
-        0.0,
-        scores,
-    )
-
-
-def _at_search_samples(anchors: Anchors | None, source: ShapeAnalysis, target: ShapeAnalysis) -> Anchors | None:
-    return None if anchors is None else anchors.at(source.search.samples, target.search.samples)
+    maps, anchors_of_map = (functional_map, reverse, sample_map), (guess.anchors, guess.final_anchors)
+    return Candidate(guess.origin, reverses, reverses, *maps, *anchors_of_map, 0.0, scores)

@@ -32,24 +32,19 @@ MAX_ROUNDS_AT_FINAL_SIZE = 5
 
 
 class Schedule(NamedTuple):
-    """Rounds on samples.
+    """Rounds on samples."""
 
-    Attributes:
-        aligning: size of the functional map, and diffusion length, at unit area, over which images are smoothed: the
-            target is aligned with the source in space, which decides the orientation of its limbs.
-        settling: first and last size of the functional map, which grows once more by the step, with a lower weight of
-            positions in space.
-    """
-
+    # Size of the functional map, and diffusion length, at unit area, over which images are smoothed: the target is
+    # aligned with the source in space, which decides the orientation of its limbs.
     aligning: tuple[tuple[int, float], ...]
+    # First and last size of the functional map, which grows once more by the step, with a lower weight of positions in
+    # space.
     settling: tuple[int, int]
 
     def settling_sizes(self, step: int, size: int) -> list[int]:
-        """Sizes of the functional map while it settles: the last step of the schedule is the longest.
+        """Sizes of the functional map while it settles, growing by `step`: the last step is the longest.
 
-        Args:
-            step: growth in each round.
-            size: of the final functional map, which limits the schedule or continues it.
+        The size of the final functional map limits the schedule or continues it.
         """
         first, last = self.settling
         scheduled = [*range(first, max(first, last - step) + 1, step), last]
@@ -64,44 +59,34 @@ class RefinementTuning(Tuning, set_by="correspondence"):
 
     The weights of positions hold for shapes of the usual ratio of misses along the surface and in space. The less alike
     shapes are, the larger is that ratio, and the weights grow with its square, within limits.
-
-    Attributes:
-        between_shapes: rounds of two shapes.
-        onto_itself: rounds of a shape with itself, which is isometric: fewer rounds lead as far.
-        settling_weight: of positions in space in the rounds of settling. Nearly isometric shapes agree better along the
-            surface than any alignment in space.
-        steepness: below the usual ratio that weight falls with this power of the factor more.
-        finishing_weight: of positions in space on all vertices, where eigenfunctions decide; it keeps triangles from
-            turning over.
-        finishing_size: of the functional map from which on that weight falls with the inverse square of its size, for
-            positions are known no better by more eigenfunctions.
-        usual_ratio: of the squares of the mean misses along the surface and in space.
-        min_factor: of the weights.
-        max_factor: of the weights.
-        around_sample: vertices of the source, around the nearest sample, that are searched for an image.
-        vertices_per_function: coarser meshes do not resolve the eigenfunctions alike, and larger maps are worse.
-        max_functions_back: eigenfunctions of the map back, from which confidence is computed; it need not be as fine.
     """
 
+    # Rounds of two shapes.
     between_shapes: Schedule = tuned(
         Schedule(((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04)), (30, 120)),
         "eigenfunctions, and lengths at unit area",
         0,
         1000,
     )
+    # Rounds of a shape with itself, which is isometric: fewer rounds lead as far.
     onto_itself: Schedule = tuned(
         Schedule(((30, 0.08), (60, 0.06)), (90, 120)), "eigenfunctions, and lengths at unit area", 0, 1000
     )
+    # Of positions in space in the rounds of settling. Nearly isometric shapes agree better along the surface than any
+    # alignment in space.
     settling_weight: float = tuned(0.2, "1", 0, 100)
-    steepness: float = tuned(4, "1", 0, 20)
+    steepness: float = tuned(4, "1", 0, 20)  # below the usual ratio it falls with this power of the factor more
+    # Of positions in space on all vertices, where eigenfunctions decide; it keeps triangles from turning over.
     finishing_weight: float = tuned(0.05, "1", 0, 100)
+    # Of the functional map from which on that weight falls with the inverse square of its size, for positions are known
+    # no better by more eigenfunctions.
     finishing_size: int = tuned(120, "eigenfunctions", 1, 1000)
-    usual_ratio: float = tuned(2.5, "1", 0.01, 100)
-    min_factor: float = tuned(0.2, "1", 0, 1)
-    max_factor: float = tuned(4.0, "1", 1, 100)
-    around_sample: int = tuned(48, "vertices", 1, 10_000)
-    vertices_per_function: int = tuned(16, "vertices", 1, 1000)
-    max_functions_back: int = tuned(120, "eigenfunctions", 4, 1000)
+    usual_ratio: float = tuned(2.5, "1", 0.01, 100)  # of the squares of the mean misses along the surface and in space
+    min_factor: float = tuned(0.2, "1", 0, 1)  # of the weights
+    max_factor: float = tuned(4.0, "1", 1, 100)  # of the weights
+    around_sample: int = tuned(48, "vertices", 1, 10_000)  # around the nearest sample, to search for an image
+    vertices_per_function: int = tuned(16, "vertices", 1, 1000)  # on coarser meshes, larger maps are worse
+    max_functions_back: int = tuned(120, "eigenfunctions", 4, 1000)  # of the map back, for the confidence
 
 
 REFINEMENT = RefinementTuning()
@@ -110,29 +95,16 @@ REFINEMENT = RefinementTuning()
 def refine(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    functional_map: Floats,
-    anchors: Anchors | None,
-    mirrored: bool,
-    k_final: int,
-    step: int,
+    functional_map: Floats,  # (k_target, k_source) of the candidate
+    anchors: Anchors | None,  # what holds it in place, at all vertices
+    mirrored: bool,  # it maps the target's mirror image
+    k_final: int,  # size of the final functional map; less on coarse meshes
+    step: int,  # its growth in a round, once the target is aligned with the source
+    # Of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
     schedule: Schedule | None = None,
 ) -> tuple[SurfaceMap, Floats]:
-    """From a candidate's functional map to a precise point for every vertex of the target's mesh.
-
-    Args:
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        functional_map: (k_target, k_source) of the candidate.
-        anchors: what holds it in place, at all vertices.
-        mirrored: it maps the target's mirror image.
-        k_final: size of the final functional map; less on coarse meshes.
-        step: its growth in a round, once the target is aligned with the source.
-        schedule: of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
-
-    Returns:
-        The map between the shapes' meshes, and its functional map.
-    """
-    available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""
+    available = min(len(source.basis.eigenvalues), target.sampled.rows.shape[1])
     resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // REFINEMENT.vertices_per_function
     size = min(k_final, available, max(RANKING.screening_size, resolved))
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
@@ -159,27 +131,26 @@ def refine(
     advance(0.7)
     aligned = align(images, target, width, mirrored)
     aligned = aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
-    pair = embeddings(source, target, functional_map, anchors)
+    pair = coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
     queries, embedded = beside_places(*pair, aligned, source, size, weight)
     near = _nearest_near_samples(queries, embedded, source)
     advance(0.85)
     dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
-    functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
-    return dense, functional_map
+    return dense, functional_map_by(dense, source, target, (size, size))
+
+
+def functional_map_by(
+    surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, size: tuple[int, ...]
+) -> Floats:
+    """(k_target, k_source) functional map of a map between the meshes of two shapes."""
+    images = surface_map.interpolate(source.basis.eigenvectors[:, : size[1]])
+    return target.basis.coefficients(images)[: size[0]]
 
 
 def _weight_factor(
     vertex: Integers, aligned: Alignment, source: ShapeAnalysis, target: ShapeAnalysis, size: int
 ) -> float:
-    """Factor of the weights of positions in space, from the errors of a map in space and along the surface.
-
-    Args:
-        vertex: (s,) the source vertex of each of the target's samples.
-        aligned: the samples, aligned with the source.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        size: of the functional map.
-    """
+    """Factor of the weights of positions in space, from the errors of a map (s,) in space and along the surface."""
     images = source.basis.eigenvectors[vertex, :size]
     mapped = images @ target.sampled.fit(images, size).T
     along = spectral_distance(target.sampled.rows[:, :size], mapped, target.basis.eigenvalues[:size])
@@ -193,10 +164,3 @@ def _nearest_near_samples(queries: Floats, embedded: Floats, source: ShapeAnalys
     vertices, samples = source.mesh.vertices, source.sampled.samples
     around = np.asarray(cKDTree(vertices).query(vertices[samples], min(REFINEMENT.around_sample, len(vertices)))[1])
     return nearest_among(queries, embedded, around[nearest(queries, embedded[samples])])
-
-
-def embeddings(
-    source: ShapeAnalysis, target: ShapeAnalysis, functional_map: Floats, anchors: Anchors | None
-) -> tuple[Floats, Floats]:
-    """Coordinates (n_t, d) of the target's vertices and (n_s, d) of the source's, near where they correspond."""
-    return coordinates(target.basis.eigenvectors, source.basis.eigenvectors, functional_map, anchors)

@@ -27,6 +27,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.branches import exchange_branches
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES, MAX_GEODESIC_DISTANCE
+from zoomout_core.matching.registration.nonrigid_icp import replace_images
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -42,73 +43,43 @@ BEYOND = 1e3
 
 @dataclass(frozen=True)
 class RepairTuning(Tuning, set_by="everywhere"):
-    """Which edges are torn, and how their surroundings are projected to the source.
+    """Which edges are torn, and how their surroundings are projected to the source."""
 
-    Attributes:
-        max_stretch: an edge is torn if its image is longer than this multiple of the median ratio of all edges,
-        min_length: and longer than this.
-        small_patch: a patch that torn edges cut off is filled in if it is smaller than this fraction of its component.
-        min_trusted: a component is repaired only if this fraction of its area is not torn.
-        samples: maximum number of points on the source to which places are projected, unless it has more triangles.
-        candidates: nearest samples that are compared.
-        normal_weight: the distance that counts as much as a unit difference of normals.
-        geodesic_weight: the distance that counts as much as a unit of geodesic distance.
-    """
-
-    max_stretch: float = tuned(4.0, "1", 1, 100)
-    min_length: float = tuned(0.02, "at unit area", 0, 1)
-    small_patch: float = tuned(0.02, "1", 0, 1)
-    min_trusted: float = tuned(0.5, "1", 0, 1)
-    samples: int = tuned(120_000, "points", 1, 10_000_000)
-    candidates: int = tuned(48, "points", 2, 1000)
-    normal_weight: float = tuned(0.02, "at unit area", 0, 10)
-    geodesic_weight: float = tuned(0.3, "1", 0, 10)
+    max_stretch: float = tuned(4.0, "1", 1, 100)  # torn edges are longer than this multiple of the median ratio,
+    min_length: float = tuned(0.02, "at unit area", 0, 1)  # and longer than this
+    small_patch: float = tuned(0.02, "1", 0, 1)  # patches below this part of their component are filled in
+    min_trusted: float = tuned(0.5, "1", 0, 1)  # a component is repaired only if this fraction of its area is not torn
+    samples: int = tuned(120_000, "points", 1, 10_000_000)  # of the source to project to, or all its triangles
+    candidates: int = tuned(48, "points", 2, 1000)  # nearest samples that are compared
+    normal_weight: float = tuned(0.02, "at unit area", 0, 10)  # distance that equals a unit difference of normals
+    geodesic_weight: float = tuned(0.3, "1", 0, 10)  # the distance that counts as much as a unit of geodesic distance
 
 
 REPAIR = RepairTuning()
 
 
 class Repair(NamedTuple):
-    """A repaired map.
+    """A repaired map."""
 
-    Attributes:
-        surface_map: from the target to the source.
-        filled: (n_t,) vertices whose images were filled in from their surroundings.
-        torn: (n_t,) vertices at edges that are torn still.
-    """
-
-    surface_map: SurfaceMap
-    filled: Booleans
-    torn: Booleans
+    surface_map: SurfaceMap  # from the target to the source
+    filled: Booleans  # (n_t,) vertices whose images were filled in from their surroundings
+    torn: Booleans  # (n_t,) vertices at edges that are torn still
 
 
 @dataclass(frozen=True, eq=False)
 class _Images:
-    """The images of the working vertices of a target.
+    """The images of the working vertices of a target."""
 
-    Attributes:
-        triangle: (n,) of the source's working mesh.
-        barycentric: (n, 3).
-        features: (n, 6 + d) positions, normals, and geodesic distances to some samples of the source, at unit area.
-    """
-
-    triangle: Integers
-    barycentric: Floats
-    features: SingleFloats
+    triangle: Integers  # (n,) of the source's working mesh
+    barycentric: Floats  # (n, 3)
+    features: SingleFloats  # (n, 6 + d) positions, normals, and geodesic distances to some samples, at unit area
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
-    """Match branches anew that are on the wrong branch, and fill in the places at which a map is torn.
-
-    Exact landmarks keep their images.
-
-    Args:
-        pair: the surfaces, and the source's geodesic distances.
-        surface_map: from the target to the source.
-    """
-    exchanged = exchange_branches(pair, surface_map)
-    first = _fill_torn(pair, *exchanged)
-    if not exchanged.unsettled.any():
+    """Match branches anew that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
+    exchanged, unsettled = exchange_branches(pair, surface_map)
+    first = _fill_torn(pair, exchanged, unsettled)
+    if not unsettled.any():
         return first
     second = _fill_torn(pair, *exchange_branches(pair, first.surface_map))  # at new bases, branches may be wrong still
     return second._replace(filled=first.filled | second.filled)
@@ -130,9 +101,8 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, unsettled: Booleans) -> Repa
     images = _Images(triangle, barycentric, _interpolate(corners, source.working.triangles[triangle], barycentric))
     fixed = np.zeros(len(member), dtype=bool)
     if pair.exact_landmarks is not None:
-        fixed[
-            vertex_of[used[cKDTree(target.vertices[used]).query(landmark_points(pair, pair.exact_landmarks)[1])[1]]]
-        ] = True
+        points = landmark_points(pair, pair.exact_landmarks)[1]
+        fixed[vertex_of[used[cKDTree(target.vertices[used]).query(points)[1]]]] = True
 
     edges, _ = unique_edges(mesh.triangles)
     own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
@@ -144,14 +114,10 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, unsettled: Booleans) -> Repa
     at_torn = np.zeros(len(filled), dtype=bool)
     at_torn[edges[torn]] = True
     changed = used[filled[vertex_of[used]]]
-    new_triangle, new_barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
-    new_triangle[changed] = source.working.triangle_of[images.triangle[vertex_of[changed]]]
-    new_barycentric[changed] = images.barycentric[vertex_of[changed]]
-    return Repair(
-        SurfaceMap(new_triangle, new_barycentric, surface_map.source_triangles),
-        _on_surface(filled, vertex_of),
-        _on_surface(at_torn & ~fixed, vertex_of),
-    )
+    new_triangle = source.working.triangle_of[images.triangle[vertex_of[changed]]]
+    new = SurfaceMap(new_triangle, images.barycentric[vertex_of[changed]], surface_map.source_triangles)
+    repaired = replace_images(surface_map, changed, new)
+    return Repair(repaired, _on_surface(filled, vertex_of), _on_surface(at_torn & ~fixed, vertex_of))
 
 
 def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
@@ -174,13 +140,9 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
 
 
 def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | None = None) -> tuple[Booleans, float]:
-    """Which edges (e,) have images that are far too long in space or along the surface, and the ratio from which on.
+    """Which edges (e, 2) have images that are far too long in space or along the surface, and the ratio from which on.
 
-    Args:
-        features: (n, 6 + d) of the images.
-        edges: (e, 2) vertex numbers.
-        own: (e,) lengths on the target.
-        limit: the ratio, if it is known.
+    The features (n, 6 + d) are those of the images, and `own` (e,) are the lengths on the target.
     """
     length = np.empty(len(edges))
     for first in range(0, len(edges), BLOCK):
@@ -195,13 +157,7 @@ def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | N
 
 
 def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
-    """(n,) the vertices near torn edges, and the small patches that these cut off, on components that are mostly whole.
-
-    Args:
-        mesh: of the target.
-        edges: (e, 2) its edges.
-        torn: (e,) which of them are torn.
-    """
+    """(n,) vertices near torn edges and on small patches that these cut off, on components that are mostly whole."""
     n, areas = len(mesh.vertices), vertex_areas(mesh.vertices, mesh.triangles)
     patch = connected_components(_graph(edges[~torn], n), directed=False)[1]
     component_area = np.bincount(mesh.component, areas)[mesh.component]
@@ -219,15 +175,8 @@ def _fill(
     """Fill in some images harmonically from the others, and project them to the source.
 
     A part of the target stays on the parts of the source that its trusted images are on: a shirt does not land on the
-    body below it.
-
-    Args:
-        images: of all vertices.
-        filled: (n,) which vertices to fill in.
-        edges: (e, 2) of the target.
-        component: (n,) of the target.
-        source: the mesh that images lie on.
-        corners: (n_s, 6 + d) features of its vertices.
+    body below it. `edges` and `component` (n,) are those of the target, and `corners` (n_s, 6 + d) the features of the
+    source's vertices.
     """
     graph = csr_array(_graph(edges, len(filled)))
     vertices = np.flatnonzero(filled)
@@ -253,15 +202,9 @@ def _project(
 ) -> tuple[Integers, Floats]:
     """The points of a source closest to goals (q, 6 + d), in space, in direction and along the surface.
 
-    Args:
-        goals: positions, normals, and geodesic distances to some samples.
-        source: the mesh.
-        corners: (n_s, 6 + d) the same of its vertices.
-        allowed: (a,) sorted; the keys of a part of the target and a component of the source that it lands on.
-        first_key: (q,) the key of each goal's part and the first component; the others follow.
-
-    Returns:
-        (q,) triangle numbers, -1 where no point near a goal is allowed, and (q, 3) barycentric coordinates.
+    A goal lands on a component of the source if `allowed` (a,), sorted, has the sum of its `first_key` (q,) and of the
+    component's number. Returns (q,) triangle numbers, -1 where no point near a goal is allowed, and (q, 3) barycentric
+    coordinates.
     """
     count = len(source.triangles) * SAMPLES_OF_TRIANGLE
     count = max(min(count, REPAIR.samples), len(source.triangles))

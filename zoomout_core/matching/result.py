@@ -151,9 +151,8 @@ class MatchResult(Summary):
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
         """Rough images of a candidate, before its full map is computed.
 
-        Returns:
-            (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the source
-            for each of them.
+        Returns (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the
+        source for each of them.
         """
         source, target = self.pair.source_shape, self.pair.target_shape
         images = source.search.samples[self.candidates[candidate].sample_map]

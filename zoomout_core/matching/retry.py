@@ -87,11 +87,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
 def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
     """Choose between a match of two whole shapes and one of a part, by certainty.
 
-    Args:
-        whole: the attempt at two wholes.
-        pair: its pair with both shapes in one unit.
-        candidates: for this pair with one shape as a part.
-        likely: certainty below which no shape is taken for a part.
+    The candidates are those of the pair in one unit; below the certainty `likely` no shape is taken for a part.
     """
     # The certainty of the map of two wholes knows nothing of their sizes.
     of_whole = certainty_but_for_turns(whole.candidates) * (REGION.as_wholes if is_small(*part_of(pair)) else 1)

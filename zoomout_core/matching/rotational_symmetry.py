@@ -18,8 +18,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, alike
-from zoomout_core.matching.ranking import CERTAINTY, RANKING, Candidate, in_order
+from zoomout_core.matching.ranking import CERTAINTY, RANKING, Candidate, with_others
 from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, total_score
 from zoomout_core.runtime.once import once_per_argument
 
@@ -59,12 +58,6 @@ def with_turned(
     """Candidates with the best one composed with all rotational symmetries, the most likely first.
 
     Only evidence, such as landmarks, distinguishes the composed maps.
-
-    Args:
-        candidates: the most likely first.
-        source: the shape that the maps land on.
-        target: the shape that the maps start from.
-        disagreement: with what is known of the map.
     """
     best, of_source, of_target = candidates[0], self_maps(source), self_maps(target)
     if not len(of_source) and not len(of_target):
@@ -78,22 +71,13 @@ def with_turned(
         turns = of_target[:, :k_target, :k_target]
         maps, reverse_maps = turns @ there, back @ np.swapaxes(turns, 1, 2)
     sample_maps = nearest_samples(source.search, target.search, maps)
+    like_best = replace(best, origin=f"{best.origin}, turned", anchors=best.final_anchors)
     turned = [
-        replace(
-            best,
-            origin=f"{best.origin}, turned",
-            functional_map=functional_map,
-            reverse_functional_map=reverse_map,
-            sample_map=sample_map,
-            anchors=best.final_anchors,
-        )
+        replace(like_best, functional_map=functional_map, reverse_functional_map=reverse_map, sample_map=sample_map)
         for functional_map, reverse_map, sample_map in zip(maps, reverse_maps, sample_maps, strict=True)
     ]
     same = [replace(_with_evidence(one, best, disagreement), turns=1 + len(turned)) for one in (best, *turned)]
-    places = [source.coordinates[one.sample_map] for one in (*same, *candidates)]
-    found = alike(places, HYPOTHESES.same_map)[len(same) :, : len(same)].any(axis=1)
-    others = [one for one, is_turned in zip(candidates, found, strict=True) if not is_turned]
-    return in_order([*same, *others], source, target)
+    return with_others(same, candidates, source, target)
 
 
 def likely_turns(candidates: Sequence[Candidate], chosen: int) -> int:
@@ -158,17 +142,12 @@ def _starts(moments: Floats) -> Floats:
     share = (np.arange(START_ROTATIONS) + 0.5) / START_ROTATIONS
     angles = 2 * np.pi * (np.arange(START_ROTATIONS) + 0.5)[:, None] / SPIRAL
     radii = np.sqrt(np.column_stack([share, 1 - share]))
-    quaternions = np.hstack([radii[:, :1] * _on_circle(angles[:, 0]), radii[:, 1:] * _on_circle(angles[:, 1])])
-    rotations = Rotation.from_quat(quaternions).as_matrix()
+    circles = radii[..., None] * np.stack([np.sin(angles), np.cos(angles)], axis=2)
+    rotations = Rotation.from_quat(circles.reshape(-1, 4)).as_matrix()
     changed = np.linalg.norm(rotations * moments @ np.swapaxes(rotations, 1, 2) - np.diag(moments), axis=(1, 2))
     # A rotation by a small angle changes them by that angle times their difference, on both sides of the diagonal.
     most = 2**0.5 * START_SPACING * np.ptp(moments) + MOMENT_TOLERANCE * moments.max()
     return np.asarray(rotations[changed < most])
-
-
-def _on_circle(angles: Floats) -> Floats:
-    """(n, 2)"""
-    return np.column_stack([np.sin(angles), np.cos(angles)])
 
 
 def _fitting(rotations: Floats, points: Floats, vertices: Floats, normals: Floats, tree: cKDTree) -> Floats:

@@ -41,31 +41,18 @@ EVIDENCE_WEIGHTS = {
 
 @dataclass(frozen=True)
 class ScoreTuning(Tuning, set_by="correspondence"):
-    """How the criteria are computed, and their weights in the total score (see `total_score`).
+    """How the criteria are computed, and their weights in the total score (see `total_score`)."""
 
-    Attributes:
-        smooth_size: size of the functional maps from which orientation and fit in space are computed.
-        alignment_width: diffusion length over which images are smoothed before the target is aligned with them.
-        orientation_triangles: number of evenly spread triangles that decide whether a map keeps the orientation.
-        place: weight of the logarithm of the mean distance from the source.
-        facing: weight of the logarithm of the mean deviation of normals.
-        commutativity: weight of the logarithm of the error.
-        frequency: weight of the logarithm of the error.
-        distance: weight of the logarithm of the mean change of geodesic distances.
-        curvature: weight of the logarithm of one minus the correlation.
-        handedness: weight of the correlation. From 2 on, self-symmetries of TOSCA are wrong.
-    """
-
-    smooth_size: int = tuned(30, "eigenfunctions", 4, 1000)
-    alignment_width: float = tuned(0.08, "at unit area", 0, 1)
-    orientation_triangles: int = tuned(2000, "triangles", 1, 10**9)
-    place: float = tuned(2.0, "1", 0, 100)
-    facing: float = tuned(1.0, "1", 0, 100)
-    commutativity: float = tuned(1.0, "1", 0, 100)
-    frequency: float = tuned(1.0, "1", 0, 100)
-    distance: float = tuned(0.75, "1", 0, 100)
-    curvature: float = tuned(0.7, "1", 0, 100)
-    handedness: float = tuned(1.2, "1", 0, 100)
+    smooth_size: int = tuned(30, "eigenfunctions", 4, 1000)  # of maps for orientation and fit in space
+    alignment_width: float = tuned(0.08, "at unit area", 0, 1)  # smooths images for the alignment
+    orientation_triangles: int = tuned(2000, "triangles", 1, 10**9)  # that decide about the orientation
+    place: float = tuned(2.0, "1", 0, 100)  # weight of the logarithm of the mean distance from the source
+    facing: float = tuned(1.0, "1", 0, 100)  # weight of the logarithm of the mean deviation of normals
+    commutativity: float = tuned(1.0, "1", 0, 100)  # weight of the logarithm of the error
+    frequency: float = tuned(1.0, "1", 0, 100)  # weight of the logarithm of the error
+    distance: float = tuned(0.75, "1", 0, 100)  # weight of the logarithm of the mean change of geodesic distances
+    curvature: float = tuned(0.7, "1", 0, 100)  # weight of the logarithm of one minus the correlation
+    handedness: float = tuned(1.2, "1", 0, 100)  # of the correlation; from 2 on, self-symmetries of TOSCA are wrong
 
 
 SCORES = ScoreTuning()
@@ -113,14 +100,9 @@ def scores_of(
 
 
 def orientation_agreement(sample_map: Integers, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
-    """How well a map keeps the outward orientation: 1 if everywhere, -1 if it reverses it everywhere.
+    """How well a map (s_t,) of search samples keeps the outward orientation: 1 everywhere, -1 if everywhere reversed.
 
     Normals of the target's triangles at their images, from low-passed positions, are compared with the source's.
-
-    Args:
-        sample_map: (s_t,) for each search sample of the target the number of its source sample.
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
     """
     k = min(SCORES.smooth_size, len(target.basis.eigenvalues))
     images = source.search.samples[sample_map]
@@ -137,14 +119,9 @@ def orientation_agreement(sample_map: Integers, source: ShapeAnalysis, target: S
 def fit_in_space(
     sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> dict[str, float]:
-    """How well the target, aligned with the source by a map, fits it.
+    """How well the target, aligned with the source by a map (s_t,) of search samples, fits it.
 
-    Args:
-        sample_map: (s_t,) for each search sample of the target the number of its source sample.
-        anchors: constraints of the map, at all vertices.
-        mirrored: whether to align the target's mirror image.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
+    Anchors hold the map, at all vertices. A `mirrored` map aligns the target's mirror image.
 
     Returns:
         place: mean distance from the source (0 for a perfect fit);
@@ -161,10 +138,7 @@ def map_after_alignment(
 ) -> tuple[Integers, Alignment]:
     """A map after aligning the target with the source by it, which corrects limbs that are mirrored individually.
 
-    Args as for `fit_in_space`.
-
-    Returns:
-        (s_t,) the source vertex of each search sample of the target, and these samples, aligned.
+    Returns (s_t,) the source vertex of each search sample of the target, and these samples, aligned.
     """
     samples = target.search.samples
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])

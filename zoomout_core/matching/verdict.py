@@ -36,29 +36,17 @@ LOOK_AT_ALONE = "Select the vertices without a partner, and check that the targe
 
 @dataclass(frozen=True)
 class VerdictTuning(Tuning, set_by="everywhere"):
-    """Where a verdict changes its level.
+    """Where a verdict changes its level."""
 
-    Attributes:
-        sure: smallest certainty of a green map.
-        wrong: certainty below which a map is red.
-        torn: largest part of the target's area at torn edges of a green map.
-        shattered: the part from which on a map is red.
-        silent: largest part of the source's outside on parts that do not arrive, of a green map.
-        doubtful: largest part of the target's vertices of low confidence of a green map.
-        alone: largest part of the target's area without a counterpart of a green map.
-        arrived: a part of the source arrives if the target receives this fraction of its visible share from it.
-        visible: a part that makes up less than this share of the outside is not asked for.
-    """
-
-    sure: float = tuned(0.9, "probability", 0, 1)
-    wrong: float = tuned(0.3, "probability", 0, 1)
-    torn: float = tuned(0.02, "1", 0, 1)
-    shattered: float = tuned(0.2, "1", 0, 1)
-    silent: float = tuned(0.001, "1", 0, 1)
-    doubtful: float = tuned(0.5, "1", 0, 1)
-    alone: float = tuned(0.1, "1", 0, 1)
-    arrived: float = tuned(0.25, "1", 0, 1)
-    visible: float = tuned(0.001, "1", 0, 1)
+    sure: float = tuned(0.9, "probability", 0, 1)  # smallest certainty of a green map
+    wrong: float = tuned(0.3, "probability", 0, 1)  # certainty below which a map is red
+    torn: float = tuned(0.02, "1", 0, 1)  # largest part of the target's area at torn edges of a green map
+    shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
+    silent: float = tuned(0.001, "1", 0, 1)  # largest part of the outside on parts that do not arrive, of a green map
+    doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's vertices of low confidence of a green map
+    alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a counterpart of a green map
+    arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
+    visible: float = tuned(0.001, "1", 0, 1)  # smaller shares of the outside are not asked for
 
 
 VERDICT = VerdictTuning()
@@ -111,22 +99,19 @@ NO_FAULTS = Faults()
 def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
     torn, silent, doubtful, alone, mirrored = faults
-    if certainty < VERDICT.wrong:
-        return Verdict(RED, message(WRONG, certainty=certainty), message(TRY_CANDIDATES))
-    if torn > VERDICT.shattered:
-        return Verdict(RED, message(SHATTERED, share=torn), message(TRY_CANDIDATES))
-    if certainty < VERDICT.sure:
-        return Verdict(AMBER, message(UNSURE, certainty=certainty), message(LOOK_AT_SIDES))
-    if mirrored:
-        return Verdict(AMBER, message(MIRRORED), message(ONLY_IF_MIRRORED))
-    if silent > VERDICT.silent:
-        return Verdict(AMBER, message(SILENT, share=silent), message(LOOK_AT_PARTS))
-    if torn > VERDICT.torn:
-        return Verdict(AMBER, message(TORN, share=torn), message(LOOK_AT_TORN))
-    if doubtful > VERDICT.doubtful:
-        return Verdict(AMBER, message(DOUBTFUL, share=doubtful), message(LOOK_AT_DOUBTFUL))
-    if alone > VERDICT.alone:
-        return Verdict(AMBER, message(ALONE, share=alone), message(LOOK_AT_ALONE))
+    cases = (
+        (certainty < VERDICT.wrong, RED, message(WRONG, certainty=certainty), TRY_CANDIDATES),
+        (torn > VERDICT.shattered, RED, message(SHATTERED, share=torn), TRY_CANDIDATES),
+        (certainty < VERDICT.sure, AMBER, message(UNSURE, certainty=certainty), LOOK_AT_SIDES),
+        (mirrored, AMBER, message(MIRRORED), ONLY_IF_MIRRORED),
+        (silent > VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),
+        (torn > VERDICT.torn, AMBER, message(TORN, share=torn), LOOK_AT_TORN),
+        (doubtful > VERDICT.doubtful, AMBER, message(DOUBTFUL, share=doubtful), LOOK_AT_DOUBTFUL),
+        (alone > VERDICT.alone, AMBER, message(ALONE, share=alone), LOOK_AT_ALONE),
+    )
+    for is_present, level, sentence, advice in cases:
+        if is_present:
+            return Verdict(level, sentence, message(advice))
     return Verdict(GREEN, message(RIGHT, certainty=certainty), "")
 
 

@@ -2,6 +2,7 @@
 """Read .blend, .fbx and other files through Blender, in a child process.
 
 The process runs a command of this project's extension (`blender --command zoomout`), which writes its results to files.
+It starts in an empty folder, see `runtime.child_process`.
 An extension that is installed beside the core in a Python with `bpy` registers entry points in the group
 `ENTRY_POINTS`, so that the core does not depend on its modules.
 """
@@ -22,6 +23,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.child_process import child_environment
 from zoomout_core.runtime.progress import advance, stage
 
 # Formats that only Blender reads, and others that it imports.
@@ -60,21 +62,19 @@ def blender_command(program: str | None = None) -> list[str]:
     """
     named = program or os.environ.get(PROGRAM)
     found = shutil.which(named or "blender")
+    if found and not os.path.isabs(found) and found != named:
+        found = None  # Windows looks for programs in the working folder first
     if named and found is None:
         raise MeshError(f"There is no program {named}: give the path of Blender 4.2 or newer.")
     if not named and (extension := extension_module("main")):
         return [sys.executable, "-m", extension.module]
     if found is None:
         raise MeshError(NO_BLENDER)
-    return [found, "--background", "--disable-autoexec", "--command", "zoomout"]
+    return [os.path.abspath(found), "--background", "--disable-autoexec", "--command", "zoomout"]
 
 
 def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[str, Any]:
-    """Run a command of the extension, and return its report.
-
-    Args:
-        arguments: arguments of the command, without `--report`.
-        program: see `blender_command`.
+    """Run a command of the extension, with arguments except `--report` and with absolute paths, and return its report.
 
     Raises:
         MeshError: Blender is missing or failed; the message is Blender's.
@@ -90,6 +90,7 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
                 stdout=said,
                 stderr=subprocess.STDOUT,
                 env=_environment(),
+                cwd=folder,
             )
             try:
                 while process.poll() is None:
@@ -116,24 +117,19 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
 def write_surface(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> None:
     """Write the visible meshes of a file that Blender reads as one surface, a PLY file.
 
-    Args:
-        path: the file to read.
-        output: the PLY file to write.
-        role: `SOURCE` or `TARGET`.
-        program: see `blender_command`.
+    The role is `SOURCE` or `TARGET`.
 
     Raises:
         MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.
     """
-    run_blender(["surface", str(path.resolve()), "--role", role, "--save", str(output)], program)
+    run_blender(["surface", str(path.absolute()), "--role", role, "--save", str(output.absolute())], program)
 
 
 def _environment() -> dict[str, str]:
     """The environment variables of this process, with the extension's folder on Python's path."""
     extension = extension_module("main")
     spec = find_spec(extension.module) if extension else None
-    places = [str(Path(each).resolve().parent) for each in (spec.submodule_search_locations or ())] if spec else []
-    return os.environ | {"PYTHONPATH": os.pathsep.join([*places, *filter(None, [os.environ.get("PYTHONPATH")])])}
+    return child_environment(Path(each).resolve().parent for each in (spec and spec.submodule_search_locations) or ())
 
 
 def _last_words(output: Path, program: str, status: int) -> str:

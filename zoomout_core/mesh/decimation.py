@@ -31,12 +31,7 @@ MAX_STAGE_VERTICES = 20_000
 
 
 def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
-    """Reduce a mesh to about `count` vertices.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, consistently wound.
-        count: how many vertices should stay.
+    """Reduce a mesh of consistently wound triangles (m, 3) on vertices (n, 3) to about `count` vertices.
 
     Returns:
         (n', 3) positions and (m', 3) triangles of the result, and (n,) the vertex that each was merged into.

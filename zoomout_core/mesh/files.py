@@ -4,35 +4,47 @@
 Vertices keep their number and order, since landmarks and maps refer to them by number. Formats with polygons are read
 here, because trimesh alters them. It splits the vertices of OBJ where texture coordinates or normals differ, and
 regroups them by material. It assumes that all faces of a binary PLY are as large as the first, and rejects OFF with
-faces of several sizes. Trimesh reads the other formats; it keeps their vertices with processing switched off.
+faces of several sizes. Shapes of glTF are those of its assets. Trimesh reads the other formats; it keeps their vertices
+with processing switched off.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from importlib import import_module
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import write_surface
+from zoomout_core.mesh.gltf_files import read_gltf_file
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.more_files import Faces, Polygons, join
 from zoomout_core.mesh.obj_files import parse_obj
+from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-from zoomout_core.mesh.text_tables import decode, flatten, number_table
+from zoomout_core.mesh.text_tables import flatten, number_table, text_lines
+from zoomout_core.mesh.xml_instances import check_instances
 from zoomout_core.runtime.extras import install_hint
+from zoomout_core.runtime.input_files import check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
-# Formats that trimesh reads with packages of the extra `formats`.
+# Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
-# Positions (n, 3), the vertex of each corner (c,), and the first corner of each face (f + 1,).
-Polygons = tuple[Floats, Integers, Integers]
+OF_TRIMESH = WITH_EXTRA | {".3dxml", ".ctm", ".step", ".stl", ".stl_ascii", ".stp", ".xaml", ".xyz"}
+# Zip archives of XML, which takes 40 times its size in memory, so that it may expand less than other data: to this many
+# times the size of the file, or to the bytes in the second constant. Meshes expand 7 to 11 times.
+ARCHIVES = frozenset({".3dxml", ".3mf", ".zae"})
+XML_EXPANSION, XML_ALLOWED = 16, 1 << 23
 
 
 def read_surface(path: str | PathLike[str]) -> Surface:
@@ -115,37 +127,8 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         raise MeshError(f"{path}: {error}") from error
 
 
-def existing(path: str | PathLike[str]) -> Path:
-    """The path of an existing file, else a MeshError."""
-    if not isinstance(path, str | PathLike):
-        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
-    path = Path(path)
-    if path.is_dir():
-        raise MeshError("{path} is a folder: give a file.", path=path)
-    if not path.is_file():
-        raise MeshError("There is no file {path}: check the path.", path=path)
-    return path
-
-
-def file_bytes(path: Path) -> bytes:
-    """The content of a file, else a MeshError."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path} could not be opened ({error.strerror}): check its permissions.") from error
-
-
 def read_polygons(path: str | PathLike[str]) -> Polygons:
-    """The polygons of a mesh file, unchecked.
-
-    Returns:
-        (n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
-
-    Raises:
-        MeshError: the file is missing, or cannot be read.
-        TypeError: the path is neither a string nor a path.
-        ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
-    """
+    """The polygons of a mesh file, unchecked; raises as `read_shape`."""
     return _read(path)[0]
 
 
@@ -153,7 +136,12 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
     """The polygons of `read_polygons`, and the vertex columns of a PLY file."""
     path = existing(path)
     readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
-    readers |= {".off": _read_off, ".obj": _read_obj}
+    readers |= {
+        ".off": _read_off,
+        ".obj": lambda path: parse_obj(file_bytes(path)).polygons(),
+        ".gltf": _read_gltf,
+        ".glb": _read_gltf,
+    }
     try:
         if path.suffix.lower() == ".ply":
             columns = ply_columns(file_bytes(path))
@@ -173,8 +161,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
 
 def _read_off(path: Path) -> Polygons:
     """Keyword and counts, then a line per vertex, then a line per face, where colours may follow."""
-    text = decode(file_bytes(path))
-    lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
+    lines = [line for line in (line.partition("#")[0].strip() for line in text_lines(file_bytes(path))) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
         raise ValueError("it does not begin with OFF")
@@ -208,25 +195,14 @@ def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
     columns = points if normals is None else np.hstack([points, normals])
     names = ("x", "y", "z", "nx", "ny", "nz")[: columns.shape[1]]
     faces = [] if isinstance(shape, PointCloud) else np.split(shape.corner_vertex, shape.face_start[1:-1])
-    header = [
-        "ply",
-        "format ascii 1.0",
-        f"element vertex {len(points)}",
-        *(f"property double {name}" for name in names),
-    ]
+    header = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+    header += [f"property double {name}" for name in names]
     if not isinstance(shape, PointCloud):
         header += [f"element face {len(faces)}", "property list int int vertex_indices"]
     rows = [" ".join(map(repr, row)) for row in columns.tolist()]
     rows += [" ".join(map(str, (len(face), *face.tolist()))) for face in faces]
     with atomic_write(path) as part:
         part.write_text("\n".join([*header, "end_header", *rows, ""]), encoding="ascii")
-
-
-# --- OBJ ----------------------------------------------------------------------------------------------------
-
-
-def _read_obj(path: Path) -> Polygons:
-    return parse_obj(file_bytes(path)).polygons()
 
 
 # --- everything else ----------------------------------------------------------------------------------------
@@ -243,43 +219,84 @@ def _read_with_blender(path: Path) -> Polygons:
 def _read_with_extra(path: Path) -> Polygons:
     """The faces of a file of another program's format."""
     try:
-        vertices, corner_vertex, sizes = MORE_READERS[path.suffix.lower()](path)
+        return MORE_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
             f"{path} requires the package {error.name}, which is not installed: {install_hint('formats')}, "
             "or convert the file to OFF, PLY, OBJ, STL, glTF or GLB."
         ) from error
-    return vertices, corner_vertex, np.cumsum([0, *sizes.tolist()])
 
 
-def _read_with_trimesh(path: Path) -> Polygons:
-    """The triangles of all meshes and point sets in a file, in file order, transformed as in its scene."""
+def _read_gltf(path: Path) -> Polygons:
+    """The posed shape of a file, whose vertices have the same numbers as in its asset."""
+    # The package of assets, which poses skins and joins vertices that were split, is higher than this one.
+    surface = import_module("zoomout_core.assets.read_gltf").read_gltf_surface(path)
+    return _read_gltf_points(path) if surface is None else (surface.vertices, surface.corner_vertex, surface.face_start)
+
+
+def _read_gltf_points(path: Path) -> Polygons:
+    """The points of a file without triangles."""
+    file = read_gltf_file(path)
+    buffers = {f"buffer {number}": content for number, content in enumerate(file.buffers)}
+    unread = ("images", "materials", "samplers", "textures")
+    tree = {name: each for name, each in file.tree.items() if name not in unread}
+    tree["asset"] = {"version": "2.0"}
+    tree["buffers"] = [{"uri": name, "byteLength": len(content)} for name, content in buffers.items()]
+    shape = ("attributes", "indices", "mode", "targets")
+    tree["meshes"] = [
+        {**mesh, "primitives": [{name: each[name] for name in shape if name in each} for each in mesh["primitives"]]}
+        for mesh in file.tree.get("meshes") or []
+    ]
+    return _read_with_trimesh(path, json.dumps(tree).encode(), ".gltf", buffers)
+
+
+def _read_with_trimesh(
+    path: Path, content: bytes | None = None, ending: str | None = None, files: dict[str, bytes] | None = None
+) -> Polygons:
+    """The triangles of all meshes and point sets in a file, in file order, transformed as in its scene.
+
+    Args:
+        path: the file.
+        content: its content, if it was read already.
+        ending: the extension that stands for its format.
+        files: contents of the files that it names, and that are needed; it reads no others.
+    """
+    ending = ending or path.suffix.lower()
+    unsupported = MeshError(f"The format of {path} is not supported: convert it to OFF, PLY, OBJ, STL, glTF or GLB.")
+    if files is None and ending not in OF_TRIMESH:
+        raise unsupported
     try:
         import trimesh
     except ImportError as error:
         raise ImportError(f"Reading mesh files needs trimesh: {install_hint('cli')}.") from error
+    content = file_bytes(path) if content is None else content
+    if ending in ARCHIVES:
+        with ZipFile(BytesIO(content)) as archive:
+            check_expansion(archive, expansion=XML_EXPANSION, allowed=XML_ALLOWED)
+            for name in archive.namelist():
+                if name.lower().endswith((".model", ".dae")):
+                    check_instances(archive.read(name))
+    elif ending == ".dae":
+        check_instances(content)
     try:
-        scene = trimesh.load_scene(str(path), process=False)
+        scene = trimesh.load_scene(BytesIO(content), file_type=ending[1:], resolver=files or {}, process=False)
     except NotImplementedError as error:
-        raise MeshError(
-            f"The format of {path} is not supported: convert it to OFF, PLY, OBJ, STL, glTF or GLB."
-        ) from error
+        raise unsupported from error
     except ImportError as error:
         how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
         if path.suffix.lower() in WITH_EXTRA:
             how = f"{install_hint('formats')}, or {how}"
         raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
-    vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
-    for points, faces in _parts(scene):
-        vertices.append(points)
-        triangles.append(faces + count)
-        count += len(points)
-    corner_vertex = np.concatenate(triangles).ravel()
-    return np.concatenate(vertices), corner_vertex, np.arange(0, len(corner_vertex) + 1, 3)
+    return polygons_of_scene(scene)
 
 
-def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
-    """Positions (n, 3) and triangles (m, 3) of each mesh or point set, in the order of the file."""
+def polygons_of_scene(scene: Any) -> Polygons:
+    """The triangles of all meshes and point sets of a `trimesh.Scene`, transformed as in it."""
+    return join(_parts(scene))
+
+
+def _parts(scene: Any) -> Iterator[Faces]:
+    """The triangles of each mesh or point set, in the order of the file."""
     for name, geometry in scene.geometry.items():
         points = np.asarray(getattr(geometry, "vertices", ()), dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -288,7 +305,5 @@ def _parts(scene: Any) -> Iterator[tuple[Floats, Integers]]:
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]
             mirrored = np.linalg.det(transform[:3, :3]) < 0
-            yield (
-                points @ transform[:3, :3].T + transform[:3, 3],
-                triangles[:, ::-1] if mirrored else triangles,
-            )
+            corners = (triangles[:, ::-1] if mirrored else triangles).ravel()
+            yield points @ transform[:3, :3].T + transform[:3, 3], corners, np.full(len(triangles), 3)

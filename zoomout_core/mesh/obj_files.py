@@ -85,7 +85,7 @@ def parse_obj(content: bytes) -> ObjFile:
 
 def statements(content: bytes) -> Iterator[tuple[str, str]]:
     """The keyword of each line of an OBJ or .mtl file, and the line without comments; skips lines without one."""
-    for line in decode(content).replace("\\\n", " ").splitlines():
+    for line in decode(content).replace("\\\n", " ").split("\n"):
         line = line.partition("#")[0]
         words = line.split(None, 1)
         if words:

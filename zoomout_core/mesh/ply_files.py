@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.text_tables import decode, flatten
+from zoomout_core.mesh.text_tables import flatten, text_lines
 
 # Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
@@ -39,11 +39,7 @@ class _Element:
 
 
 def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, Integers]:
-    """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
-
-    Args:
-        columns: columns of a PLY file, see `ply_columns`.
-    """
+    """(n, 3) positions, (c,) the vertex of each corner, (f + 1,) the first corner of each face, from `ply_columns`."""
     vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
     face = columns.get("face", {})
     return vertices, *flatten(face.get("vertex_indices", face.get("vertex_index", [])))
@@ -65,7 +61,7 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     end = content.find(b"end_header")
     if not content.startswith(b"ply") or end < 0:
         raise ValueError("it has no PLY header")
-    header = [line.split() for line in decode(content[:end]).splitlines()]
+    header = [line.split() for line in text_lines(content[:end])]
     body = content[content.index(b"\n", end) + 1 :]
     encoding = next(words[1] for words in header if words[:1] == ["format"])
     if encoding == "ascii":

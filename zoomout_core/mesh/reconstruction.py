@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 
 # Points processed together; bounds the memory.
 BLOCK = 1 << 15
@@ -37,13 +37,9 @@ MIN_PART_TRIANGLES = 20
 
 
 def triangulate_points(points: Floats, normals: Floats | None = None) -> Integers:
-    """(m, 3) triangles of an oriented manifold through points (n, 3).
+    """(m, 3) triangles of an oriented manifold through points (n, 3), with outward unit normals (n, 3) if known.
 
     A few points of a noisy cloud are in no triangle, and neither are duplicates of a point.
-
-    Args:
-        points: positions.
-        normals: (n, 3) outward unit normals, if known.
     """
     _, first = np.unique(points, axis=0, return_index=True)
     first.sort()
@@ -57,7 +53,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
     stars = np.concatenate([_stars(block, near[block, 1:], points, facing, either) for block in blocks])
     triangles, agreed = np.unique(np.sort(stars, axis=1), axis=0, return_counts=True)
-    longest = _longest_edges(points, triangles)
+    longest = np.linalg.norm(points[triangles] - points[np.roll(triangles, -1, axis=1)], axis=2).max(axis=1)
     spanned = longest <= MAX_EDGE * distance[:, min(SPACING, count)][triangles].min(axis=1)
     spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
@@ -67,8 +63,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
     # First the triangles that more corners agree on, then those with shorter edges.
     triangles = _manifold(triangles, np.lexsort((longest, -agreed)), points, facing)
     edges, _ = unique_edges(triangles)
-    _, part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(len(points),) * 2), directed=False)
-    part = part[triangles[:, 0]]
+    part = components(edges, len(points))[triangles[:, 0]]
     return first[triangles[np.bincount(part)[part] >= MIN_PART_TRIANGLES]]
 
 
@@ -81,16 +76,10 @@ def _plane_normals(points: Floats, near: Integers) -> Floats:
 
 
 def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, either: bool) -> Integers:
-    """(s, 3) Delaunay triangles around some points (b,) and their neighbours (b, c), in tangent planes.
+    """(s, 3) Delaunay triangles around centres (b,) and their neighbours (b, c) in tangent planes.
 
     After inversion in the unit circle around a point, its Delaunay neighbours are the corners of the convex hull.
-
-    Args:
-        centre: numbers of the points.
-        near: numbers of their neighbours.
-        points: (n, 3) positions.
-        normals: (n, 3) unit normals.
-        either: whether the normals have either sign, so that they cannot rule out neighbours.
+    Normals (n, 3) of either sign cannot rule out neighbours.
     """
     offset, normal = points[near] - points[centre, None], normals[centre]
     length = np.linalg.norm(offset, axis=2)
@@ -112,12 +101,7 @@ def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, ei
 
 
 def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Integers]:
-    """Corners of the convex hulls of rows of points and the origin; the points (b, c) are sorted by angle.
-
-    Args:
-        joined: which of the points exist.
-        x: first coordinates.
-        y: second coordinates.
+    """Corners of the convex hulls of rows of points (b, c), where `joined`, and the origin; they are sorted by angle.
 
     Returns:
         (b, c) which points are corners, and for each point the column of the next corner.
@@ -147,11 +131,6 @@ def _next(chosen: Booleans) -> Integers:
     number = np.column_stack([number[:, 1:], number.min(axis=1) + columns * chosen.any(axis=1)])
     ahead = np.minimum.accumulate(number[:, ::-1], axis=1)[:, ::-1]
     return np.asarray(np.minimum(np.where(ahead >= columns, number[:, -1:], ahead), 2 * columns) % columns)
-
-
-def _longest_edges(points: Floats, triangles: Integers) -> Floats:
-    """(m,) lengths of the longest edges of triangles (m, 3)."""
-    return np.asarray(np.linalg.norm(points[triangles] - points[np.roll(triangles, -1, axis=1)], axis=2).max(axis=1))
 
 
 def _senses(normals: Floats, triangles: Integers) -> Floats:

@@ -4,35 +4,19 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any, Protocol, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.library_shapes import LibraryShape, library_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import PointCloud, Surface
 
-
-class MeshLike(Protocol):
-    """A mesh of another library, such as trimesh.
-
-    Attributes:
-        vertices: (n, 3) positions.
-        faces: (m, 3) vertex numbers.
-    """
-
-    @property
-    def vertices(self) -> Any: ...
-
-    @property
-    def faces(self) -> Any: ...
-
-
-# A surface, a point cloud, (vertices, faces), a mesh of another library, or the path of a file.
-ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | MeshLike | str | PathLike[str]
+# A surface, a point cloud, (vertices, faces), a mesh or a point cloud of another library, or the path of a file.
+ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | LibraryShape | str | PathLike[str]
 
 
 @memory_in_words
@@ -40,9 +24,9 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
     """Convert a user's shape to a surface or a point cloud.
 
     Args:
-        shape: a surface or point cloud; positions (n, 3) with faces, as `Surface` takes them; an object with `vertices`
-            and `faces` or `triangles`, such as those of trimesh and Open3D, or with `vertices` only; or the path of a
-            mesh file.
+        shape: a surface or point cloud; positions (n, 3) with faces, as `Surface` takes them; a mesh, scene or point
+            cloud of trimesh, a `meshio.Mesh`, a mesh or point cloud of Open3D (with tensors, too), or any object with
+            `vertices` and `faces`; or the path of a mesh file.
 
     Raises:
         MeshError: it is invalid, or the file cannot be read.
@@ -54,14 +38,13 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
         return read_shape(shape)
     if isinstance(shape, tuple | list) and len(shape) == 2:
         return Surface(*shape)
-    vertices = getattr(shape, "vertices", None)
-    if vertices is None:
+    found = library_shape(shape)
+    if found is None:
         raise TypeError(
             f"A mesh is needed, not a {type(shape).__name__}: give a Surface, a PointCloud, (vertices, faces), the "
             "path of a file, or an object with vertices and faces, such as trimesh's."
         )
-    faces = getattr(shape, "faces", getattr(shape, "triangles", None))
-    return PointCloud(np.asarray(vertices)) if faces is None else Surface(np.asarray(vertices), np.asarray(faces))
+    return found
 
 
 @memory_in_words

@@ -97,13 +97,7 @@ class Surface(Summary):
             MeshError: as for the constructor, or the arrays are inconsistent.
         """
         surface = cls.__new__(cls)
-        surface._set(
-            vertices,
-            _whole_numbers(corner_vertex),
-            _whole_numbers(face_start),
-            triangle_corners,
-            edges,
-        )
+        surface._set(vertices, _whole_numbers(corner_vertex), _whole_numbers(face_start), triangle_corners, edges)
         return surface
 
     @classmethod
@@ -288,15 +282,10 @@ def single_precision_step(positions: ArrayLike) -> float:
 
 
 def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
-    """Check vertex numbers (m,); integral floats are accepted.
-
-    Args:
-        numbers: the user's numbers.
-        count: how many vertices there are.
-        what: describes them in the message.
+    """Check a user's vertex numbers (m,), from 0 to below a count; integral floats are accepted.
 
     Raises:
-        ValueError: they are not a list of integers from 0 to count - 1; the message names the first invalid one.
+        ValueError: `what` they are begins the message, which names the first invalid one.
     """
     array = np.asarray(numbers)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
@@ -328,7 +317,12 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
         sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
     except TypeError:
         raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons.") from None
-    corners = [vertex for polygon in polygons for vertex in polygon]
+    try:
+        corners = np.asarray([vertex for polygon in polygons for vertex in polygon])
+    except (TypeError, ValueError):  # some are sequences themselves
+        corners = np.zeros((0, 0))
+    if corners.ndim != 1:
+        raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons of vertex numbers.")
     return _whole_numbers(corners), np.concatenate([[0], np.cumsum(sizes)])
 
 

@@ -15,7 +15,12 @@ from zoomout_core.arrays import Integers
 def decode(content: bytes) -> str:
     """A file's text, with lines that end in a line feed."""
     # Names and comments may be in any encoding; only numbers and keywords are used.
-    return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n")
+    return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def text_lines(content: bytes) -> list[str]:
+    """The lines of a file; a separator of pages or paragraphs, which may be in a name, ends none."""
+    return decode(content).split("\n")
 
 
 def number_table(lines: list[str], columns: Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[Any]:

@@ -6,7 +6,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Floats, Indices, Integers, segment_sum
 
@@ -99,6 +100,12 @@ def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     return csr_array((np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices)))
+
+
+def components(pairs: Integers, n: int) -> Indices:
+    """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
+    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def area_normals(vertices: Floats, triangles: Integers) -> Floats:

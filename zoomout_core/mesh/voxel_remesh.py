@@ -52,11 +52,11 @@ VOXELS = VoxelTuning()
 
 
 def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
-    """The outer hull of a mesh, as one closed surface if its pieces are close together.
+    """The outer hull of triangles (m, 3) in any orientation, as one closed surface if its pieces are close together.
 
     Args:
         vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, in any orientation.
+        triangles: (m, 3) vertex numbers.
         resolution: voxels along the longest extent.
         inset: depth of the hull, in voxels, below the outer sides of the voxels that triangles pass through.
 
@@ -128,12 +128,7 @@ def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
 
 
 def _bridge(solid: Booleans, widest: float) -> Booleans:
-    """Join pieces by tubes where they are nearest; returns the largest joined piece.
-
-    Args:
-        solid: voxels.
-        widest: gaps wider than this, in voxels, are kept.
-    """
+    """Join pieces by tubes over gaps of at most `widest` voxels, where they are nearest; returns the largest one."""
     piece, count = scipy.ndimage.label(solid, np.ones((3, 3, 3)))
     if count == 1:
         return solid
@@ -172,15 +167,14 @@ def _bridge(solid: Booleans, widest: float) -> Booleans:
 def surface_nets(field: Floats) -> tuple[Floats, Integers]:
     """The zero surface of a field on a grid (x, y, z), with one vertex in each cell that it passes through.
 
-    Args:
-        field: (x, y, z) numbers, zero or negative on the border of the grid.
+    The field must be zero or negative on the border of the grid.
 
     Returns:
         (n, 3) positions in units of the grid, and (m, 3) triangles, with normals away from positive values.
     """
     inside = field > 0
-    cells = tuple(size - 1 for size in field.shape)
-    number_inside = sum(inside[_cell_corner(corner, cells)].astype(np.int8) for corner in CORNERS)
+    x, y, z = cells = tuple(size - 1 for size in field.shape)
+    number_inside = sum(inside[i : i + x, j : j + y, k : k + z].astype(np.int8) for i, j, k in CORNERS)
     cell = np.flatnonzero((number_inside > 0) & (number_inside < 8))
     place = np.stack(np.unravel_index(cell, cells), axis=1)
     values = field[tuple((place[:, None] + CORNERS).transpose(2, 0, 1))]
@@ -204,7 +198,3 @@ def surface_nets(field: Floats) -> tuple[Floats, Integers]:
         quads.append(np.where(outwards[:, None], quad, quad[:, ::-1]))
     quad = np.concatenate(quads)
     return place + total / crossings, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-
-
-def _cell_corner(corner: Integers, cells: tuple[int, ...]) -> tuple[slice, ...]:
-    return tuple(slice(step, step + size) for step, size in zip(corner.tolist(), cells, strict=True))

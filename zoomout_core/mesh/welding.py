@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import Sides
+from zoomout_core.mesh.triangles import Sides, components
 
 # Vertices closer than this share of the surface's diameter coincide. Cells of a little more than a third of it need 21
 # bits per coordinate.
@@ -19,16 +17,11 @@ CROWDED = 16
 
 
 def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
-    """Weld vertices: (n,) the vertex that replaces each, the first of its group.
+    """(n,) the vertex that replaces each of vertices (n, 3): the first of its group.
 
     Coincident borders are welded, and parts that coincide wholly with others, triangle by triangle, such as the other
     sides of thin objects and forgotten copies. Elsewhere a surface may touch itself. Vertices closer than the tolerance
     are welded, and so are chains of them. The result does not depend on the frame.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        sides: sides of the triangles.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
@@ -74,21 +67,14 @@ def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
 
 
 def _folded_groups(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
-    """(g,) which groups of coincident triangles belong to a fold.
-
-    Args:
-        triangles: (m, 3) vertex numbers.
-        sides: sides of the triangles.
-        group_of: (m,) number of the group that each triangle is in, -1 for none.
-        groups: how many there are.
-    """
+    """(g,) which groups of coincident triangles, numbered by (m,) with -1 for none, belong to a fold."""
     side, first = sides
     edge = np.repeat(np.arange(len(first) - 1), np.diff(first))
     group = group_of[side // 3]
     doubled = np.flatnonzero(group >= 0)
     others = np.bincount(edge, group < 0)
     # Groups of one sheet or fold are connected; edges are numbered after the groups in the graph.
-    patch = _components(groups + len(others), np.stack([group[doubled], groups + edge[doubled]], axis=1))
+    patch = components(np.stack([group[doubled], groups + edge[doubled]], axis=1), groups + len(others))
     folded = np.zeros(patch.max() + 1, dtype=bool)
     folded[patch[groups + edge[doubled[others[edge[doubled]] > 1]]]] = True
     there = group_of >= 0
@@ -115,32 +101,25 @@ def _cells(points: Floats, tolerance: float) -> Integers:
 
 
 def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
-    """(n,) the first of the points that are connected with each by steps of at most the tolerance.
+    """(n,) the first of the points (n, 3) that are connected with each by steps of at most the tolerance.
 
-    Args:
-        points: (n, 3) positions.
-        cell: (n,) cell of each; points of one cell are always connected.
-        tolerance: in the unit of the positions.
+    Points of one cell (n,) are always connected.
     """
     _, begin, group = np.unique(cell, return_index=True, return_inverse=True)
     apart = (points != points[begin[group]]).any(axis=1)
     crowded = np.bincount(group, apart) > CROWDED
     chosen = np.concatenate([begin, np.flatnonzero(apart & ~crowded[group])])
     pairs = group[chosen[cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]]
-    label = _components(len(begin), pairs)
-    return _first_of(label[group])
+    return _first_of(components(pairs, len(begin))[group])
 
 
 def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
-    """Weld parts that coincide wholly with others to these; returns the vertex that replaces each.
+    """Weld parts that coincide wholly with others to these: (n,) the vertex that replaces each.
 
-    Args:
-        stands_for: (n,) the replacements at borders.
-        place: (n,) the first vertex at the same place.
-        triangles: (m, 3) vertex numbers.
+    Replacements (n,) at borders are known, and the first vertex (n,) at the same place.
     """
     own = stands_for[triangles]
-    part = _components(len(place), np.concatenate([own[:, :2], own[:, 1:]]))[own[:, 0]]
+    part = components(np.concatenate([own[:, :2], own[:, 1:]]), len(place))[own[:, 0]]
     largest_first = np.argsort(np.argsort(-np.bincount(part), kind="stable"))[part]
     corners = place[triangles]
     order = np.argsort(corners, axis=1)
@@ -155,13 +134,7 @@ def _weld_copies(stands_for: Integers, place: Integers, triangles: Integers) -> 
     vertices = np.take_along_axis(triangles, order, axis=1)
     of_copy, of_other = vertices[proper[copied]].ravel(), vertices[twin[copied]].ravel()
     pairs = np.concatenate([np.stack([np.arange(len(place)), stands_for]), np.stack([of_copy, of_other])], axis=1)
-    return _first_of(_components(len(place), pairs.T))
-
-
-def _components(count: int, pairs: Integers) -> Integers:
-    """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return _first_of(components(pairs.T, len(place)))
 
 
 def _first_of(label: Integers) -> Integers:

@@ -7,11 +7,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
-from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
+from zoomout_core.mesh.triangles import (
+    Sides,
+    area_normals,
+    components,
+    cross,
+    sides_by_edge,
+    triangle_areas,
+    vertex_normals,
+)
 from zoomout_core.mesh.welding import lies_twice, weld
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
@@ -53,12 +59,7 @@ class WorkingMesh:
     @cached_property
     def oriented_triangles(self) -> Integers:
         """(m, 3) the triangles, all wound so that their normals point outwards."""
-        oriented = self.triangles.copy()
-        oriented[self.flipped, 1], oriented[self.flipped, 2] = (
-            self.triangles[self.flipped, 2],
-            self.triangles[self.flipped, 1],
-        )
-        return oriented
+        return np.where(self.flipped[:, None], self.triangles[:, [0, 2, 1]], self.triangles)
 
     @cached_property
     def vertex_normals(self) -> Floats:
@@ -109,11 +110,9 @@ class WorkingMesh:
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
     def subdivide(self, min_vertices: int) -> tuple[WorkingMesh, Integers]:
-        """Subdivide at the middles of edges until there are enough vertices.
+        """Subdivide at the middles of edges until there are enough vertices; those of this mesh come first.
 
-        Returns:
-            The mesh, which begins with the vertices of this one, and (n,) a nearest vertex of this mesh for each
-            vertex.
+        Also returns (n,) a nearest vertex of this mesh for each vertex.
         """
         mesh, nearest = self, np.arange(len(self.vertices))
         while len(mesh.vertices) < min_vertices:
@@ -143,13 +142,9 @@ class WorkingMesh:
 
 
 def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced: Integers) -> WorkingMesh:
-    """The working copy of a triangulated mesh.
+    """The working copy of triangles (m, 3), of a total area above zero, on vertices (n, 3).
 
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        area: area of all triangles, above zero.
-        referenced: vertices that a face uses, even if all of its triangles are degenerate.
+    A face uses the referenced vertices, even if all of its triangles are degenerate.
     """
     given = triangles
     sides = sides_by_edge(triangles)
@@ -188,16 +183,13 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
 
 def _component(vertices: Floats, triangles: Integers) -> Integers:
     """(n,) connected components, numbered by decreasing area."""
-    n = len(vertices)
-    rows, columns = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    count, label = connected_components(
-        coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(n, n)), directed=False
-    )
+    label = components(np.concatenate([triangles[:, :2], triangles[:, 1:]]), len(vertices))
+    count = int(label.max()) + 1
     if count == 1:
         return label.astype(np.int64)
     area = np.bincount(label[triangles[:, 0]], triangle_areas(vertices, triangles), minlength=count)
-    rank = np.empty(len(area), dtype=int)
-    rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
+    rank = np.empty(count, dtype=int)
+    rank[np.argsort(-area, kind="stable")] = np.arange(count)
     return rank[label]
 
 
@@ -210,11 +202,8 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     agree = forward[left] != forward[right]
     left, right = left // 3, right // 3
-    patch: Indices
     if agree.all():
-        turned = np.zeros(m, dtype=bool)
-        _, patch = connected_components(coo_array((agree, (left, right)), shape=(m, m)), directed=False)
-        oriented = triangles
+        turned, patch, oriented = np.zeros(m, dtype=bool), components(np.stack([left, right], axis=1), m), triangles
     else:
         turned, patch = _agreeing(m, left, right, agree)
         oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
@@ -226,25 +215,15 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 
 
 def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
-    """Which of m triangles to turn so that neighbours wind alike.
+    """(m,) which of m triangles to turn so that neighbours wind alike, and (m,) the number of each one's patch.
 
-    Uses the orientation double cover, which has each triangle twice, kept and turned. Neighbours that agree are joined
-    copy to copy, others crosswise. A sheet that contains one copy of each triangle is a consistent winding.
-
-    Args:
-        m: number of triangles.
-        left: (e,) one of the two triangles at an edge.
-        right: (e,) the other triangle.
-        agree: (e,) whether they wind alike.
-
-    Returns:
-        (m,) whether to turn each, and (m,) the number of the patch that each belongs to.
+    The triangles `left` and `right` (e,) are neighbours, which may wind alike already (e,). Uses the orientation double
+    cover, which has each triangle twice, kept and turned. Neighbours that agree are joined copy to copy, others
+    crosswise. A sheet that contains one copy of each triangle is a consistent winding.
     """
     rows = np.concatenate([left, left + m])
     columns = np.concatenate([np.where(agree, right, right + m), np.where(agree, right + m, right)])
-    _, sheet = connected_components(
-        coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(2 * m, 2 * m)), directed=False
-    )
+    sheet = components(np.stack([rows, columns], axis=1), 2 * m)
     # Take the sheet over a patch that keeps more triangles (a Moebius band has only one sheet: keep all).
     kept = np.bincount(sheet[:m], minlength=2 * m)
     turned = kept[sheet[m:]] > kept[sheet[:m]]
@@ -254,12 +233,7 @@ def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[B
 
 
 def _area_and_volume(corners: Floats, patch: Indices) -> tuple[Floats, Floats]:
-    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid.
-
-    Args:
-        corners: positions.
-        patch: (m,) number of the patch that each triangle belongs to.
-    """
+    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area_normal = cross(b - a, c - a)
     centre = (a + b + c) / 3

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read arrays from .npz files that may be broken or malicious: no code is run, and memory is bounded."""
+"""Write arrays to .npz files, and read them from files that may be broken or malicious: no code is run."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
 from math import prod
 from pathlib import Path
 from typing import IO, Any, TypeAlias
@@ -12,10 +13,10 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from zoomout_core.runtime.input_files import MAX_BYTES, ExpansionError, check_expansion, open_regular
+
 # Reads from the start of a file: the shape of its array, whether it is in column-major order, and its type.
 Header: TypeAlias = Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]]
-# Default limit of bytes for the arrays of a file: a map of 67 million vertices.
-MAX_BYTES = 1 << 31
 HEADERS: dict[tuple[int, int], Header] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -24,6 +25,19 @@ HEADERS: dict[tuple[int, int], Header] = {
 
 class ArrayFileError(ValueError):
     """A file whose arrays cannot be read; the message says why, without its name."""
+
+
+def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any], compressed: bool = True) -> None:
+    """Write arrays to a file.
+
+    They are collected in memory first: on a full disk, `zipfile` would print an error of its own.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    content = BytesIO()
+    (np.savez_compressed if compressed else np.savez)(content, **arrays)
+    Path(path).write_bytes(content.getbuffer())
 
 
 def read_arrays(
@@ -35,19 +49,23 @@ def read_arrays(
 
     Raises:
         FileNotFoundError: the file is missing.
-        ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`.
+        ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`, or too much for
+            its size.
     """
-    if not Path(path).exists():
-        raise FileNotFoundError(f"There is no file {path}: check the path.")
-    if not Path(path).is_file():
-        raise ArrayFileError("it is not a file")
     try:
-        with ZipFile(path) as archive:
+        opened = open_regular(path)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"There is no file {path}: check the path.") from None
+    except OSError as error:
+        raise ArrayFileError(str(error.strerror)) from error
+    try:
+        with opened, ZipFile(opened) as archive:
             held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             wanted = {name: held[name] for name in names or held if name in held}
             size = sum(info.file_size for info in wanted.values())
             if size > max_bytes:
                 raise ArrayFileError(f"its arrays take {size} bytes, and {max_bytes} are allowed")
+            check_expansion(archive, wanted.values())
             found = {}
             for name, info in wanted.items():
                 with archive.open(info) as file:
@@ -55,6 +73,8 @@ def read_arrays(
             return found
     except ArrayFileError:
         raise
+    except ExpansionError as error:
+        raise ArrayFileError(str(error)) from error
     except Exception as error:  # on a broken file zipfile, zlib and numpy raise various errors
         raise ArrayFileError("it is not an .npz file, or it is damaged") from error
 

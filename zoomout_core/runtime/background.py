@@ -15,14 +15,7 @@ Result = TypeVar("Result")
 
 
 class Background(Generic[Result]):
-    """A function that runs in its own thread, and that others poll.
-
-    Args:
-        work: the function; it starts at once.
-
-    Attributes:
-        progress: the latest reported progress.
-    """
+    """A function that starts at once in its own thread, and that others poll; `progress` is the latest it reported."""
 
     def __init__(self, work: Callable[[], Result]) -> None:
         self.progress, self._cancelled = Progress(0.0, ""), False

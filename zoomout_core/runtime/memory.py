@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The memory that is still available to this process, if the system reports it."""
+"""Memory: what is still available to this process, if the system reports it, and what objects take."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
 
 # Memory limits and usage of containers, for both versions of control groups.
 GROUPS = (
     ("sys/fs/cgroup/memory.max", "sys/fs/cgroup/memory.current"),
     ("sys/fs/cgroup/memory/memory.limit_in_bytes", "sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
+# Bytes of a node of scipy's search trees, of which there is about one per four points.
+TREE_NODE = 72
 
 
 def free_memory(root: str | os.PathLike[str] = "/") -> int | None:
     """Bytes that are still available to this process: the minimum of free memory and its limits; None if unknown.
 
     On macOS, which does not report free memory, all memory of the machine. Unknown on Windows, which moves used memory
-    to disk.
-
-    Args:
-        root: root folder of the system's files.
+    to disk. The root is the folder of the system's files.
     """
     return min((max(0, each) for each in _limits(Path(root))), default=None)
 
@@ -42,3 +45,25 @@ def _limits(root: Path) -> Iterator[int]:
         limit, _ = resource.getrlimit(resource.RLIMIT_AS)
         if limit != resource.RLIM_INFINITY:
             yield limit - int((root / "proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
+def bytes_of(*values: object) -> int:
+    """Bytes that objects take with all that they refer to, arrays above all; each is counted once."""
+    total, seen, ahead = 0, set[int](), list(values)
+    while ahead:
+        value = ahead.pop()
+        if id(value) in seen or isinstance(value, type):
+            continue
+        seen.add(id(value))
+        if isinstance(value, np.ndarray):
+            total += value.nbytes if value.base is None else 0
+            ahead.append(value.base)
+        elif isinstance(value, cKDTree):
+            total += TREE_NODE * value.size
+            ahead += [value.data, value.indices]
+        else:
+            total += sys.getsizeof(value)
+            ahead += value.values() if isinstance(value, dict) else ()
+            ahead += value if isinstance(value, tuple | list) else ()
+            ahead += vars(value).values() if hasattr(value, "__dict__") and not callable(value) else ()
+    return total

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import csc_array
 
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 
 TREE = "tree"
@@ -30,13 +30,10 @@ def fields_of(*classes: type) -> dict[type, tuple[str, ...]]:
 
 
 def save_object(path: str | PathLike[str], value: object, classes: Classes) -> None:
-    """Write an object and everything that it refers to.
+    """Write an object of one of the classes and everything that it refers to, completely or not at all.
 
-    Args:
-        path: path of the file, which replaces an earlier one only when it is complete.
-        value: an object of one of the classes. Their attributes are numbers, strings, arrays, sparse matrices, tuples,
-            lists, dictionaries with strings as keys, and objects of these classes.
-        classes: the classes that occur, with their attributes.
+    Attributes are numbers, strings, arrays, sparse matrices, tuples, lists, dictionaries with strings as keys, and
+    objects of these classes.
 
     Raises:
         OutputError: the file cannot be written.
@@ -45,15 +42,11 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
     tree = {"root": writer.encode(value), "objects": writer.objects}
     arrays = {f"array {number}": array for number, array in enumerate(writer.arrays)}
     with atomic_write(path) as part:
-        np.savez(part, **{TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)}, **arrays)
+        write_arrays(part, {TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)} | arrays, compressed=False)
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:
-    """Read an object that `save_object` has written.
-
-    Args:
-        path: path of the file.
-        classes: the classes that it may contain, with their attributes.
+    """Read an object that `save_object` has written, of these classes alone.
 
     Raises:
         FileNotFoundError: the file is missing.

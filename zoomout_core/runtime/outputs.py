@@ -13,6 +13,7 @@ import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from filecmp import cmp
 from pathlib import Path
 from secrets import token_hex
 from time import time
@@ -30,15 +31,11 @@ class OutputError(OSError):
 def check_output(
     output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = (), in_place: bool = False
 ) -> None:
-    """Check, before the work begins, that a file can be written and is not an input.
-
-    Args:
-        output: the file to write.
-        inputs: the files that it is made from; missing ones are skipped.
-        in_place: whether it may be one of the inputs.
+    """Check, before the work begins, that a file can be written and, unless `in_place`, is none of its inputs.
 
     Raises:
-        OutputError: its folder is missing or cannot be written to, it is a folder, or it is one of the inputs.
+        OutputError: its folder is missing or cannot be written to, as on a full disk, it is a folder, or it is one of
+            the inputs.
     """
     path = Path(output)
     folder = path.parent
@@ -46,11 +43,35 @@ def check_output(
         raise OutputError(f"There is no folder {folder}: create it, or choose another one.")
     if path.is_dir():
         raise OutputError(f"{path} is a folder: give the name of a file in it.")
+    if os.path.islink(os.path.realpath(path)):
+        raise OutputError(f"{path} is a link that leads back to itself: remove it, or choose another place.")
     for place in (folder, path):
         if place.exists() and not os.access(place, os.W_OK):
             raise OutputError(f"{place} is not writable: change its permissions, or choose another place.")
     if not in_place and any(is_same_file(path, one) for one in inputs):
-        raise OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
+        raise replaces_input(path)
+    if not path.exists() or path.is_file():
+        _try_to_write(path)
+
+
+def replaces_input(path: Path) -> OutputError:
+    """The error that an output would replace an input."""
+    return OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
+
+
+def _try_to_write(path: Path) -> None:
+    """Write a byte beside an output: a full disk or a limit shows only then.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    path = Path(os.path.realpath(path))
+    with _saying_why(path):
+        part = _part_of(path)
+        try:
+            part.write_bytes(b"\0")
+        finally:
+            part.unlink(missing_ok=True)
 
 
 def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
@@ -85,15 +106,21 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write_together(
+    output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()
+) -> Iterator[Path]:
     """A path of the same name in a temporary folder, for a file that refers to others, such as textures.
 
     On success, all files of that folder are moved beside `output`, the file itself last.
 
+    Args:
+        output: the file to write.
+        inputs: files that must not be replaced; one that would get the content that it has is left as it is.
+
     Raises:
-        OutputError: it could not be written; the earlier file is unchanged.
+        OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
     """
-    path = Path(os.path.realpath(output))
+    path, inputs = Path(os.path.realpath(output)), tuple(inputs)
     with _saying_why(path):
         folder = _part_of(path)
         try:
@@ -103,8 +130,13 @@ def atomic_write_together(output: str | os.PathLike[str]) -> Iterator[Path]:
             parts = sorted(folder.iterdir(), key=lambda part: part == main)
             for part in parts:
                 _complete(part)
+            kept = [part for part in parts if any(is_same_file(path.with_name(part.name), one) for one in inputs)]
+            for part in kept:
+                if not cmp(part, path.with_name(part.name), shallow=False):
+                    raise replaces_input(path.with_name(part.name))
             for part in parts:
-                _replace(path.with_name(part.name), part)
+                if part not in kept:
+                    _replace(path.with_name(part.name), part)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -125,13 +157,10 @@ def _saying_why(path: Path) -> Iterator[None]:
 
 
 def _complete(part: Path) -> None:
-    """Make sure that a file was written completely.
+    """Make sure that a file was written completely; raises OSError if not.
 
     Many libraries ignore failed writes. A full disk or a limit also prevents the file from growing by one byte, so that
     is tried.
-
-    Raises:
-        OSError: the file cannot grow.
     """
     with part.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)

@@ -133,11 +133,7 @@ def listening(listener: Callable[[Progress], object] | None) -> AbstractContextM
 
 
 class Strands:
-    """The progress of computations side by side: that of the whole is the mean of theirs.
-
-    Args:
-        count: how many there are.
-    """
+    """The progress of `count` computations side by side: that of the whole is the mean of theirs."""
 
     def __init__(self, count: int) -> None:
         self._outer, self._lock = _report.get(), Lock()

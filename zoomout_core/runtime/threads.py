@@ -198,6 +198,17 @@ def _take_over_blas() -> None:
 one_blas_thread = _OneBlasThread()
 
 
+def _after_fork() -> None:
+    """Free the locks of threads that a child process does not have, such as those of a match during a fork."""
+    global _cores
+    _cores = None if _cores is None else _Cores(_cores.count)
+    one_blas_thread.__init__()  # type: ignore[misc]
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_after_fork)
+
+
 def on_one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Keep BLAS to one thread while a function runs."""
 

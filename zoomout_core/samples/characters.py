@@ -54,9 +54,7 @@ TEXELS, SQUARES, PAIRS_EVERY = 128, 8, 10
 def body(count: int = 5000, seed: int = 0) -> Creature:
     """The creature at rest in glTF's frame (y points up), with triangles of about equal size, as from a remesher.
 
-    Args:
-        count: approximate number of vertices.
-        seed: seed of the triangles.
+    It has approximately `count` vertices; the seed is that of the triangles.
     """
     turn = Rotation.from_rotvec(seed * np.array([0.3, 0.5, 0.7]))
     fine = creature(FINE).surface
@@ -68,9 +66,6 @@ def body(count: int = 5000, seed: int = 0) -> Creature:
 
 def character(count: int = 5000) -> Asset:
     """A creature as a game character: texture coordinates, a texture, two materials, colours, joints, an animation.
-
-    Args:
-        count: approximate number of vertices.
 
     Raises:
         ImportError: pygltflib, of the extra `cli`, is not installed.
@@ -93,12 +88,7 @@ def character(count: int = 5000) -> Asset:
 
 
 def scan(count: int = 4000, seed: int = 1) -> Creature:
-    """The same creature as if scanned: in another pose, with other triangles, in glTF's frame.
-
-    Args:
-        count: approximate number of vertices.
-        seed: seed of the triangles.
-    """
+    """The same creature as if scanned: in another pose, with other triangles, by their seed, in glTF's frame."""
     made = body(count, seed)
     return Creature(in_stance(made), made.directions)
 

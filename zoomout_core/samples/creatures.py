@@ -83,12 +83,7 @@ def true_vertex(source: Creature, target: Creature) -> Integers:
 
 
 def posed(points: Floats, bend: float) -> Floats:
-    """Points (n, 3) with the limbs bent along arcs: arms upwards, legs forwards, the tail down.
-
-    Args:
-        points: (n, 3) positions at rest.
-        bend: in radians from body to tip.
-    """
+    """Points (n, 3) with the limbs bent along arcs, by some radians: arms upwards, legs forwards, the tail down."""
     points = points.copy()
     if bend == 0:
         return points

@@ -32,10 +32,7 @@ def grid_faces(columns: int, rows: int, closed: tuple[bool, bool] = (False, Fals
 def ring_faces(rings: int, around: int, closed: bool = False) -> Integers:
     """(f, 4) vertices of the quads between rings of vertices, wound outwards if these go up, counterclockwise.
 
-    Args:
-        rings: number of rings.
-        around: vertices of each ring.
-        closed: whether the last ring connects to the first.
+    Each ring has `around` vertices; the last one may connect to the first (`closed`).
     """
     return grid_faces(rings - (not closed), around, (closed, True))[:, [0, 3, 2, 1]]
 

@@ -19,11 +19,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 
 @dataclass(frozen=True)
 class Limb:
-    """A round limb of changing thickness along a smooth curve.
+    """A round limb of changing thickness along a curve through at least two stations: x, y, z and radius.
 
-    Attributes:
-        stations: x, y, z and radius at points of the curve, at least two.
-        blend: width of the fillet where it joins the rest.
+    The fillet where it joins the rest has the width `blend`.
     """
 
     stations: tuple[tuple[float, float, float, float], ...]
@@ -50,13 +48,7 @@ class Limb:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """An ellipsoid.
-
-    Attributes:
-        centre: its centre.
-        radii: half axes along x, y, z.
-        blend: width of the fillet where it joins the rest.
-    """
+    """An ellipsoid with half axes along x, y, z; the fillet where it joins the rest has the width `blend`."""
 
     centre: tuple[float, float, float]
     radii: tuple[float, float, float]
@@ -104,19 +96,11 @@ def distance(points: Floats, solids: Iterable[Solid]) -> Floats:
 
 
 def surface_net(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Floats, Integers]:
-    """The surface of a union of solids as quads.
+    """(n, 3) vertices and (m, 4) quads, with outward normals, of the surface of a union of solids.
 
     Naive surface nets (Gibson, Constrained elastic surface nets, 1998): a vertex in each grid cell that the surface
     passes, a quad around each grid edge that it crosses. The vertices are then smoothed and moved back onto the surface
-    in turn.
-
-    Args:
-        cell: size of a grid cell, about the length of an edge.
-        solids: the solids of the union.
-        space: (2, 3) the lowest and the highest corner of a box around them, with a margin.
-
-    Returns:
-        (n, 3) vertices and (m, 4) vertex numbers of quads, wound so that normals point outwards.
+    in turn. Cells are about as long as an edge; the space (2, 3) is a box around the solids, with a margin.
     """
     inside, origin = _occupancy(cell, solids, space)
     windows = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2))
@@ -170,13 +154,13 @@ def _occupancy(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Boo
     return inside, origin
 
 
-def _relax(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds: int = 6) -> Floats:
-    """Move vertices to the mean of their neighbours, then back onto the surface; repeat this for some rounds."""
+def _relax(vertices: Floats, faces: Integers, solids: Sequence[Solid]) -> Floats:
+    """Move vertices to the mean of their neighbours, then back onto the surface, for some rounds."""
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(n, n)).tocsr()
     count = np.asarray(adjacent.sum(axis=1), dtype=np.float64)[:, None]
-    for _ in range(rounds):
+    for _ in range(6):  # more hardly even out the quads
         vertices = _on_surface(adjacent @ vertices / count, solids)
     return _on_surface(vertices, solids)
 

@@ -33,14 +33,6 @@ def outward_hull(points: Floats) -> Integers:
 
 
 def ball(radius: float, centre: Place = (0, 0, 0), radii: Place = (1, 1, 1), count: int = 60, seed: int = 0) -> Surface:
-    """An ellipsoid of irregular but even triangles.
-
-    Args:
-        radius: factor of the half axes.
-        centre: centre of the ellipsoid.
-        radii: half axes along x, y and z.
-        count: number of vertices.
-        seed: seed of the mesh.
-    """
+    """An ellipsoid of irregular but even triangles, with half axes `radius * radii`; every seed is another mesh."""
     where = directions(count, seed)
     return Surface(radius * where * radii + np.array(centre), outward_hull(where))

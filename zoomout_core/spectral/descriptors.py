@@ -187,14 +187,7 @@ def pseudo_scalar_signatures(mesh: WorkingMesh, areas: Floats, bands: Floats) ->
 
 
 def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:
-    """(n, d) pseudo-scalars <n, grad f x grad g> of function pairs, averaged to the vertices.
-
-    Args:
-        mesh: supplies the outward orientation.
-        areas: (n,) lumped vertex areas.
-        f: (n, d) first function of each pair.
-        g: (n, d) second function of each pair.
-    """
+    """(n, d) pseudo-scalars <n, grad f x grad g> of pairs of functions (n, d), averaged to vertices of areas (n,)."""
     a, b, c = mesh.oriented_triangles.T
     wedge = ((f[b] - f[a]) * (g[c] - g[a]) - (f[c] - f[a]) * (g[b] - g[a])) / 6
     return sum_at_vertices(mesh.triangles, wedge, len(areas)) / areas[:, None]

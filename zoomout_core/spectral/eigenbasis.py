@@ -103,11 +103,7 @@ class SpectralBasis(Summary):
         if not 0 < area < np.inf:
             raise ValueError(f"The area is {area!r}: give a positive number.")
         return SpectralBasis(
-            self.eigenvalues / area,
-            self.eigenvectors / np.sqrt(area),
-            self.areas * area,
-            self.points,
-            self.components,
+            self.eigenvalues / area, self.eigenvectors / np.sqrt(area), self.areas * area, self.points, self.components
         )
 
     def coefficients(self, functions: Floats) -> Floats:
@@ -192,24 +188,13 @@ def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis
 
 
 def basis_of(
-    mesh: WorkingMesh,
-    laplacian: tuple[csc_array, Floats],
-    k: int,
-    seed: int,
-    potential: Floats | None = None,
+    mesh: WorkingMesh, laplacian: tuple[csc_array, Floats], k: int, seed: int, potential: Floats | None = None
 ) -> SpectralBasis:
-    """Compute the eigenfunctions of W + diag(areas * potential) on a mesh.
+    """Compute the first k eigenfunctions of W + diag(areas * potential), with W and areas of `mesh_laplacian`.
 
     If the factorised matrix does not fit into memory, they are approximated on a smaller mesh. Its functions are
     interpolated at the closest points and combined optimally (Rayleigh and Ritz), so that they are orthonormal and the
-    eigenvalues are upper bounds.
-
-    Args:
-        mesh: the mesh.
-        laplacian: stiffness and areas from `mesh_laplacian`.
-        k: number of eigenfunctions.
-        seed: start of the iteration.
-        potential: (n,) at least zero, in units of eigenvalues; None for the Laplacian alone.
+    eigenvalues are upper bounds. The potential (n,) is at least zero, in units of eigenvalues.
     """
     stiffness, areas = laplacian
     constants = mesh.component if potential is None else np.setdiff1d(mesh.component, mesh.component[potential > 0])
@@ -255,13 +240,9 @@ def working_basis(mesh: WorkingMesh, k: int, seed: int = 0) -> SpectralBasis:
 
 
 def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tuple[Floats, Floats]:
-    """The `k` smallest eigenpairs of W phi = lambda diag(areas) phi.
+    """The k < n smallest eigenpairs of W phi = lambda diag(areas) phi, by a block that starts from the seed.
 
-    Args:
-        stiffness: (n, n) symmetric, positive semi-definite.
-        areas: (n,) positive, summing to one.
-        k: number of pairs, less than n.
-        seed: seed of the starting block.
+    W (n, n) is symmetric and positive semi-definite; the areas (n,) are positive and sum to one.
 
     Returns:
         (k,) eigenvalues and (n, k) eigenvectors, each positive at its largest absolute value.

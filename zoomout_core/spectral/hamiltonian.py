@@ -12,7 +12,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.arrays import Floats, segment_sum
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.spectral.eigenbasis import SpectralBasis, basis_of, check_is_whole, on_shape
@@ -60,7 +60,10 @@ def hamiltonian_basis(
     if not (isinstance(strength, Real) and 0 <= strength < np.inf):
         raise ValueError(f"strength is {strength!r}: give a finite number of at least zero.")
     working = surface.working
-    barrier = _of_working_vertices(_check_potential(potential, len(surface.vertices)), working.vertex_of)
+    used = working.vertex_of >= 0
+    welded = working.vertex_of[used]
+    given = _check_potential(potential, len(surface.vertices))[used]
+    barrier = segment_sum(given, welded) / np.bincount(welded)  # means over the vertices welded into one
     laplacian = mesh_laplacian(working.vertices, working.triangles)
     room = int((barrier < 1).sum())
     if room < max(k, 1):
@@ -82,9 +85,3 @@ def _check_potential(potential: ArrayLike, n: int) -> Floats:
     if len(wrong):
         raise ValueError(f"The potential must be from 0 to 1, and {wrong[0]} is not: scale it.")
     return values.astype(np.float64)
-
-
-def _of_working_vertices(values: Floats, vertex_of: Integers) -> Floats:
-    """(m,) means of values (n,) over the vertices that are welded into one."""
-    used = vertex_of >= 0
-    return segment_sum(values[used], vertex_of[used]) / np.bincount(vertex_of[used])

@@ -24,9 +24,6 @@ def mesh_laplacian(vertices: Floats, triangles: Integers) -> tuple[csc_array, Fl
         (n, n) symmetric positive semi-definite stiffness, and (n,) areas that sum to one.
     """
     stiffness, mass = robust_laplacian.mesh_laplacian(np.ascontiguousarray(vertices), np.ascontiguousarray(triangles))
-    return csc_array(stiffness), _unit_areas(mass.diagonal())
-
-
-def _unit_areas(areas: Floats) -> Floats:
+    areas = mass.diagonal()
     areas = np.maximum(areas, SMALLEST_AREA * areas.mean())
-    return areas / areas.sum()
+    return csc_array(stiffness), areas / areas.sum()

@@ -13,17 +13,11 @@ from zoomout_core.arrays import Floats, Integers
 
 
 def farthest_points(points: Floats, count: int) -> Integers:
-    """Farthest-point samples by Euclidean distance, beginning with the point farthest from the centroid.
+    """(count,) numbers of farthest-point samples of points (n, d), beginning with the one farthest from the centroid.
 
-    Each sample is the point farthest from all earlier ones, so any leading part covers the shape too. The choice
-    depends only on the shape, not on its placement, its unit or the order of its points.
-
-    Args:
-        points: (n, d) positions, in space or in a space of features.
-        count: number of samples; all points if there are fewer.
-
-    Returns:
-        (min(count, n),) point numbers, in the order of choice.
+    All points are chosen if there are fewer. Each is the point farthest, by Euclidean distance, from all earlier ones,
+    so any leading part covers the shape too. The choice depends only on the shape, not on its placement, its unit or
+    the order of its points.
 
     Example:
         >>> from zoomout_core.spectral.sampling import farthest_points

@@ -25,7 +25,7 @@ from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.confidence import Counterparts, confidence_of
 from zoomout_core.matching.dense_map import bend_onto_source
 from zoomout_core.matching.memory_need import check_memory
-from zoomout_core.matching.options import check_sizes
+from zoomout_core.matching.options import check_count, check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank
 from zoomout_core.matching.refinement import REFINEMENT, refine
@@ -140,8 +140,8 @@ def detect_symmetry(
         True
     """
     check_sizes(k_final, step, samples, proxy_vertices)
-    if most < 1:
-        raise ValueError(f"most is {most}: request at least one symmetry.")
+    check_count("most", most, 1)
+    check_count("seed", seed, 0)
     to_the_left, surface = _unit_vector(left), as_surface(surface)
     check_memory([len(surface.working.vertices)], k_final, proxy_vertices)
     with listening(progress):
@@ -218,13 +218,7 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
 
 
 def _finish(
-    pair: Pair,
-    candidate: Candidate,
-    fit: Fit,
-    back: SurfaceMap,
-    functional_map: Floats,
-    order: int,
-    left: Floats,
+    pair: Pair, candidate: Candidate, fit: Fit, back: SurfaceMap, functional_map: Floats, order: int, left: Floats
 ) -> Symmetry:
     """Make the symmetry of the whole surface from the shape fitted to its other side, and the inverse map."""
     shape, surface, reverses = pair.source_shape, pair.source, candidate.reverses_orientation
@@ -268,7 +262,10 @@ def _place(symmetry: Symmetry) -> tuple[float, float]:
 
 def _unit_vector(left: ArrayLike) -> Floats:
     """(3,) a user's direction, scaled to unit length."""
-    direction = np.asarray(left, dtype=float)
+    try:
+        direction = np.asarray(left, dtype=float)
+    except (TypeError, ValueError):
+        direction = np.zeros(0)
     if direction.shape != (3,) or not 0 < np.linalg.norm(direction) < np.inf:
         raise ValueError(f"left is {left!r}: give a direction such as (1, 0, 0).")
     return np.asarray(direction / np.linalg.norm(direction))

@@ -36,28 +36,24 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
     if len(name) < SHORTEST_WITH_LETTER:
         return name
     stem, number = _without_number(name)
-    if strip_digits:
-        number = ""
+    number = "" if strip_digits else number
     if len(stem) > 1 and stem[-2] in SEPARATORS and stem[-1] in LETTERS:
         return stem[:-1] + LETTERS[stem[-1]] + number
     if len(stem) > 1 and stem[1] in SEPARATORS and stem[0] in LETTERS:
         return LETTERS[stem[0]] + stem[1:] + number
     if len(stem) >= SHORTEST_WITH_WORD:
-        for word, others in WORDS.items():
+        for word in WORDS:
             at = stem.lower().find(word)
+            end = at + len(word)
             if at in (0, len(stem) - len(word)):
-                found = stem[at : at + len(word)]
-                other = others[0] if found[0].islower() else others[2] if found[1].isupper() else others[1]
-                return stem[:at] + other + stem[at + len(word) :] + number
+                return stem[:at] + _other_side(stem[at:end]) + stem[end:] + number
     return stem + number
 
 
 def counterpart_of(name: str, names: Container[str | None]) -> str:
     """The name of the counterpart on the other side; the same name if it has no side.
 
-    Args:
-        name: name of a vertex group, a bone, a shape key or a material.
-        names: all such names. A side in the middle of a name counts only if these contain the other side's name.
+    A side in the middle of the name counts only if the names contain the other side's name.
     """
     flipped = flip_name(name)
     if flipped != name:
@@ -70,11 +66,11 @@ def counterpart_of(name: str, names: Container[str | None]) -> str:
 
 
 def _other_side(side: str) -> str:
-    """The letter or word of the other side."""
+    """The letter or word of the other side, in the spelling of the first two letters."""
     if side in LETTERS:
         return LETTERS[side]
     small, capital, capitals = WORDS[side.lower()]
-    return small if side.islower() else capitals if side.isupper() else capital
+    return small if side[0].islower() else capitals if side[1].isupper() else capital
 
 
 def _without_number(name: str) -> tuple[str, str]:

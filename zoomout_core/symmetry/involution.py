@@ -24,13 +24,9 @@ RETURN_FRACTION = 0.25
 
 
 def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
-    """Make a map nearly its own inverse by averaging it with its inverse in each round.
+    """Make a map of the shape's mesh to itself nearly its own inverse, by averaging it with its inverse in each round.
 
     The inverse is searched around the map's own images, so limbs that touch are not confused.
-
-    Args:
-        there: map of the shape's mesh to itself.
-        shape: the shape.
     """
     mesh = shape.mesh
     places = np.hstack([mesh.vertices, NORMAL_WEIGHT * mesh.vertex_normals])
@@ -46,12 +42,7 @@ def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
 
 
 def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
-    """How many repetitions of a symmetry give the identity; 0 if no number up to `MAX_ORDER` does.
-
-    Args:
-        sample_map: (s,) number of the image of each search sample of the shape.
-        shape: the shape.
-    """
+    """How many repetitions of a map (s,) of a shape's search samples give the identity; 0 if none up to `MAX_ORDER`."""
     at = sample_map
     home = max(RETURN_DISTANCE, RETURN_FRACTION * mean_distance(at, shape))
     for order in range(1, MAX_ORDER + 1):

@@ -21,6 +21,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.attribute import mean_over_vertices
 
 # Which side gives its values to the other, or whether both are exchanged or averaged.
 Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "average"]
@@ -31,13 +32,9 @@ ONE_WAY = ("left_to_right", "right_to_left")
 
 
 def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
-    """Exchange the sides of an attribute.
+    """Exchange the sides of an attribute of the symmetry's surface, with options of its kind as for `transfer`.
 
-    Args:
-        attribute: an attribute of the symmetry's surface. Weights have the names of their groups as labels; a group
-            without a counterpart gets one.
-        symmetry: a symmetry of the surface.
-        options: options of the attribute's kind, as for `transfer`.
+    Weights have the names of their groups as labels; a group without a counterpart gets one.
 
     Raises:
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
@@ -92,9 +89,7 @@ def has_mean(attribute: Attribute) -> bool:
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
     """(count,) difference of each value from that on the other side; for weights the share in other groups.
 
-    Args:
-        attribute: an attribute of the symmetry's surface: numbers, weights, or labels, which are equal or not.
-        symmetry: a symmetry of the surface.
+    Labels are equal, with a difference of 0, or not, with 1.
     """
     if attribute.kind is Kind.WEIGHT:
         attribute = with_counterparts(attribute)
@@ -106,22 +101,11 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
     return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
 
 
-def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
-    """(count,) signed distance of elements from the symmetry line; a face and its corners are on one side."""
-    surface, distance = symmetry.surface, symmetry.distance
-    if domain is Domain.POINT:
-        return distance
-    if domain is Domain.EDGE:
-        return distance[surface.edges].mean(axis=1)
-    of_face = np.add.reduceat(distance[surface.corner_vertex], surface.face_start[:-1]) / np.diff(surface.face_start)
-    return of_face[surface.corner_face] if domain is Domain.CORNER else of_face
-
-
 def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Floats:
     """(count,) weight, from 0 to 1, of an element's own value relative to that from the other side.
 
-    Edges along the symmetry line belong to both sides and keep their values, so that a line there stays whole. Vertices
-    without a face have no other side and keep theirs too.
+    A face and its corners are on one side. Edges along the symmetry line belong to both sides and keep their values, so
+    that a line there stays whole. Vertices without a face have no other side and keep theirs too.
 
     Raises:
         MeshError: the direction needs two sides, but the symmetry has none.
@@ -134,7 +118,7 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
             "This symmetry has no left and right side: choose a reflection, or exchange or average the sides."
         )
     on_left, on_right = OWN_SHARES[direction]
-    distance = distance_of(domain, symmetry)
+    distance = mean_over_vertices(symmetry.distance, domain, symmetry.surface)
     share = np.where(distance > 0, on_left, np.where(distance < 0, on_right, (on_left + on_right) / 2))
     if domain is Domain.EDGE and direction in ONE_WAY:
         share[_along_line(symmetry)] = 1.0
@@ -144,11 +128,9 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
 
 
 def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
-    """Add an empty group to weights for every name whose other side is missing.
+    """Add an empty group to weights, labelled by their groups, for every name whose other side is missing.
 
-    Args:
-        weights: weights, labelled by their groups' names.
-        others: other existing names, such as those of bones, see `counterpart_of`.
+    Other existing names, such as those of bones, also count as counterparts, see `counterpart_of`.
     """
     missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
     if not missing:
@@ -184,9 +166,7 @@ def _counterpart_names(labels: Sequence[str], others: Collection[str] = ()) -> d
 
 def _on_faces(surface: Surface) -> Booleans:
     """(n,) which vertices belong to a face."""
-    found = np.zeros(len(surface.vertices), dtype=bool)
-    found[surface.triangles] = True
-    return found
+    return np.isin(np.arange(len(surface.vertices)), surface.triangles)
 
 
 def _along_line(symmetry: SelfMap) -> Booleans:

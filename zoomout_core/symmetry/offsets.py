@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.surface import MeshError, measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
@@ -31,23 +30,13 @@ COMPARISON_WIDTH = 0.1
 
 
 def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
-    """(n, 3) displacements with both sides exchanged, in the frame of each place.
-
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-    """
+    """(n, 3) displacements (n, 3) of the vertices with both sides exchanged, in the frame of each place."""
     carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
     return symmetry.surface_map.interpolate(carried)
 
 
 def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
-    """(n, 3) displacements made the same on both sides, or with both sides exchanged.
-
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-        direction: see `zoomout_core.symmetry.mirror.symmetrise`.
+    """(n, 3) displacements (n, 3) made the same on both sides, or with both sides exchanged; see `symmetrise`.
 
     Raises:
         MeshError: the direction needs two sides, but the symmetry has none.
@@ -57,12 +46,9 @@ def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction 
 
 
 def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
-    """Split displacements into a left and a right part (n, 3), whose sum is the whole.
+    """Split displacements (n, 3) into a left and a right part (n, 3), whose sum is the whole.
 
-    Args:
-        offsets: (n, 3) displacements of the vertices.
-        symmetry: a symmetry of the surface.
-        blend: distance from the line over which the parts blend, relative to the square root of the area.
+    They blend within the distance `blend` from the line, relative to the square root of the area.
 
     Raises:
         MeshError: the symmetry has no two sides.
@@ -75,12 +61,7 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
 
 
 def left_share(symmetry: SelfMap, blend: float = BLEND) -> Floats:
-    """(n,) from 0 on the right to 1 on the left, smooth across the line; a vertex and its image sum to one.
-
-    Args:
-        symmetry: a symmetry of the surface.
-        blend: see `split_offsets`.
-    """
+    """(n,) from 0 on the right to 1 on the left, smooth across the line; a vertex and its image sum to one."""
     width = max(blend, 1e-9) * np.sqrt(symmetry.surface.area)
     along = np.clip((symmetry.distance / width + 1) / 2, 0, 1)
     return np.asarray(along**2 * (3 - 2 * along))
@@ -123,16 +104,11 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
         points = proxy.full.to_surface(proxy.vertices)
         on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
         return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
-    nodes = _surface_vertices(proxy)[proxy.full_vertex]
-    return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
-
-
-def _surface_vertices(proxy: Proxy) -> Integers:
-    """(n,) a vertex of the surface for each vertex of the main part."""
     inside = np.flatnonzero(proxy.full.vertex_of >= 0)
-    vertices = np.empty(len(proxy.full.vertices), dtype=np.int64)
-    vertices[proxy.full.vertex_of[inside]] = inside
-    return vertices
+    number = np.empty(len(proxy.full.vertices), dtype=np.int64)
+    number[proxy.full.vertex_of[inside]] = inside  # a vertex of the surface for each of the main part
+    nodes = number[proxy.full_vertex]
+    return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:

@@ -105,10 +105,7 @@ def main_shape(
 ) -> ShapeAnalysis:
     """Prepare the main part of a surface for finding symmetries; returns at once if it was prepared before.
 
-    Arguments as for `detect_symmetry`.
-
-    Raises:
-        MeshError: the mesh cannot be analysed; the message says what to do.
+    Arguments and errors as for `detect_symmetry`.
     """
     with portion(0.0, 0.04):
         body, *_ = bodies_of(surface, seed)

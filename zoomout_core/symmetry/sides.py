@@ -31,17 +31,11 @@ MIN_ONE_SIDED_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """The zero set of a function on a surface.
+    """The zero set of a function on a surface."""
 
-    Attributes:
-        edges: (p, 2) vertices of the edge that contains each point.
-        points: (p, 3) on the surface's edges.
-        segments: (s, 2) numbers of points that are connected across a triangle.
-    """
-
-    edges: Integers
-    points: Floats
-    segments: Integers
+    edges: Integers  # (p, 2) vertices of the edge that contains each point
+    points: Floats  # (p, 3) on the surface's edges
+    segments: Integers  # (s, 2) numbers of points that are connected across a triangle
 
     @property
     def polylines(self) -> list[Integers]:
@@ -66,15 +60,9 @@ class Line:
 def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
 
-    Near the line it is half the distance between a vertex and its image; farther away than about a tenth of the root of
-    the area it is about constant.
-
-    Args:
-        there: the symmetry, of the shape's mesh.
-        shape: the shape.
-
-    Returns:
-        Distances at unit area; None if the symmetry does not divide the surface in two.
+    The symmetry is a map of the shape's mesh, and distances are at unit area. Near the line they are half the distance
+    between a vertex and its image; farther away than about a tenth of the root of the area they are about constant.
+    None if the symmetry does not divide the surface in two.
     """
     here = shape.distances.T
     images = there.interpolate(here)
@@ -96,13 +84,8 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
 def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
     """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
 
-    Loose parts are on the side of the nearby body: paired parts as a whole, self-paired ones vertex by vertex.
-
-    Args:
-        on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
-        surface_map: the symmetry of the surface.
-        shape: the surface's main part, or the hull around it.
-        surface: the surface.
+    The distance `on_mesh` (n_mesh,) is that of the shape, its main part or the hull around it, at unit area. Loose
+    parts are on the side of the nearby body: paired parts as a whole, self-paired ones vertex by vertex.
     """
     full = shape.proxy.full
     inside = full.vertex_of >= 0
@@ -147,11 +130,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
     """How consistently places on the positive side are left of their images: from 1, always, to -1, always right.
 
-    Args:
-        distance: (n,) signed distance from the line.
-        surface_map: the symmetry.
-        surface: the surface.
-        left: (3,) unit vector.
+    The signed distance (n,) from the line tells the sides apart; `left` (3,) is a unit vector.
     """
     mass = vertex_areas(surface.vertices, surface.triangles)
     used = mass > 0

@@ -70,7 +70,9 @@ def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surfac
     own = cut_surface(surface, before)
     island = own.island[surface.corner_face]
     piece = cut_surface(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
-    area = _corner_areas(surface) * losing
+    # A corner's share of the area of the triangles it belongs to, on the losing side.
+    areas = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
+    area = segment_sum(areas, surface.triangle_corners.ravel(), len(surface.corner_vertex)) * losing
     at_home = island == _most(piece, island, area)[piece]
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
     winners[own.cut_vertex[~losing]] = True
@@ -103,9 +105,3 @@ def _most(group: Integers, label: Integers, weight: Floats) -> Integers:
     """The label with the most weight in each group, for items (c,) with a group, a label and a weight each."""
     votes = coo_array((weight, (group, label)), shape=(group.max() + 1, label.max() + 1)).tocsr()
     return np.asarray(votes.argmax(axis=1)).ravel()
-
-
-def _corner_areas(surface: Surface) -> Floats:
-    """(c,) a corner's share of the area of the triangles it belongs to."""
-    areas = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
-    return segment_sum(areas, surface.triangle_corners.ravel(), len(surface.corner_vertex))

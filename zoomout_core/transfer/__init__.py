@@ -3,13 +3,7 @@
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
-from zoomout_core.transfer.dressing.dress import (
-    Dressed,
-    Manner,
-    carry,
-    dress,
-    shape_of_source,
-)
+from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
 from zoomout_core.transfer.wrapping.wrap import Wrapped, reverse_match, wrap

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.mesh.surface import Surface
 
 
 class Domain(Enum):
@@ -87,3 +88,14 @@ def is_nothing(values: NDArray[Any]) -> Booleans:
     """(count,) which of the values (count, ...) are zero, false or empty in all their columns."""
     same = np.asarray(values == nothing(values, 1), dtype=bool)
     return np.asarray(same.all(axis=tuple(range(1, same.ndim))))
+
+
+def mean_over_vertices(values: Floats, domain: Domain, surface: Surface) -> Floats:
+    """(count, ...) means of values (n, ...) over the vertices of each element; all corners of a face take its mean."""
+    if domain is Domain.POINT:
+        return values
+    if domain is Domain.EDGE:
+        return np.asarray(values[surface.edges].mean(axis=1))
+    size = np.diff(surface.face_start).reshape(-1, *[1] * (values.ndim - 1))
+    of_face = np.add.reduceat(values[surface.corner_vertex], surface.face_start[:-1]) / size
+    return np.asarray(of_face[surface.corner_face] if domain is Domain.CORNER else of_face)

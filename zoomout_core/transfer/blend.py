@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing, mean_over_vertices
 from zoomout_core.transfer.rules import RULES
 
 Mode: TypeAlias = Literal["mix", "missing"]
@@ -48,11 +48,7 @@ class Blend:
 
 
 def blend(
-    transferred: Attribute,
-    present: Attribute | None,
-    target: Surface,
-    how: Blend,
-    sharing: Collection[str] = (),
+    transferred: Attribute, present: Attribute | None, target: Surface, how: Blend, sharing: Collection[str] = ()
 ) -> Attribute:
     """Blend a transferred attribute with the target's own.
 
@@ -83,23 +79,25 @@ def blend(
     return replace(transferred, values=np.where(amount > 0.5, new, old))
 
 
+def mask_of(mask: ArrayLike | None, target: Surface) -> Floats:
+    """(n_t,) a mask of the target's vertices, 1 everywhere when not given.
+
+    Raises:
+        ValueError: the mask does not fit the target.
+    """
+    n = len(target.vertices)
+    values = np.ones(n) if mask is None else np.asarray(mask, dtype=np.float64)
+    if values.shape != (n,) or not ((values >= 0) & (values <= 1)).all():
+        raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
+    return values
+
+
 def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     """(count,) share of each transferred value; the corners of a face are chosen together."""
-    n, corner_vertex, start = len(target.vertices), target.corner_vertex, target.face_start[:-1]
-    mask = np.ones(n) if how.mask is None else np.asarray(how.mask, dtype=np.float64)
-    if mask.shape != (n,) or not ((mask >= 0) & (mask <= 1)).all():
-        raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
-    mask = how.factor * mask
-    if attribute.domain is Domain.POINT:
-        return mask
+    mask = how.factor * mask_of(how.mask, target)
     if attribute.domain is Domain.CORNER and RULES[attribute.kind].mixable:
-        return np.asarray(mask[corner_vertex])
-    if attribute.domain is Domain.EDGE:
-        return np.asarray(mask[target.edges].mean(axis=1))
-    of_faces = np.add.reduceat(mask[corner_vertex], start) / np.diff(target.face_start)
-    if attribute.domain is Domain.CORNER:
-        return np.asarray(of_faces[target.corner_face])
-    return np.asarray(of_faces)
+        return np.asarray(mask[target.corner_vertex])
+    return mean_over_vertices(mask, attribute.domain, target)
 
 
 def _blend_weights(
@@ -109,9 +107,8 @@ def _blend_weights(
     new = csr_array(transferred.values)
     if present is None:
         return csr_array(diags_array(amount) @ new).astype(new.dtype)
-    present_labels = {name: column for column, name in enumerate(present.labels)}
-    theirs = csr_array(present.values)
-    pairs = [(present_labels[name], i) for i, name in enumerate(transferred.labels) if name in present_labels]
+    theirs, column = csr_array(present.values), {name: i for i, name in enumerate(present.labels)}
+    pairs = [(column[name], i) for i, name in enumerate(transferred.labels) if name in column]
     rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     old = csr_array(theirs @ csr_array((np.ones(len(rows)), (rows, columns)), shape=(theirs.shape[1], new.shape[1])))
     if mode == "mix":

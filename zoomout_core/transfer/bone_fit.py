@@ -18,13 +18,11 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.procrustes import Moments, Similarities, nearest_rotations, procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, Moments, Similarities, nearest_rotations, procrustes
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.skinning import matrices_of, normalise, row_of, skinning_matrices, transform_points
 from zoomout_core.tuning import Tuning, tuned
 
-# Guard against division by zero.
-SMALLEST = 1e-300
 # Shared weight of bones and parents without a common vertex: less than that of any bones with one.
 MIN_SHARED = 1e-15
 # Added to the diagonal of linear systems, relative to its mean, for bones without any constraint.
@@ -66,18 +64,11 @@ BONES = BoneTuning()
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """The transforms of bones that pose a surface.
+    """The transforms of bones that pose a surface."""
 
-    Attributes:
-        transforms: transforms of the bones (b,) from the rest pose to the pose, with one common scale; a bone without
-            weights follows its nearest ancestor with weights.
-        common: the best single similarity, of the same scale.
-        bend: mean angle between their rotations and their mean, in degrees, weighted by the area that bones move.
-    """
-
-    transforms: Similarities
-    common: Similarities
-    bend: float
+    transforms: Similarities  # (b,) from rest to the pose, of one scale; bones without weights follow an ancestor
+    common: Similarities  # the best single similarity, of the same scale
+    bend: float  # mean angle between their rotations and their mean, in degrees, weighted by the area that bones move
 
     @property
     def scale(self) -> float:
@@ -130,14 +121,7 @@ def refine_pose(
 ) -> Pose:
     """Refine a pose along normals, so that images may slide along a surface; the scale stays.
 
-    Args:
-        start: the initial pose.
-        points: as in `estimate_pose`.
-        images: as in `estimate_pose`, on a surface.
-        normals: (n, 3) unit normals of that surface.
-        weights: as in `estimate_pose`.
-        trust: as in `estimate_pose`.
-        parents: as in `estimate_pose`.
+    The normals (n, 3) are unit normals of that surface at the images; other arguments are as for `estimate_pose`.
     """
     fit = _Fit(points, images, weights, trust, parents)
     tree, transforms = _tree(fit), fit.inside(start.transforms[fit.moving])
@@ -249,17 +233,11 @@ class _Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """The spanning tree of the bones.
+    """The spanning tree of the bones."""
 
-    Attributes:
-        order: (b,) bones outwards from the one that moves most, one tree after the other.
-        above: (b,) the preceding bone of each in the tree, -1 for the first of a tree.
-        joint: (b, 3) the point where each meets that bone.
-    """
-
-    order: Integers
-    above: Integers
-    joint: Floats
+    order: Integers  # (b,) bones outwards from the one that moves most, one tree after the other
+    above: Integers  # (b,) the preceding bone of each in the tree, -1 for the first of a tree
+    joint: Floats  # (b, 3) the point where each meets that bone
 
 
 def _tree(fit: _Fit) -> _Tree:
@@ -287,12 +265,9 @@ def _tree(fit: _Fit) -> _Tree:
 
 
 def next_above(parents: Integers, moving: Integers, strictly: bool = False) -> Integers:
-    """(b,) for each bone itself or the nearest ancestor that moves something, numbered among these; -1 for none.
+    """(b,) the nearest of the moving bones from each bone upwards, numbered among these; -1 for none.
 
-    Args:
-        parents: (b,) the number of each bone's parent, -1 for none.
-        moving: the numbers of the bones that move something.
-        strictly: whether to exclude the bone itself.
+    With `strictly` the search begins at the bone's parent (b,), which is -1 for none.
     """
     number = np.full(len(parents) + 1, -1)
     number[moving] = np.arange(len(moving))

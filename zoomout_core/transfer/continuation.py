@@ -17,11 +17,6 @@ def extrapolate_map(surface_map: SurfaceMap, target: Surface, has_partner: Boole
 
     Distances are along the surface, so labels and UVs continue from their surroundings. Parts of the target without any
     counterpart keep their images.
-
-    Args:
-        surface_map: map that starts from the target.
-        target: the surface that it starts from.
-        has_partner: (n_t,) which of the target's vertices have a counterpart.
     """
     working = target.working
     giver = np.full(len(working.vertices), -1)

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
@@ -22,6 +20,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each, threads
+from zoomout_core.transfer.groups import expand_ranges, group_starts, label_groups
 
 # Corner values closer than this share of their range are equal: a tenth of a texel of an 8k texture.
 CUT_TOLERANCE = 2.0**-16
@@ -40,19 +39,12 @@ MIN_NORMAL_COSINE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CutSurface:
-    """A surface and the connections of its corners.
+    """A surface and the connections of its corners."""
 
-    Attributes:
-        surface: the surface that is cut.
-        cut_vertex: (c,) number of the cut vertex that each corner belongs to.
-        island: (f,) number of the island, joined by edges without a cut, that each face belongs to.
-        border: (b, 2) the corners at both ends of each face edge without a joined face.
-    """
-
-    surface: Surface
-    cut_vertex: Integers
-    island: Integers
-    border: Integers
+    surface: Surface  # the surface that is cut
+    cut_vertex: Integers  # (c,) number of the cut vertex that each corner belongs to
+    island: Integers  # (f,) number of the island, joined by edges without a cut, that each face belongs to
+    border: Integers  # (b, 2) the corners at both ends of each face edge without a joined face
 
     @cached_property
     def triangle_island(self) -> Integers:
@@ -125,11 +117,10 @@ class CutSurface:
         while len(walking := walking[self._may_improve(triangle, weights, distance, walking)]):
             query, candidate = self._around(triangle[walking], weights[walking])
             found, gap = self._closest(candidate, points[:, walking[query]])
-            first = np.flatnonzero(np.diff(query, prepend=-1))
-            lowest = np.minimum.reduceat(gap, first)
+            lowest = np.minimum.reduceat(gap, group_starts(query))
             better = lowest < distance[walking] * (1 - ON_SURFACE)
             hit = np.flatnonzero((gap <= lowest[query]) & better[query])
-            hit = hit[np.flatnonzero(np.diff(query[hit], prepend=-1))]
+            hit = hit[group_starts(query[hit])]
             walking = walking[better]
             triangle[walking], weights[walking], distance[walking] = candidate[hit], found[hit], gap[hit]
         return triangle, weights, distance
@@ -155,7 +146,8 @@ class CutSurface:
         start, fan = self._fan
         query, corner = np.divmod(np.flatnonzero(weights > RIM), 3)
         vertex = self._vertices[triangle[query], corner]
-        return expand_ranges(query, start[vertex], start[vertex + 1], fan)
+        owner, place = expand_ranges(start[vertex], start[vertex + 1])
+        return query[owner], fan[place]
 
 
 def _dot(first: Floats, second: Floats) -> Floats:
@@ -163,20 +155,11 @@ def _dot(first: Floats, second: Floats) -> Floats:
     return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
 
 
-def expand_ranges(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
-    """Concatenate the values in the ranges from start to end; also returns the owner of each."""
-    count = end - start
-    offset = np.repeat(start - np.cumsum(count) + count, count)
-    return np.repeat(owner, count), values[offset + np.arange(len(offset))]
-
-
 def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
-    """Find where faces meet: both faces' corners at both ends of each common edge, in the same order.
+    """Find where faces meet: (e, 2) corners of one face and (e, 2) of the other at both ends of each common edge.
 
-    Borders that coincide in space are one edge, even if the mesh's vertices are split.
-
-    Returns:
-        (e, 2) corners of one face and (e, 2) of the other; each pair of faces at an edge once.
+    Each pair of faces at an edge occurs once. Borders that coincide in space are one edge, even if the mesh's vertices
+    are split.
     """
     welded = surface.working.vertex_of[surface.corner_vertex]
     welded = np.where(welded >= 0, welded, len(surface.vertices) + surface.corner_vertex)
@@ -188,15 +171,9 @@ def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
     order = np.argsort(key, kind="stable")
     order = order[low[order] != high[order]]
     key = key[order]
-    first, second = [], []
-    for step in range(1, MAX_FACES_AT_EDGE):
-        same = np.flatnonzero(key[step:] == key[:-step])
-        if len(same) == 0:
-            break
-        first.append(edges[order[same]])
-        second.append(edges[order[same + step]])
-    none = np.empty((0, 2), dtype=np.int64)
-    return np.concatenate([none, *first]), np.concatenate([none, *second])
+    first = [np.flatnonzero(key[step:] == key[:-step]) for step in range(1, MAX_FACES_AT_EDGE)]
+    second = [same + step for step, same in enumerate(first, start=1)]
+    return edges[order[np.concatenate(first)]], edges[order[np.concatenate(second)]]
 
 
 def face_edges(surface: Surface) -> Integers:
@@ -206,17 +183,35 @@ def face_edges(surface: Surface) -> Integers:
     return np.stack([np.arange(len(following)), following], axis=1)
 
 
+def corners_of_faces(surface: Surface, faces: Integers) -> tuple[Integers, Integers]:
+    """The corners of some faces (f,), one face after the other: (q,) positions in the faces, and (q,) the corners."""
+    return expand_ranges(surface.face_start[faces], surface.face_start[faces + 1])
+
+
+def triangles_of_faces(surface: Surface, faces: Integers) -> tuple[Integers, Integers]:
+    """The triangles of some faces (f,), like `corners_of_faces`."""
+    order = np.argsort(surface.triangle_face, kind="stable")
+    face = surface.triangle_face[order]
+    owner, place = expand_ranges(np.searchsorted(face, faces), np.searchsorted(face, faces, "right"))
+    return owner, order[place]
+
+
 def edge_lengths(points: Floats, edges: Integers) -> Floats:
     """(...) lengths of edges (..., 2) between corners at points (c, d)."""
     along = np.take(points, edges[..., 1], axis=0) - np.take(points, edges[..., 0], axis=0)
     return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
 
 
+def are_joined(values: Floats, first: Integers, second: Integers) -> Booleans:
+    """(e,) whether corner values (c, d) are equal on both sides of `adjacent_edges`, up to a tolerance."""
+    tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))
+    return ~np.asarray((np.abs(values[first] - values[second]) > tolerance).any(axis=(1, 2)))
+
+
 def cut_surface(surface: Surface, values: Floats) -> CutSurface:
     """Cut a surface along the edges where the two faces' corner values (c, d) differ."""
     first, second = adjacent_edges(surface)
-    tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))
-    joined = (np.abs(values[first] - values[second]) <= tolerance).all(axis=(1, 2))
+    joined = are_joined(values, first, second)
     first, second = first[joined], second[joined]
     edges = face_edges(surface)
     is_joined = np.zeros(len(edges), dtype=bool)
@@ -224,37 +219,19 @@ def cut_surface(surface: Surface, values: Floats) -> CutSurface:
         # An edge is numbered by its first corner; sides may have been reversed to match.
         turned = edges[side[:, 0], 1] != side[:, 1]
         is_joined[np.where(turned, side[:, 1], side[:, 0])] = True
-    return CutSurface(
-        surface=surface,
-        cut_vertex=label_groups(len(edges), first.ravel(), second.ravel()),
-        island=label_groups(
-            len(surface.face_start) - 1, surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
-        ),
-        border=edges[~is_joined],
-    )
-
-
-def label_groups(count: int, first: Integers, second: Integers) -> Integers:
-    """(count,) number of each item's group, after joining the pairs (first, second)."""
-    graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    cut_vertex = label_groups(len(edges), first.ravel(), second.ravel())
+    face, other = surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
+    return CutSurface(surface, cut_vertex, label_groups(len(surface.face_start) - 1, face, other), edges[~is_joined])
 
 
 def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> Booleans:
-    """(q,) whether a line segment may enter the ball around each point.
-
-    Args:
-        points: (q, 3) centres of the balls.
-        radius: (q,) their radii.
-        begin: (s, 3) first ends of the segments.
-        end: (s, 3) second ends.
-    """
+    """(q,) whether a line segment (s, 3) to (s, 3) may enter the ball of a radius (q,) around each point (q, 3)."""
     if len(begin) == 0:
         return np.zeros(len(points), dtype=bool)
     length = np.linalg.norm(end - begin, axis=1)
     spacing = max(float(np.median(radius)), float(length.sum()) / (4 * len(points) + len(begin)), 1e-300)
     steps = np.ceil(length / spacing).astype(np.int64)
-    segment, step = expand_ranges(np.arange(len(steps)), np.zeros_like(steps), steps + 1, np.arange(steps.max() + 1))
+    segment, step = expand_ranges(np.zeros_like(steps), steps + 1)
     along = (step / np.maximum(steps[segment], 1))[:, None]
     reach = radius * 1.001 + spacing / 2
     tree = cKDTree(begin[segment] * (1 - along) + end[segment] * along)

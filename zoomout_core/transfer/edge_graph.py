@@ -12,6 +12,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
+from zoomout_core.transfer.groups import find
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
@@ -43,8 +44,7 @@ class EdgeGraph:
         keys = np.intersect1d(of_faces, of_edges)
         keys = keys[keys >= 0]
         self.ends = np.stack(np.divmod(keys, len(self.surface_vertex)), axis=1)
-        self.of_edge = self._among(keys, of_edges)
-        self.of_side = self._among(keys, of_faces)
+        self.of_edge, self.of_side = find(keys, of_edges), find(keys, of_faces)
         self.lengths = edge_lengths(self.points, self.ends)
 
     def _keys(self, ends: Integers) -> Integers:
@@ -52,14 +52,9 @@ class EdgeGraph:
         low, high = ends.min(axis=1), ends.max(axis=1)
         return np.where((low >= 0) & (low < high), low * len(self.surface_vertex) + high, -1)
 
-    @staticmethod
-    def _among(keys: Integers, wanted: Integers) -> Integers:
-        place = np.searchsorted(keys, wanted)
-        return np.where(np.append(keys, -2)[place] == wanted, place, -1)
-
     def edge_between(self, vertices: Integers) -> Integers:
         """(t,) the edge of the graph between each pair of vertices (t, 2), -1 for none."""
-        return self._among(self._keys(self.ends), self._keys(vertices))
+        return find(self._keys(self.ends), self._keys(vertices))
 
     @cached_property
     def on_border(self) -> Booleans:
@@ -83,45 +78,38 @@ class MappedGraph:
     """The target's graph, mapped onto the source.
 
     Attributes:
-        mapped: the target on the source.
-        edge_graph: the graph of the target.
         points: (k, 3) positions of its vertices on the source.
         edge_length: median length of its edges there.
+        scale: the same relative to that on the target.
     """
 
     def __init__(self, mapped: MappedTarget, edge_graph: EdgeGraph) -> None:
         self.mapped, self.edge_graph = mapped, edge_graph
         self.points = mapped.points[edge_graph.surface_vertex]
         lengths = edge_lengths(self.points, edge_graph.ends)
-        trusted = (mapped.confidence[edge_graph.surface_vertex] >= MIN_CONFIDENCE)[edge_graph.ends].all(axis=1) & (
-            lengths > 0
-        )
-        known = lengths[trusted if trusted.any() else slice(None)]
-        self.edge_length = float(np.median(known)) or mapped.source.working.scale
-        self.scale = self.edge_length / float(np.median(edge_graph.lengths[trusted if trusted.any() else slice(None)]))
+        trusted = (mapped.confidence[edge_graph.surface_vertex] >= MIN_CONFIDENCE)[edge_graph.ends].all(axis=1)
+        trusted &= lengths > 0
+        if not trusted.any():
+            trusted[:] = True
+        self.edge_length = float(np.median(lengths[trusted])) or mapped.source.working.scale
+        self.scale = self.edge_length / float(np.median(edge_graph.lengths[trusted]))
 
 
 class LocatedPoints(NamedTuple):
-    """The places of points of the source on the target.
+    """The places of points of the source on the target."""
 
-    Attributes:
-        vertices: (q, 3) at the corners of the target's triangle.
-        nearest: (q,) the nearest of these vertices.
-        distance: (q,) its distance, on the source.
-        covered: (q,) whether the target covers the point.
-    """
-
-    vertices: Integers
-    nearest: Integers
-    distance: Floats
-    covered: Booleans
+    vertices: Integers  # (q, 3) at the corners of the target's triangle
+    nearest: Integers  # (q,) the nearest of these vertices
+    distance: Floats  # (q,) its distance, on the source
+    covered: Booleans  # (q,) whether the target covers the point
 
 
 def locate_points(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
     """Locate points (q, 3) of the source on the target."""
     target, mapped = mapped_graph.edge_graph.surface, mapped_graph.mapped
-    proper = np.flatnonzero(_proper(target))
-    triangles = target.triangles[proper]
+    in_graph = target.working.vertex_of[target.triangles]
+    # Only triangles with three distinct corners.
+    triangles = target.triangles[(in_graph != np.roll(in_graph, 1, axis=1)).all(axis=1) & (in_graph >= 0).all(axis=1)]
     triangle, barycentric = closest_points(points, mapped.points, triangles)
     corners = triangles[triangle]
     corner_points = mapped.points[corners]
@@ -131,13 +119,6 @@ def locate_points(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
     vertices = target.working.vertex_of[corners]
     distance = np.linalg.norm(corner_points - points[:, None], axis=2)
     nearest, each = np.argmin(distance, axis=1), np.arange(len(points))
-    covered = (gap <= MAX_DISTANCE * np.maximum(sides.mean(axis=1), mapped_graph.edge_length)) & (
-        trust >= MIN_CONFIDENCE
-    )
+    near = gap <= MAX_DISTANCE * np.maximum(sides.mean(axis=1), mapped_graph.edge_length)
+    covered = near & (trust >= MIN_CONFIDENCE)
     return LocatedPoints(vertices, vertices[each, nearest], distance[each, nearest], covered)
-
-
-def _proper(surface: Surface) -> Booleans:
-    """(m,) which triangles have three distinct corners."""
-    vertices = surface.working.vertex_of[surface.triangles]
-    return np.asarray((vertices != np.roll(vertices, 1, axis=1)).all(axis=1) & (vertices >= 0).all(axis=1))

@@ -26,8 +26,8 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.messages import message
 from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
-from zoomout_core.transfer.cut_mesh import expand_ranges
 from zoomout_core.transfer.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoints, MappedGraph, locate_points
+from zoomout_core.transfer.groups import expand_ranges, find, first_of_each
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import Polylines, PolylineSamples, polylines_of, runs, sample
 
@@ -82,9 +82,8 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     marked = np.flatnonzero(~is_nothing(values))
     edge_graph = EdgeGraph(mapped.target)
     place = locate_points(mapped.source.vertices[marked], MappedGraph(mapped, edge_graph))
-    at_vertices = np.zeros(
-        len(edge_graph.surface_vertex) + 1, dtype=values.dtype
-    )  # the last entry is for vertices without a graph vertex
+    # The last entry is for vertices without a graph vertex.
+    at_vertices = np.zeros(len(edge_graph.surface_vertex) + 1, dtype=values.dtype)
     np.maximum.at(at_vertices, place.nearest[place.covered], values[marked[place.covered]])
     left = int((~place.covered).sum())
     note = (
@@ -136,35 +135,21 @@ def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
 
 
 class _Pieces(NamedTuple):
-    """Parts of lines, each of which becomes a path.
+    """Parts of lines, each of which becomes a path."""
 
-    Attributes:
-        first: (p,) the first sample of each.
-        last: (p,) the last sample of each.
-        loose_first: (p,) whether its line begins there, without a connecting line.
-        loose_last: (p,) whether its line ends there, without a connecting line.
-    """
-
-    first: Integers
-    last: Integers
-    loose_first: Booleans
-    loose_last: Booleans
+    first: Integers  # (p,) the first sample of each
+    last: Integers  # (p,) the last sample of each
+    loose_first: Booleans  # (p,) whether its line begins there, without a connecting line
+    loose_last: Booleans  # (p,) whether its line ends there, without a connecting line
 
 
 class _Steps(NamedTuple):
-    """Steps of paths along edges of the target's graph.
+    """Steps of paths along edges of the target's graph."""
 
-    Attributes:
-        piece: (t,) the piece of the path.
-        graph_edge: (t,) the edge of the graph.
-        sample: (t,) the nearest sample of the line.
-        stray: (t,) distance of the edge's ends from the line.
-    """
-
-    piece: Integers
-    graph_edge: Integers
-    sample: Integers
-    stray: Floats
+    piece: Integers  # (t,) the piece of the path
+    graph_edge: Integers  # (t,) the edge of the graph
+    sample: Integers  # (t,) the nearest sample of the line
+    stray: Floats  # (t,) distance of the edge's ends from the line
 
 
 def _trace(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:
@@ -206,14 +191,11 @@ def _at_borders(
 def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Pieces:
     """Divide lines where the target does not cover them, and loops in three, so that no path doubles back."""
     chain, covered = samples.chain, _bridge(samples, place.covered, MAX_GAP * mapped_graph.edge_length)
-    run = runs(chain, covered)
-    first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
-    last = np.append(first[1:], len(run)) - 1 if len(run) else run
-    kept = covered[first]
-    first, last = first[kept], last[kept]
-    starts = np.diff(chain, prepend=-1)[first] != 0 if len(chain) else covered[first]
-    stops = np.diff(chain, append=-1)[last] != 0 if len(chain) else covered[last]
-    meeting = np.bincount(np.concatenate([chains.begin, chains.end])) if len(chain) else first
+    _, first, last = runs(chain, covered)
+    first, last = first[covered[first]], last[covered[first]]
+    starts = np.diff(chain, prepend=-1)[first] != 0
+    stops = np.diff(chain, append=-1)[last] != 0
+    meeting = np.bincount(np.concatenate([chains.begin, chains.end]))
     alone = [meeting[np.maximum(samples.vertex[ends], 0)] == 1 for ends in (first, last)]
     loose_first, loose_last = ~starts | alone[0], ~stops | alone[1]
     loop = starts & stops & (samples.vertex[first] == samples.vertex[last])
@@ -231,11 +213,7 @@ def _bridge(samples: PolylineSamples, covered: Booleans, longest: float) -> Bool
     """(q,) samples that count as covered, after closing short gaps and dropping short pieces between gaps."""
     chain, along = samples.chain, samples.along
     for state in (False, True):
-        if not len(chain):
-            break
-        run = runs(chain, covered)
-        first = np.flatnonzero(np.diff(run, prepend=-1))
-        last = np.append(first[1:], len(run)) - 1
+        run, first, last = runs(chain, covered)
         inside = (np.diff(chain, prepend=-1)[first] == 0) & (np.diff(chain, append=-1)[last] == 0)
         short = inside & (along[last] - along[first] < longest) & (covered[first] == state)
         covered = covered ^ short[run]
@@ -244,13 +222,13 @@ def _bridge(samples: PolylineSamples, covered: Booleans, longest: float) -> Bool
 
 def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: LocatedPoints, share: float) -> Integers:
     """(l,) a sample of each loop near a share of its length, as close to a target vertex as possible."""
-    owner, index = expand_ranges(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
+    owner, index = expand_ranges(first, last + 1)
     length = (samples.along[last] - samples.along[first])[owner]
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
     # Prefer samples near a third, then near a vertex; a loop with few samples takes any.
-    order = np.lexsort((np.where(off < ANCHOR_RANGE, place.distance[index], off), off >= ANCHOR_RANGE, owner))
-    return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
+    outside = off >= ANCHOR_RANGE
+    return index[first_of_each(owner, np.where(outside, off, place.distance[index]), outside)]
 
 
 def _paths(pieces: _Pieces, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Steps:
@@ -277,27 +255,22 @@ def _paths_of(
 ) -> _Steps:
     """The steps of the paths of some pieces, each in a separate graph of the vertices around its line."""
     edge_graph, count = mapped_graph.edge_graph, len(mapped_graph.edge_graph.surface_vertex)
-    every = np.arange(len(samples.chain))
-    piece, index = expand_ranges(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
+    piece, index = expand_ranges(pieces.first[chosen], pieces.last[chosen] + 1)
     met = np.column_stack([place.vertices[index], place.nearest[index]])
     nodes = _band(np.unique(piece[:, None] * count + met), rings, edge_graph)
     owner, vertex = np.divmod(nodes, count)
     nearest, along, stray = _beside(owner, mapped_graph.points[vertex], piece, index, samples)
 
     start, graph_edges, other = edge_graph.around
-    node, entry = expand_ranges(np.arange(len(nodes)), start[vertex], start[vertex + 1], np.arange(len(graph_edges)))
-    there = owner[node] * count + other[entry]
-    place_of = np.minimum(np.searchsorted(nodes, there), len(nodes) - 1)
-    inside = (nodes[place_of] == there) & (place_of > node)
-    a, b, graph_edge = node[inside], place_of[inside], graph_edges[entry[inside]]
+    node, entry = expand_ranges(start[vertex], start[vertex + 1])
+    there = find(nodes, owner[node] * count + other[entry])
+    inside = there > node
+    a, b, graph_edge = node[inside], there[inside], graph_edges[entry[inside]]
     passed = np.abs(along[a] - along[b])
-    skipped = np.maximum(
-        passed - np.linalg.norm(mapped_graph.points[vertex[a]] - mapped_graph.points[vertex[b]], axis=1), 0
-    )
+    direct = np.linalg.norm(mapped_graph.points[vertex[a]] - mapped_graph.points[vertex[b]], axis=1)
     away = (stray[a] + stray[b]) / (2 * mapped_graph.edge_length)
-    cost = (
-        np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed) * (1 + DISTANCE_COST * away) + skipped
-    )
+    walked = np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed)
+    cost = walked * (1 + DISTANCE_COST * away) + np.maximum(passed - direct, 0)
     cost = np.maximum(cost, 1e-9 * mapped_graph.edge_length)  # zeros would be missing edges
     graph = csr_array((cost, (a, b)), shape=(len(nodes), len(nodes)))
 
@@ -307,23 +280,19 @@ def _paths_of(
     )
     _, before, _ = dijkstra(graph, directed=False, indices=begin, return_predecessors=True, min_only=True)
     here = end[(before[end] >= 0) & (end != begin)]
-    walked = []
+    steps = [np.zeros((0, 2), dtype=np.int64)]
     while len(here):
-        walked.append(np.stack([before[here], here], axis=1))
+        steps.append(np.stack([before[here], here], axis=1))
         here = before[here]
         here = here[before[here] >= 0]
-    step = np.concatenate([np.zeros((0, 2), dtype=np.int64), *walked]).astype(np.int64)
+    step = np.concatenate(steps)
     graph_edge = edge_graph.edge_between(vertex[step])
     of = owner[step[:, 0]]
     travelled = np.bincount(of, mapped_graph.scale * edge_graph.lengths[graph_edge], minlength=len(chosen))
     straight = samples.along[pieces.last[chosen]] - samples.along[pieces.first[chosen]]
-    direct = (travelled <= MAX_DETOUR * straight + MAX_GAP * mapped_graph.edge_length)[of]
-    return _Steps(
-        chosen[of[direct]],
-        graph_edge[direct],
-        nearest[step].sum(axis=1)[direct] // 2,
-        stray[step].sum(axis=1)[direct],
-    )
+    kept = (travelled <= MAX_DETOUR * straight + MAX_GAP * mapped_graph.edge_length)[of]
+    of, step = of[kept], step[kept]
+    return _Steps(chosen[of], graph_edge[kept], nearest[step].sum(axis=1) // 2, stray[step].sum(axis=1))
 
 
 def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
@@ -332,8 +301,8 @@ def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
     count = len(edge_graph.surface_vertex)
     for _ in range(rings):
         owner, vertex = np.divmod(nodes, count)
-        owner, vertex = expand_ranges(owner, start[vertex], start[vertex + 1], other)
-        nodes = np.unique(np.concatenate([nodes, owner * count + vertex]))
+        node, entry = expand_ranges(start[vertex], start[vertex + 1])
+        nodes = np.unique(np.concatenate([nodes, owner[node] * count + other[entry]]))
     return nodes
 
 
@@ -374,8 +343,7 @@ def _beside(
 
 def _without_spurs(steps: _Steps, pieces: _Pieces, place: LocatedPoints, edge_graph: EdgeGraph) -> Integers:
     """Keep steps, one per graph edge, that lead to another step or to the end of a line."""
-    order = np.lexsort((steps.stray, steps.graph_edge))
-    kept = order[np.flatnonzero(np.diff(steps.graph_edge[order], prepend=-1))]
+    kept = first_of_each(steps.graph_edge, steps.stray)
     ends = np.zeros(len(edge_graph.surface_vertex), dtype=bool)
     ends[place.nearest[pieces.first[pieces.loose_first]]] = True
     ends[place.nearest[pieces.last[pieces.loose_last]]] = True

@@ -3,43 +3,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, segment_sum
+from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.messages import message
-from zoomout_core.transfer.attribute import Attribute, Domain
+from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
 
 NOT_FINITE = "{count} of {total} values of '{name}' are not finite, and were replaced by the nearest finite values."
 
 
-def _face_centres(surface: Surface) -> Floats:
-    sizes = np.diff(surface.face_start)
-    face = np.repeat(np.arange(len(sizes)), sizes)
-    return segment_sum(surface.vertices[surface.corner_vertex], face, len(sizes)) / sizes[:, None]
-
-
-PLACES: dict[Domain, Callable[[Surface], Floats]] = {
-    Domain.POINT: lambda surface: surface.vertices,
-    Domain.EDGE: lambda surface: surface.vertices[surface.edges].mean(axis=1),
-    Domain.FACE: _face_centres,
-    Domain.CORNER: lambda surface: surface.vertices[surface.corner_vertex],
-}
+def places_of(domain: Domain, surface: Surface) -> Floats:
+    """(count, 3) centres of elements; corners are at their vertices."""
+    if domain is Domain.CORNER:
+        return np.asarray(surface.vertices[surface.corner_vertex])
+    return mean_over_vertices(surface.vertices, domain, surface)
 
 
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace an attribute's values that are not finite by those of the nearest places, and note it.
-
-    Args:
-        attribute: an attribute with an array of values, (count, ...).
-        surface: the surface of the attribute.
+    """Replace values that are not finite by those of the nearest places on a surface, and note it.
 
     Raises:
-        MeshError: none of its values is finite.
+        MeshError: none of the attribute's values is finite.
     """
     values = np.asarray(attribute.values)
     if values.dtype.kind != "f":
@@ -47,7 +35,7 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
     if finite.all():
         return attribute
-    places = PLACES[attribute.domain](surface)
+    places = places_of(attribute.domain, surface)
     somewhere = measurable(places)
     known = np.flatnonzero(finite & somewhere)
     if not len(known):

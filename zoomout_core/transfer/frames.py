@@ -55,23 +55,14 @@ MAX_RELATIVE_GROWTH = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Rotation and growth from the source to n vertices of the target's working mesh.
+    """Rotation and growth from the source to n vertices of the target's working mesh."""
 
-    Attributes:
-        mapped: the target, mapped over the source.
-        number: (n,) the vertices of the working mesh.
-        stiffness: (n, n) stiffness of the edges between them.
-        areas: (n,) areas of the vertices, as shares of the whole area.
-        points: (n_w, 3) positions of all vertices of the working mesh on the source.
-        confidence: (n,) confidence of the map.
-    """
-
-    mapped: MappedTarget
-    number: Integers
-    stiffness: csc_array
-    areas: Floats
-    points: Floats
-    confidence: Floats
+    mapped: MappedTarget  # the target, mapped over the source
+    number: Integers  # (n,) the vertices of the working mesh
+    stiffness: csc_array  # (n, n) stiffness of the edges between them
+    areas: Floats  # (n,) areas of the vertices, as shares of the whole area
+    points: Floats  # (n_w, 3) positions of all vertices of the working mesh on the source
+    confidence: Floats  # (n,) confidence of the map
 
     @cached_property
     def trust(self) -> Floats:
@@ -213,14 +204,10 @@ def without_sums(stiffness: csc_array) -> csc_array:
 
 
 def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) divergence of rotated gradients: the stiffness applied to values with these gradients.
+    """(3n, 3n) divergence of rotated gradients: a symmetric stiffness (n, n) applied to values with these gradients.
 
     For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, with the weights w_ij of edges
-    and the matrices M; for values (n, 3) as one column.
-
-    Args:
-        stiffness: (n, n), symmetric; rows sum to zero.
-        turns: (n, 3, 3) a matrix for each vertex.
+    and the matrices M (n, 3, 3); for values (n, 3) as one column. Rows of the stiffness sum to zero.
     """
     n = len(turns)
     row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices

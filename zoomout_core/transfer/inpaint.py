@@ -23,6 +23,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import message
 from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.transfer.groups import first_of_each
 
 # Columns that are solved together; bounds the memory.
 BLOCK = 16
@@ -41,37 +42,21 @@ MIN_WEIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """The vertices of a surface to fill in, prepared for any number of values.
+    """The vertices of a surface to fill in, prepared for any number of values."""
 
-    Attributes:
-        filled: (f,) doubtful vertices with trusted ones on their part of the surface.
-        row: (f,) position of each among k trusted places, followed by u doubtful ones.
-        follower: (c,) vertices of small loose parts without any trusted vertex.
-        followed: (c,) the trusted vertex nearest to the part of each.
-        left: number of doubtful vertices that stay unchanged: on larger parts without any trusted vertex, without a
-            face, or all if none is trusted.
-        merged: (k, n) sparse; means of the trusted vertices in one place.
-        coupling: (u, k) sparse; the block of the system for the trusted places.
-        factor: the factors of the remaining block, or None if u is zero.
-    """
-
-    filled: Integers
-    row: Integers
-    follower: Integers
-    followed: Integers
-    left: int
-    merged: csr_array
-    coupling: csr_array
-    factor: SuperLU | None
+    filled: Integers  # (f,) doubtful vertices with trusted ones on their part of the surface
+    row: Integers  # (f,) position of each among k trusted places, followed by u doubtful ones
+    follower: Integers  # (c,) vertices of small loose parts without any trusted vertex
+    followed: Integers  # (c,) the trusted vertex nearest to the part of each
+    left: int  # number of doubtful vertices that stay unchanged: on larger parts without a trusted vertex, or no face
+    merged: csr_array  # (k, n) sparse; means of the trusted vertices in one place
+    coupling: csr_array  # (u, k) sparse; the block of the system for the trusted places
+    factor: SuperLU | None  # the factors of the remaining block, or None if u is zero
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
-        """Fill in values (n, d), within the range of the trusted ones.
+        """Fill in values (n, d) from those of trusted vertices, within their range; not at all if these are not finite.
 
-        Nothing is filled in if trusted values are not finite.
-
-        Args:
-            values: values, of which only those of trusted vertices are used.
-            following: whether followers take the values of the vertices that they follow, or stay unchanged.
+        Followers take the values of the vertices that they follow, or stay unchanged.
         """
         known = self.merged @ values
         whole = values.copy()
@@ -142,7 +127,7 @@ def filling(surface: Surface, trusted: Booleans) -> Filling:
 
     doubtful = np.flatnonzero(~trusted)
     filled = doubtful[row[vertex_of[doubtful]] >= 0]
-    follower, place = _followers(working, known, ~anchored & _small_parts(working), doubtful)
+    follower, place = _followers(working, known, ~anchored & are_small(working), doubtful)
     giver = np.flatnonzero(trusted & (vertex_of >= 0))
     given = vertex_of[giver]
     one_giver = np.empty(len(known), dtype=np.int64)
@@ -183,8 +168,8 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     ), factor
 
 
-def _small_parts(working: WorkingMesh) -> Booleans:
-    """Which connected components, by number, are as small as buttons."""
+def are_small(working: WorkingMesh) -> Booleans:
+    """(c,) which connected components are as small as buttons."""
     areas = triangle_areas(working.vertices, working.triangles)
     return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
 
@@ -197,10 +182,8 @@ def _followers(
     follower = doubtful[(at >= 0) & following[working.component[at]]]
     if len(follower) == 0 or not known.any():
         return follower[:0], follower[:0]
-    places = np.flatnonzero(known)
-    component = working.component[working.vertex_of[follower]]
-    found = cKDTree(working.vertices[places]).query(working.vertices[working.vertex_of[follower]])
-    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
-    order = np.lexsort((distance, component))
-    first = order[np.flatnonzero(np.diff(component[order], prepend=-1))]
+    places, vertex = np.flatnonzero(known), working.vertex_of[follower]
+    distance, nearest = map(np.asarray, cKDTree(working.vertices[places]).query(working.vertices[vertex]))
+    component = working.component[vertex]
+    first = first_of_each(component, distance)
     return follower, places[nearest[first[np.searchsorted(component[first], component)]]]

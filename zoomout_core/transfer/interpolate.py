@@ -16,10 +16,10 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.cut_mesh import cut_surface, edge_lengths
+from zoomout_core.transfer.cut_mesh import cut_surface
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.potts import VOTE_WEIGHT, elect, tally
+from zoomout_core.transfer.potts import elect_for_faces, tally
 
 
 def mix_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -88,16 +88,7 @@ def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     samples = mapped.samples(np.arange(len(target.face_start) - 1))
     candidates, island = tally(samples.face, island[mapped.source.triangle_face[samples.triangle]], samples.weight)
     label = label_of[island]
-    edges, opposite = candidates.contested_edges(*mapped.adjacent, target.corner_face)
-    edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
-    chosen = elect(
-        candidates,
-        VOTE_WEIGHT * mapped.circumference,
-        first,
-        second,
-        edge_lengths(target.vertices[target.corner_vertex], edges)[edge],
-        label[first] == label[second],
-    )
+    chosen = elect_for_faces(candidates, mapped, lambda one, other, *_: label[one] == label[other])
     chosen = with_lost_islands(chosen, candidates, island, target)
     return replace(attribute, values=distinct[without_specks(label[chosen], island[chosen], target)])
 

@@ -13,7 +13,8 @@ from scipy.sparse import coo_array
 from zoomout_core.arrays import Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, label_groups
+from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
+from zoomout_core.transfer.groups import first_of_each, label_groups
 from zoomout_core.transfer.potts import Candidates
 
 # Minimum area covered by an island that no face elected, relative to a face, for the face to receive it.
@@ -43,8 +44,7 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
     covered = np.bincount(island, candidates.share * area[candidates.face])
     faces_of = np.bincount(island[chosen], minlength=len(covered))
     lost = np.flatnonzero(faces_of[island] == 0)
-    best = lost[np.lexsort((-candidates.share[lost], island[lost]))]
-    best = best[np.flatnonzero(np.diff(island[best], prepend=-1))]
+    best = lost[first_of_each(island[lost], -candidates.share[lost])]
     face = candidates.face[best]
     # No island loses its only face to another.
     fit = (covered[island[best]] >= MIN_COVER * area[face]) & (faces_of[island[chosen[face]]] > 1)
@@ -57,10 +57,7 @@ def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers
 def without_specks(label: Integers, island: Integers, surface: Surface) -> Integers:
     """Labels (f,) of faces, where single faces take that of their neighbours if their island is elsewhere.
 
-    Args:
-        label: labels of the target's faces.
-        island: (f,) the source's island of each label.
-        surface: the target.
+    The islands (f,) are the source's, which the labels come from.
     """
     own = islands_of(surface, label)
     speck = (np.bincount(own)[own] == 1) & (np.bincount(island)[island] > 1)
@@ -74,8 +71,7 @@ def without_specks(label: Integers, island: Integers, surface: Surface) -> Integ
     # Vote on the neighbours' labels by the length of the edges.
     votes = coo_array((length[mine], (face[mine], label[other[mine]])), shape=(len(label), label.max() + 1))
     votes = votes.tocsr().tocoo()
-    order = np.lexsort((-votes.data, votes.row))
-    order = order[np.flatnonzero(np.diff(votes.row[order], prepend=-1))]
+    most = first_of_each(votes.row, -votes.data)
     result = label.copy()
-    result[votes.row[order]] = votes.col[order]
+    result[votes.row[most]] = votes.col[most]
     return result

@@ -12,14 +12,15 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.attribute import Domain, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import (
     CutSurface,
     adjacent_edges,
     cut_surface,
     edge_lengths,
-    expand_ranges,
     face_edges,
     nearer_than,
+    triangles_of_faces,
 )
 from zoomout_core.transfer.inpaint import Filling, filling
 
@@ -35,42 +36,25 @@ CONFIDENCE_OFFSET = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FaceSamples:
-    """Points distributed evenly over faces of the target, and their places on the source; ordered by face.
+    """Points distributed evenly over faces of the target, and their places on the source; ordered by face."""
 
-    Attributes:
-        face: (q,) the target's face of each.
-        triangle: (q,) the source's triangle that contains each.
-        barycentric: (q, 3) the point in it.
-        area: (q,) the area that each represents.
-        weight: (q,) the area, weighted by confidence.
-    """
-
-    face: Integers
-    triangle: Integers
-    barycentric: Floats
-    area: Floats
-    weight: Floats
+    face: Integers  # (q,) the target's face of each
+    triangle: Integers  # (q,) the source's triangle that contains each
+    barycentric: Floats  # (q, 3) the point in it
+    area: Floats  # (q,) the area that each represents
+    weight: Floats  # (q,) the area, weighted by confidence
 
 
 @dataclass(frozen=True, eq=False)
 class MappedTarget:
-    """The target mapped over the source.
+    """The target mapped over the source."""
 
-    Attributes:
-        source: the surface with the data.
-        target: the surface that receives it.
-        surface_map: the place of each target vertex on the source.
-        confidence: (n_t,) confidence of the map, in [0, 1].
-        fill_below: vertices of less confidence are filled in from the others; None for none.
-        has_partner: (n_t,) which vertices have a counterpart on the source; others are filled in. None for all.
-    """
-
-    source: Surface
-    target: Surface
-    surface_map: SurfaceMap
-    confidence: Floats
-    fill_below: float | None = None
-    has_partner: Booleans | None = None
+    source: Surface  # the surface with the data
+    target: Surface  # the surface that receives it
+    surface_map: SurfaceMap  # the place of each target vertex on the source
+    confidence: Floats  # (n_t,) confidence of the map, in [0, 1]
+    fill_below: float | None = None  # vertices of less confidence are filled in from the others; None for none
+    has_partner: Booleans | None = None  # (n_t,) which have a counterpart, others are filled in; None for all
 
     @cached_property
     def points(self) -> Floats:
@@ -96,11 +80,9 @@ class MappedTarget:
     @cached_property
     def balls(self) -> tuple[Floats, Floats]:
         """(f_t, 3) centres and (f_t,) radii of balls around the corners of each face of the target, on the source."""
-        begin, size = self.target.face_start[:-1], np.diff(self.target.face_start)
-        corners = self.points[self.target.corner_vertex]
-        middle = np.add.reduceat(corners, begin) / size[:, None]
-        off = corners - np.repeat(middle, size, axis=0)
-        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
+        middle = mean_over_vertices(self.points, Domain.FACE, self.target)
+        off = self.points[self.target.corner_vertex] - middle[self.target.corner_face]
+        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), self.target.face_start[:-1]))
 
     @cached_property
     def filling(self) -> Filling | None:
@@ -111,17 +93,10 @@ class MappedTarget:
         return None if trusted.all() else filling(self.target, trusted)
 
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
-        """Locate points of the target on the source: the images of the corners, mixed in space.
+        """Locate points (q, 3) of the target's triangles (q,) on the source: the images of the corners, mixed in space.
 
         Unlike `SurfaceMap.at` this walks along the surface from the nearest corner's image, so it does not pass through
-        thin walls, and does not search the whole source.
-
-        Args:
-            triangle: (q,) target triangles.
-            barycentric: (q, 3) the points in them.
-
-        Returns:
-            (q,) source triangles and (q, 3) barycentric coordinates in them.
+        thin walls, and does not search the whole source. Returns triangles and barycentric coordinates of the source.
         """
         corners = self.target.triangles[triangle]
         nearest = corners[np.arange(len(corners)), np.argmax(barycentric, axis=1)]
@@ -132,14 +107,10 @@ class MappedTarget:
     def samples(self, faces: Integers) -> FaceSamples:
         """Four samples for each triangle of some faces (f,), in ascending order."""
         target = self.target
-        of_face = np.argsort(target.triangle_face, kind="stable")
-        start = np.searchsorted(target.triangle_face[of_face], faces)
-        end = np.searchsorted(target.triangle_face[of_face], faces, side="right")
-        face, triangle = expand_ranges(faces, start, end, of_face)
+        number, triangle = triangles_of_faces(target, faces)
         area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
         area += MIN_AREA * target.area / len(target.triangles)
-        face, triangle = np.repeat(face, len(SAMPLES)), np.repeat(triangle, len(SAMPLES))
-        area = np.repeat(area, len(SAMPLES))
+        face, triangle, area = (np.repeat(each, len(SAMPLES)) for each in (faces[number], triangle, area))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
         return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + CONFIDENCE_OFFSET))

@@ -69,5 +69,4 @@ def _outward(surface: Surface, domain: Domain) -> Floats:
         normals = vertex_normals(vertices, triangles)
         return normals if domain is Domain.POINT else normals[surface.corner_vertex]
     weighted = triangle_normals(vertices, triangles) * triangle_areas(vertices, triangles)[:, None]
-    count = len(surface.face_start) - 1
-    return unit_vectors(segment_sum(weighted, surface.triangle_face, count))
+    return unit_vectors(segment_sum(weighted, surface.triangle_face, len(surface.face_start) - 1))

@@ -10,46 +10,31 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import expand_ranges
+from zoomout_core.transfer.groups import expand_ranges, group_starts, label_groups
 
 
 @dataclass(frozen=True, eq=False)
 class Polylines:
-    """Edges joined to chains, ordered by chain and along each.
+    """Edges joined to chains, ordered by chain and along each."""
 
-    Attributes:
-        edge: (k,) numbers of the edges.
-        chain: (k,) the chain of each.
-        begin: (k,) the first vertex of each, along its chain.
-        end: (k,) the last vertex of each.
-    """
-
-    edge: Integers
-    chain: Integers
-    begin: Integers
-    end: Integers
+    edge: Integers  # (k,) numbers of the edges
+    chain: Integers  # (k,) the chain of each
+    begin: Integers  # (k,) the first vertex of each, along its chain
+    end: Integers  # (k,) the last vertex of each
 
 
 @dataclass(frozen=True, eq=False)
 class PolylineSamples:
-    """Points along chains, ordered by chain and along each, from its first vertex to its last.
+    """Points along chains, ordered by chain and along each, from its first vertex to its last."""
 
-    Attributes:
-        chain: (q,) the chain of each.
-        along: (q,) the length of the chain up to each.
-        point: (q, 3) the position of each.
-        edge: (q,) the edge that contains each.
-        vertex: (q,) the vertex at each, -1 between vertices.
-    """
-
-    chain: Integers
-    along: Floats
-    point: Floats
-    edge: Integers
-    vertex: Integers
+    chain: Integers  # (q,) the chain of each
+    along: Floats  # (q,) the length of the chain up to each
+    point: Floats  # (q, 3) the position of each
+    edge: Integers  # (q,) the edge that contains each
+    vertex: Integers  # (q,) the vertex at each, -1 between vertices
 
 
 def polylines_of(edges: Integers) -> Polylines:
@@ -60,7 +45,8 @@ def polylines_of(edges: Integers) -> Polylines:
     vertex_count = int(ends.max(initial=-1)) + 1
     inner = np.bincount(ends, minlength=vertex_count)[ends] == 2
     node = np.where(inner, ends, vertex_count + np.arange(2 * count))
-    chain = _components(node)
+    nodes, number = np.unique(node, return_inverse=True)
+    chain = label_groups(len(nodes), number[::2], number[1::2])[number]
     # A loop has no end: it is opened where its first edge begins.
     closed = np.ones(chain.max(initial=-1) + 1, dtype=bool)
     closed[chain[~inner]] = False
@@ -78,22 +64,13 @@ def polylines_of(edges: Integers) -> Polylines:
     return Polylines(order, chain[::2][order], directed[:, 0], directed[:, 1])
 
 
-def _components(node: Integers) -> Integers:
-    """(2k,) the chain of each edge's ends, which are at nodes (2k,)."""
-    nodes, number = np.unique(node, return_inverse=True)
-    shape = len(nodes), len(nodes)
-    graph = coo_array((np.ones(len(node) // 2, dtype=bool), (number[::2], number[1::2])), shape=shape)
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)[number]
-
-
 def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSamples:
     """Sample points along chains on vertices (n, 3), including all of their vertices, at most `spacing` apart."""
     begin, end = vertices[chains.begin], vertices[chains.end]
     length = np.linalg.norm(end - begin, axis=1)
     parts = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
     last = np.append(chains.chain[1:] != chains.chain[:-1], True)[: len(parts)]
-    each = np.arange(len(parts))
-    on, step = expand_ranges(each, np.zeros_like(parts), parts + last, np.arange(parts.max(initial=0) + 1))
+    on, step = expand_ranges(np.zeros_like(parts), parts + last)
     share = step / parts[on]
     before = np.cumsum(length) - length
     first = np.append(True, last[:-1])[: len(parts)]
@@ -108,7 +85,9 @@ def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSampl
     )
 
 
-def runs(chain: Integers, state: Booleans) -> Integers:
-    """(q,) number of each sample's run of equal states within one chain."""
+def runs(chain: Integers, state: Booleans) -> tuple[Integers, Integers, Integers]:
+    """Runs of equal states within one chain: (q,) the run of each sample, (r,) the first and (r,) the last of each."""
     changes = (np.diff(chain) != 0) | (np.diff(state.astype(np.int8)) != 0)
-    return np.concatenate([[0], np.cumsum(changes)])[: len(chain)]
+    run = np.concatenate([[0], np.cumsum(changes)])[: len(chain)]
+    first = group_starts(run)
+    return run, first, np.append(first[1:], len(run))[: len(first)] - 1

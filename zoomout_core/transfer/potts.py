@@ -8,12 +8,15 @@ faces that disagree (a Potts model, by iterated conditional modes: Besag, On the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import expand_ranges
+from zoomout_core.transfer.cut_mesh import edge_lengths
+from zoomout_core.transfer.groups import expand_ranges, group_starts
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Weight of a face's votes relative to the length of border, in perimeters of the face: a border shortened by this much
 # outweighs all samples of the face.
@@ -22,61 +25,28 @@ VOTE_WEIGHT = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The candidates of each face, ordered by face, at least one for each.
+    """The candidates of each face, ordered by face, at least one for each."""
 
-    Attributes:
-        face: (k,) the face of each candidate.
-        share: (k,) its share of the face's votes, in [0, 1].
-    """
-
-    face: Integers
-    share: Floats
-
-    @property
-    def range(self) -> tuple[Integers, Integers]:
-        """(f,) first candidate of each face, and (f,) one past its last."""
-        end = np.cumsum(np.bincount(self.face))
-        return np.concatenate([[0], end[:-1]]), end
+    face: Integers  # (k,) the face of each candidate
+    share: Floats  # (k,) its share of the face's votes, in [0, 1]
 
     def pairs(self, first_face: Integers, second_face: Integers) -> tuple[Integers, Integers, Integers]:
-        """All pairs of candidates of one face and another.
-
-        Args:
-            first_face: (e,) one face of each edge.
-            second_face: (e,) the other face.
+        """All pairs of candidates of one face and another, for edges between faces (e,) and (e,).
 
         Returns:
             (p,) the edge, (p,) the candidate of its first face and (p,) of its second.
         """
-        start, end = self.range
-        every = np.arange(len(self.face))
-        edge, first = expand_ranges(np.arange(len(first_face)), start[first_face], end[first_face], every)
-        pair, second = expand_ranges(np.arange(len(edge)), start[second_face[edge]], end[second_face[edge]], every)
+        end = np.cumsum(np.bincount(self.face))
+        start = np.concatenate([[0], end[:-1]])
+        edge, first = expand_ranges(start[first_face], end[first_face])
+        pair, second = expand_ranges(start[second_face[edge]], end[second_face[edge]])
         return edge[pair], first[pair], second
-
-    def contested_edges(self, first: Integers, second: Integers, face: Integers) -> tuple[Integers, Integers]:
-        """The edges at which a face has a choice.
-
-        Args:
-            first: (e, 2) corners of one face at each edge.
-            second: (e, 2) corners of the other.
-            face: (c,) the face of each corner.
-        """
-        choice = np.bincount(self.face) > 1
-        kept = choice[face[first[:, 0]]] | choice[face[second[:, 0]]]
-        return first[kept], second[kept]
 
 
 def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, Integers]:
-    """Count votes.
+    """Count votes for codes (q,), each with the face that owns it (q,) and a weight (q,); every face has a vote.
 
-    Args:
-        owner: (q,) the face that each vote is for; every face has one.
-        code: (q,) the value that is voted for.
-        weight: (q,) the weight of the vote.
-
-    Returns:
-        The candidates, and (k,) the code of each.
+    Returns the candidates, and (k,) the code of each.
     """
     count = code.max() + 1
     key, inverse = np.unique(owner * count + code, return_inverse=True)
@@ -85,13 +55,29 @@ def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, 
     return Candidates(owner, votes / np.bincount(owner, votes)[owner]), code
 
 
+def elect_for_faces(
+    candidates: Candidates, mapped: MappedTarget, agree: Callable[[Integers, Integers, Integers, Integers], Booleans]
+) -> Integers:
+    """(f,) the chosen candidate of each face of the target; borders between faces are measured by their edges.
+
+    Args:
+        candidates: the k candidates of f faces.
+        mapped: the target on the source.
+        agree: tells for pairs of candidates (p,) and (p,), and the corners (p, 2) and (p, 2) of both faces at their
+            common edges, whether there is no border between the two.
+    """
+    target, choice = mapped.target, np.bincount(candidates.face) > 1
+    first, second = mapped.adjacent
+    contested = choice[target.corner_face[first[:, 0]]] | choice[target.corner_face[second[:, 0]]]
+    first, second = first[contested], second[contested]
+    edge, one, other = candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
+    length = edge_lengths(target.vertices[target.corner_vertex], first)[edge]
+    agreeing = agree(one, other, first[edge], second[edge])
+    return elect(candidates, VOTE_WEIGHT * mapped.circumference, one, other, length, agreeing)
+
+
 def elect(
-    candidates: Candidates,
-    loyalty: Floats,
-    first: Integers,
-    second: Integers,
-    length: Floats,
-    agree: Booleans,
+    candidates: Candidates, loyalty: Floats, first: Integers, second: Integers, length: Floats, agree: Booleans
 ) -> Integers:
     """Choose a candidate for each face, with a short border between faces that disagree.
 
@@ -130,6 +116,5 @@ def elect(
 
 def _best(face: Integers, score: Floats) -> Integers:
     """(f,) the candidate of each face with the highest score; the first one of ties."""
-    start = np.flatnonzero(np.diff(face, prepend=-1))
-    top = np.flatnonzero(score >= np.maximum.reduceat(score, start)[face])
-    return top[np.flatnonzero(np.diff(face[top], prepend=-1))]
+    top = np.flatnonzero(score >= np.maximum.reduceat(score, group_starts(face))[face])
+    return top[group_starts(face[top])]

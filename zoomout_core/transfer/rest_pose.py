@@ -56,15 +56,10 @@ REST = RestTuning()
 
 @dataclass(frozen=True, eq=False)
 class PosedTarget:
-    """A target, mapped over its source at rest, and its pose.
+    """A target, mapped over its source at rest, and its pose."""
 
-    Attributes:
-        mapped: the target over the source at rest, projected if it is the same body.
-        pose: the pose of the bones that takes it from the rest pose to the target.
-    """
-
-    mapped: MappedTarget
-    pose: Pose
+    mapped: MappedTarget  # the target over the source at rest, projected if it is the same body
+    pose: Pose  # the pose of the bones that takes it from the rest pose to the target
 
 
 def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:
@@ -85,18 +80,16 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
     own = csr_array(mixing_matrix(mapped) @ weights)
     pose = estimate_pose(mapped.points, target.vertices, own, areas * confidence, parents)
-    search = SurfaceSearch(rest.vertices, rest.triangles)
+    search, normals = SurfaceSearch(rest.vertices, rest.triangles), vertex_normals(target.vertices, target.triangles)
     found = replace(mapped, confidence=confidence)
     for _ in range(REST.rounds):
         lying, trusted = _read_at_rest(found, mapped, pose, weights, search)
         if lying is None:
             break
-        found = replace(
-            mapped, surface_map=lying, confidence=np.where(trusted, FULL_CONFIDENCE, REST.beside * confidence)
-        )
-        normals = vertex_normals(target.vertices, target.triangles)
+        doubted = REST.beside * confidence
+        found = replace(mapped, surface_map=lying, confidence=np.where(trusted, FULL_CONFIDENCE, doubted))
         own = csr_array(mixing_matrix(found) @ weights)
-        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
+        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), doubted)
         pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
     return PosedTarget(found, pose)
 
@@ -127,11 +120,8 @@ def _read_at_rest(
     if np.median(off) > REST.same_body * unit:
         return None, np.zeros(len(off), dtype=bool)
     along = np.linalg.norm(places - mapped.points, axis=1)
-    facing = np.einsum(
-        "nx,nx->n",
-        vertex_normals(at_rest, target.triangles),
-        triangle_normals(rest.vertices, rest.triangles)[triangle],
-    )
+    outwards = triangle_normals(rest.vertices, rest.triangles)[triangle]
+    facing = np.einsum("nx,nx->n", vertex_normals(at_rest, target.triangles), outwards)
     trusted = sound & (off < REST.near * unit) & (along < REST.along * unit) & (facing > REST.facing)
     if mapped.has_partner is not None:
         trusted &= mapped.has_partner

@@ -37,15 +37,11 @@ MIN_OFFSET = 1e-7
 
 
 def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
-    """Transfer offsets (n, keys, 3) of vertices, in the space of the surfaces.
+    """Transfer offsets (n_s, keys, 3) of vertices, in the space of the surfaces.
 
-    They rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in place;
-    where confidence is low, a key follows its surroundings.
-
-    Args:
-        attribute: offsets (n_s, keys, 3) from the vertices of the source, which must be those before keys: the rest
-            shape, if the source is posed after keys are applied.
-        mapped: the target on the source.
+    The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
+    Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
+    place; where confidence is low, a key follows its surroundings.
     """
     offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0

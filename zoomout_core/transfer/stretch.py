@@ -55,31 +55,19 @@ STRETCH = StretchTuning()
 
 
 class CheckedWeights(NamedTuple):
-    """Skin weights, smoothed where they would tear the target.
+    """Skin weights, smoothed where they would tear the target."""
 
-    Attributes:
-        weights: (n_t, b) sparse.
-        smoothed: (n_t,) vertices whose weights were filled in from their surroundings.
-        stretched: (n_t,) vertices at edges that stretch too far still.
-    """
-
-    weights: csr_array
-    smoothed: Booleans
-    stretched: Booleans
+    weights: csr_array  # (n_t, b) sparse
+    smoothed: Booleans  # (n_t,) vertices whose weights were filled in from their surroundings
+    stretched: Booleans  # (n_t,) vertices at edges that stretch too far still
 
 
 class Played(NamedTuple):
-    """A surface in some poses.
+    """A surface in some poses."""
 
-    Attributes:
-        edges: (e, 2) vertex numbers.
-        growth: (e,) the largest ratio of an edge's length in a pose to that at rest.
-        length: (e,) its largest length in a pose.
-    """
-
-    edges: Integers
-    growth: Floats
-    length: Floats
+    edges: Integers  # (e, 2) vertex numbers
+    growth: Floats  # (e,) the largest ratio of an edge's length in a pose to that at rest
+    length: Floats  # (e,) its largest length in a pose
 
 
 def check_weights(
@@ -92,13 +80,8 @@ def check_weights(
 ) -> CheckedWeights:
     """Play a source and a target, and smooth the target's weights around edges that stretch too far.
 
-    Args:
-        source: the source at rest.
-        source_weights: (n_s, b) its skin weights.
-        target: the target at rest.
-        weights: (n_t, b) its skin weights.
-        surface_map: from the target to the source.
-        poses: (f, b, 3, 4) transforms of the bones from rest.
+    Both surfaces are at rest, with skin weights (n_s, b) and (n_t, b); the map leads from the target to the source. The
+    poses (f, b, 3, 4) are transforms of the bones from rest.
     """
     played = play(source, source_weights, poses)
     size = float(np.ptp(target.vertices, axis=0).max())
@@ -117,18 +100,13 @@ def check_weights(
         left = find_stretched(tried)
         if len(left) < len(edges):
             weights, edges, smoothed = tried, left, smoothed | around
-    at_edges = np.zeros(len(smoothed), dtype=bool)
-    at_edges[edges] = True
-    return CheckedWeights(weights, smoothed, at_edges)
+    return CheckedWeights(weights, smoothed, _around(target, edges, 0))
 
 
 def extreme_turns(parents: Integers) -> Floats:
-    """(f, b, 3) rotation vectors of bones against their parents, in radians about the axes of the world at rest.
+    """(f, b, 3) rotation vectors of bones against their parents (b,), in radians about the axes of the world at rest.
 
     In half of the poses all bones turn in the same sense, in the others every second one along a chain turns back.
-
-    Args:
-        parents: (b,) the number of each bone's parent, -1 for none.
     """
     depth = np.zeros(len(parents), dtype=np.int64)
     for bone in _parents_first(parents):
@@ -141,12 +119,7 @@ def extreme_turns(parents: Integers) -> Floats:
 
 
 def extreme_poses(heads: Floats, parents: Integers) -> Floats:
-    """(f, b, 3, 4) transforms of bones from the rest pose to the poses of `extreme_turns`.
-
-    Args:
-        heads: (b, 3) the place that each bone turns about, at rest.
-        parents: (b,) the number of each bone's parent, -1 for none.
-    """
+    """(f, b, 3, 4) transforms of bones with heads (b, 3) from the rest pose to the poses of `extreme_turns`."""
     return np.array([pose_of_turns(turns, heads, parents) for turns in extreme_turns(parents)])
 
 
@@ -162,18 +135,15 @@ def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
     matrices = Rotation.from_rotvec(turns).as_matrix()
     for bone in _parents_first(parents):
         own = np.column_stack([matrices[bone], heads[bone] - matrices[bone] @ heads[bone]])
-        above = None if parents[bone] < 0 else transforms[parents[bone]]
-        transforms[bone] = own if above is None else _compose(above, own)
+        if parents[bone] >= 0:
+            above = transforms[parents[bone]]
+            own = np.column_stack([above[:, :3] @ own[:, :3], above[:, :3] @ own[:, 3] + above[:, 3]])
+        transforms[bone] = own
     return transforms
 
 
 def distinct_poses(poses: Floats, heads: Floats) -> Floats:
-    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move the bones.
-
-    Args:
-        poses: transforms of bones from rest.
-        heads: (b, 3) the place that each bone turns about, at rest.
-    """
+    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move bones that turn about heads (b, 3)."""
     if not len(poses):
         return poses
     corners = heads[:, None] + np.ptp(heads, axis=0).max() * np.vstack([np.zeros(3), np.eye(3)])
@@ -183,12 +153,9 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
 
 
 def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
-    """Pose a surface by linear blend skinning, and measure its edges.
+    """Pose a surface by linear blend skinning, and measure its edges; vertices without weights stay in place.
 
-    Args:
-        rest: the surface at rest.
-        weights: (n, b) sparse skin weights; vertices without any stay in place.
-        poses: (f, b, 3, 4) transforms of the bones.
+    The weights are (n, b), and the poses (f, b, 3, 4) transforms of the bones from rest.
     """
     edges, _ = unique_edges(rest.triangles)
     weighted = np.asarray(weights.sum(axis=1)).ravel() > 0
@@ -203,13 +170,9 @@ def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
 
 
 def stretched_edges(source: Played, target: Played, surface_map: SurfaceMap, size: float) -> Booleans:
-    """(e,) which edges of a target stretch much more than the source does at their images.
+    """(e,) which edges of a target stretch much more than the source does at their images, in the same poses.
 
-    Args:
-        source: the source in some poses.
-        target: the target in the same poses.
-        surface_map: from the target to the source.
-        size: of the target, such as its height.
+    The size is that of the target, such as its height.
     """
     at_vertex = np.ones(int(surface_map.source_triangles.max()) + 1)
     for end in source.edges.T:
@@ -231,8 +194,7 @@ def smooth_weights(weights: csr_array, target: Surface, chosen: Booleans) -> csr
 
 def _around(target: Surface, edges: Integers, rings: int) -> Booleans:
     """(n,) the vertices within some rings of edges (e, 2)."""
-    chosen = np.zeros(len(target.vertices), dtype=bool)
-    chosen[edges] = True
+    chosen = np.isin(np.arange(len(target.vertices)), edges)
     every, _ = unique_edges(target.triangles)
     for _ in range(rings):
         chosen[every[chosen[every].any(axis=1)]] = True
@@ -243,24 +205,14 @@ def _parents_first(parents: Integers) -> list[int]:
     """The numbers of bones, parents before children."""
     order: list[int] = []
     known = set[int]()
-
-    def visit(bone: int) -> None:
-        chain = []
+    for start in range(len(parents)):
+        chain, bone = list[int](), start
         while bone >= 0 and bone not in known:
             known.add(bone)
             chain.append(bone)
             bone = int(parents[bone])
-        order.extend(reversed(chain))
-
-    for bone in range(len(parents)):
-        visit(bone)
+        order += reversed(chain)
     return order
-
-
-def _compose(outer: Floats, inner: Floats) -> Floats:
-    """(3, 4) the affine map `outer` after `inner`."""
-    linear = outer[:, :3] @ inner[:, :3]
-    return np.column_stack([linear, outer[:, :3] @ inner[:, 3] + outer[:, 3]])
 
 
 def _lengths(points: Floats, edges: Integers) -> Floats:

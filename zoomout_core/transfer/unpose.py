@@ -50,17 +50,11 @@ UNPOSE = UnposeTuning()
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A surface in the rest pose.
+    """A surface in the rest pose."""
 
-    Attributes:
-        positions: (n, 3) positions of its vertices.
-        linear: (n, 3, 3) matrices that take differences of positions in the pose to those at rest, around each vertex.
-        smoothed: how many vertices keep their own shape, because the inverse of skinning is not trusted there.
-    """
-
-    positions: Floats
-    linear: Floats
-    smoothed: int
+    positions: Floats  # (n, 3) positions of its vertices
+    linear: Floats  # (n, 3, 3) matrices that take differences of positions around each vertex from the pose to rest
+    smoothed: int  # how many vertices keep their own shape, because the inverse of skinning is not trusted there
 
 
 def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:
@@ -75,20 +69,14 @@ def unpose(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -
     rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
     trust = np.where(sound, np.clip(confidence / FULL_CONFIDENCE, 0, 1), 0)
     trust[_strained_vertices(posed, rest, scale)] = 0
-    doubted = int((trust < 1).sum())
-    if not doubted:
+    if not (trust < 1).any():
         return Rest(rest, inverse, 0)
     turns = nearest_rotations(inverse) / scale
     return _smooth(posed, rest, inverse, turns, np.maximum(trust, MIN_TRUST))
 
 
 def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple[Floats, Floats, Booleans]:
-    """Positions at rest by the inverse of skinning.
-
-    Args:
-        positions: (n, 3) positions in the pose.
-        matrices: (n, 3, 4) affine maps from rest to the pose.
-        scale: the common scale of the bones.
+    """Positions (n, 3) in a pose, taken to rest by the inverse of affine maps (n, 3, 4) with a common scale.
 
     Returns:
         (n, 3) positions at rest, (n, 3, 3) the linear parts of the inverse, and (n,) where the blend of bones has not
@@ -106,20 +94,17 @@ def _strained_vertices(posed: Surface, rest: Floats, scale: float) -> Booleans:
     edges, _ = unique_edges(posed.triangles)
     now, then = (np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1) for points in (posed.vertices, rest))
     torn = (then * scale > UNPOSE.max_strain * now) | (now > UNPOSE.max_strain * scale * then)
-    strained = np.zeros(len(rest), dtype=bool)
-    strained[edges[torn].ravel()] = True
-    return strained
+    return np.isin(np.arange(len(rest)), edges[torn])
 
 
 def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:
     working = posed.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
-    weights = diags_array(sure)
-    trusted = csc_array(without_sums(csc_array(weights @ stiffness @ weights)))
+    trusted = without_sums(csc_array(diags_array(sure) @ stiffness @ diags_array(sure)))
     smoothing = ScreenedSmoothing.of(sure * areas, stiffness, FRAMES.smoothing_length)
     linear = on_working_mesh(working, turns)
-    size = np.linalg.norm(linear[:, 0], axis=1).mean() if len(linear) else 1.0
+    size = np.linalg.norm(linear[:, 0], axis=1).mean()
     spread = smoothing.smooth(linear.reshape(-1, 9)).reshape(-1, 3, 3)
     linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
     gradients = trusted @ here
@@ -129,7 +114,5 @@ def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust:
     used = (number >= 0)[:, None]
     doubt = (1 - trust)[:, None, None] * used[:, :, None]
     return Rest(
-        np.where(used, placed[number], rest),
-        (1 - doubt) * inverse + doubt * linear[number],
-        int((trust < 1).sum()),
+        np.where(used, placed[number], rest), (1 - doubt) * inverse + doubt * linear[number], int((trust < 1).sum())
     )

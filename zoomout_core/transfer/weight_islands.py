@@ -8,13 +8,13 @@ are apart on purpose, such as the two sleeves that a single bone moves.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+from zoomout_core.transfer.groups import label_groups
 from zoomout_core.transfer.skinning import strongest
 
 # Largest area of an island relative to that of the region that it is cut off from: nothing tells which of two is right.
@@ -26,12 +26,7 @@ def find_islands(
 ) -> Integers:
     """(n_t,) the number of the island of a bone that each vertex of a target is on, -1 for none.
 
-    Args:
-        surface_map: from the target to the source.
-        source: with the skin weights.
-        source_weights: (n_s, b) its weights.
-        target: that received them.
-        weights: (n_t, b) its weights.
+    Regions of the target's weights (n_t, b) are compared with those of the source's (n_s, b) along the map.
     """
     bone, region = _regions(target, weights)
     _, of_source = _regions(source, source_weights)
@@ -41,7 +36,9 @@ def find_islands(
     area = np.bincount(region, areas, count)
     first = np.zeros(count, dtype=np.int64)
     first[region[::-1]] = np.arange(len(region))[::-1]
-    image = _dominant_label(region, of_source[surface_map.vertex], areas, count)
+    label = of_source[surface_map.vertex]
+    # The region of the source that most of the area of each region comes from.
+    image = strongest(csr_array((areas, (region, label)), shape=(count, int(label.max()) + 1)))
     # Regions of one bone on one part that come from one region of the source.
     key = np.stack([bone[first], part[first], image])
     _, group = np.unique(key, axis=1, return_inverse=True)
@@ -62,10 +59,4 @@ def _regions(surface: Surface, weights: csr_array) -> tuple[Integers, Integers]:
     member[mesh.vertex_of[used]] = used
     welded = np.stack([used, member[mesh.vertex_of[used]]], axis=1)  # borders that coincide
     links = np.concatenate([alike, welded[bone[welded[:, 0]] == bone[welded[:, 1]]]])
-    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(n, n))
-    return bone, np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
-def _dominant_label(region: Integers, label: Integers, areas: Floats, count: int) -> Integers:
-    """(count,) the label that most of the area of each region has."""
-    return strongest(csr_array((areas, (region, label)), shape=(count, int(label.max()) + 1)))
+    return bone, label_groups(n, *links.T)

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.messages import message, plural
 from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.groups import group_starts
 from zoomout_core.transfer.inpaint import MIN_WEIGHT, filling
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.skinning import row_of
 from zoomout_core.transfer.weight_islands import find_islands
 
 # Weights that sum to one up to rounding are meant to.
@@ -82,7 +84,7 @@ def mix_weights(
     mixed.data[mixed.data < MIN_WEIGHT] = 0
     mixed.eliminate_zeros()
     counted = shared[weights.indices] & (weights.data >= MIN_WEIGHT)
-    most = int(np.bincount(_rows(weights)[counted], minlength=1).max())
+    most = int(np.bincount(row_of(weights)[counted], minlength=1).max())
     if limit is None or limit >= most:
         _keep_largest(mixed, shared, limit or most)
     else:
@@ -104,16 +106,10 @@ def mix_weights(
 
 
 def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit: int) -> None:
-    """Keep of the shared groups only the largest at each vertex, in place; they keep their sum.
+    """Keep only the `limit` largest of the shared groups, a mask (groups,), at each vertex, in place; sums stay.
 
     A group that is among the largest at one vertex and not at the next one would make a step there. It fades out
     over some edges instead.
-
-    Args:
-        weights: (n, groups) sparse.
-        surface: whose vertices they are of.
-        shared: (groups,) mask of the groups that are limited.
-        limit: how many of these a vertex may have.
     """
     sums = weights @ shared.astype(float)
     dropped = _keep_largest(weights, shared, limit)
@@ -132,12 +128,7 @@ def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit:
 
 
 def rename_groups(weights: Attribute, names: Mapping[str, str]) -> Attribute:
-    """Weights under other names; groups that get the same one become one, whose weights are their sums.
-
-    Args:
-        weights: labelled by the groups' names.
-        names: new names by the old ones; other groups keep theirs.
-    """
+    """Weights with new names by the old ones; groups that get the same name are added up."""
     renamed = [names.get(label, label) for label in weights.labels]
     labels = tuple(dict.fromkeys(renamed))
     if len(labels) == len(renamed):
@@ -216,10 +207,6 @@ def mixing_matrix(mapped: MappedTarget) -> Any:
     )
 
 
-def _rows(matrix: Any) -> Integers:
-    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-
-
 def _neighbours(surface: Surface) -> csr_array:
     """(n, n) which vertices of a surface lie at most an edge apart, where borders that coincide are one."""
     working = surface.working
@@ -240,13 +227,13 @@ def _keep_largest(weights: csr_array, shared: Booleans, limit: int) -> csr_array
     Returns:
         A one for each weight that was dropped.
     """
-    rows = _rows(weights)
+    rows = row_of(weights)
     counts = shared[weights.indices]
     crowded = np.bincount(rows[counts], minlength=weights.shape[0]) > limit
     entries = np.flatnonzero(counts & crowded[rows])
     entries = entries[np.lexsort((weights.indices[entries], -weights.data[entries], rows[entries]))]
     row = rows[entries]
-    begin = np.flatnonzero(np.diff(row, prepend=-1))
+    begin = group_starts(row)
     rank = np.arange(len(row)) - np.repeat(begin, np.diff(begin, append=len(row)))
     out = entries[rank >= limit]
     dropped = csr_array((np.ones(len(out), np.int32), (rows[out], weights.indices[out])), shape=weights.shape)
@@ -261,7 +248,7 @@ def _rescale(weights: Any, shared: Booleans, wanted: Floats) -> int:
     Returns:
         How many rows lose their weights because nothing is wanted.
     """
-    rows = _rows(weights)
+    rows = row_of(weights)
     counts = shared[weights.indices]
     kept = np.bincount(rows[counts], weights.data[counts], minlength=weights.shape[0])
     wanted = np.where(wanted < MIN_WEIGHT, 0, wanted)

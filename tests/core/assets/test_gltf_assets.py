@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from creatures import creature
 from skinned_tubes import LENGTH, PNG, RINGS, SIDES, tube, weights_of, write_tube
 
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf import Document
+from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -170,7 +172,10 @@ def edited(path: Path, change: object) -> None:
     [
         (lambda made: made | {"extensionsRequired": ["KHR_draco_mesh_compression"]}, "compressed by Draco: export it"),
         (lambda made: made | {"meshes": [{"primitives": []}]}, "contains no triangles"),
-        (lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]}, "too early"),
+        (
+            lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]},
+            "than its view",
+        ),
         (lambda made: made | {"accessors": []}, "could not be read"),
     ],
 )
@@ -245,3 +250,17 @@ def test_strips_and_fans_are_triangles(path: Path) -> None:
         edited(path, as_mode)
         assert len(read_asset(path).surface.corner_vertex) == expected
     assert len(whole.corner_vertex) > expected
+
+
+@pytest.mark.parametrize("kind", ["tube", "creature"])
+def test_a_shape_has_the_vertices_of_its_asset(path: Path, kind: str) -> None:
+    """Else a map between shapes could not be used for a transfer between the same files."""
+    if kind == "tube":
+        write_tube(path)
+    else:
+        surface = creature(300).surface
+        uv = np.random.default_rng(0).random((len(surface.corner_vertex), 2))
+        write_asset(Asset(surface, (Attribute("uv 0", Domain.CORNER, Kind.UV, uv),)), path)
+    asset, shape = read_asset(path), read_surface(path)
+    np.testing.assert_array_equal(shape.vertices, asset.surface.vertices)
+    np.testing.assert_array_equal(shape.corner_vertex, asset.surface.corner_vertex)

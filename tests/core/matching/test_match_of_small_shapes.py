@@ -263,18 +263,20 @@ def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, mon
 
 def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
     pair = result.pair
-    places = guess_module._standing(pair)
+    places = guess_module.gather_evidence(pair, NOTHING, None).standing
     assert places is not None
     there = pair.source_shape.proxy.full.to_surface(places)
     np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
-    assert guess_module._standing(replace(pair, target=pair.source)) is None  # trivial for the surface itself
+    itself = replace(pair, target=pair.source)
+    assert guess_module.gather_evidence(itself, NOTHING, None).standing is None  # trivial for the surface itself
 
 
 def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
     pair = result.pair
-    assert guess_module._images(pair, None) is None
+    assert guess_module.gather_evidence(pair, NOTHING, None).earlier is None
     samples = pair.target_shape.search.samples
-    images = guess_module._images(pair, given_hypothesis(pair, TRUTH))
+    images = guess_module.gather_evidence(pair, NOTHING, given_hypothesis(pair, TRUTH)).earlier
+    assert images is not None
     off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[samples], axis=1)
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
 

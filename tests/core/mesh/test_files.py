@@ -169,7 +169,9 @@ def test_a_scene_is_concatenated_in_the_order_of_the_file_with_its_transforms(tm
     np.testing.assert_allclose(surface.vertices[:n], vertices * [-2, 1, 1] + [5, 6, 7], atol=1e-5)
     np.testing.assert_allclose(surface.vertices[n : n + 8], meshes[1].vertices, atol=1e-6)
     np.testing.assert_allclose(surface.vertices[n + 8 :], meshes[2].vertices + np.array([0, 0, 9]), atol=1e-6)
-    np.testing.assert_array_equal(surface.triangles[: len(faces)], faces[:, ::-1])  # flipped, as the transform mirrors
+    np.testing.assert_array_equal(
+        surface.triangles[: len(faces)], faces[:, [0, 2, 1]]
+    )  # flipped, as the transform mirrors
     np.testing.assert_array_equal(surface.triangles[len(faces) + 12 :], meshes[2].faces + n + 8)
 
 

@@ -12,7 +12,6 @@ import zoomout_core as zo
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.mirror import (
     asymmetry,
-    distance_of,
     flip_names,
     has_mean,
     mirror,
@@ -22,6 +21,7 @@ from zoomout_core.symmetry.mirror import (
 )
 from zoomout_core.symmetry.offsets import left_share, split_offsets
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.transfer.attribute import mean_over_vertices
 
 SURFACE = grid()
 SYMMETRY = self_map(SURFACE)
@@ -48,12 +48,14 @@ def test_each_direction_keeps_its_sides(direction: str, on_left: float, on_right
 
 def test_faces_and_their_corners_lie_where_their_middle_does_and_edges_likewise() -> None:
     surface = grid(columns=5, rows=2)  # the middle column of faces straddles the line
-    symmetry = self_map(surface)
+    distance = self_map(surface).distance
     middles = surface.vertices[surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
-    np.testing.assert_allclose(distance_of(zo.Domain.FACE, symmetry), middles, atol=1e-12)
-    np.testing.assert_allclose(distance_of(zo.Domain.CORNER, symmetry), np.repeat(middles, 4), atol=1e-12)
+    np.testing.assert_allclose(mean_over_vertices(distance, zo.Domain.FACE, surface), middles, atol=1e-12)
+    np.testing.assert_allclose(
+        mean_over_vertices(distance, zo.Domain.CORNER, surface), np.repeat(middles, 4), atol=1e-12
+    )
     of_edges = surface.vertices[surface.edges][:, :, 0].mean(axis=1)
-    np.testing.assert_allclose(distance_of(zo.Domain.EDGE, symmetry), of_edges, atol=1e-12)
+    np.testing.assert_allclose(mean_over_vertices(distance, zo.Domain.EDGE, surface), of_edges, atol=1e-12)
 
 
 def test_edges_along_the_line_are_kept_and_no_others() -> None:

@@ -257,4 +257,7 @@ def test_points_are_told_where_they_are_beside_their_own_line(spacing: float) ->
 def test_runs_end_where_the_chain_or_the_state_does() -> None:
     chain = np.array([0, 0, 0, 0, 1, 1, 2])
     state = np.array([True, True, False, False, False, True, True])
-    assert runs(chain, state).tolist() == [0, 0, 1, 1, 2, 3, 4]
+    run, first, last = runs(chain, state)
+    assert run.tolist() == [0, 0, 1, 1, 2, 3, 4]
+    assert first.tolist() == [0, 2, 4, 5, 6]
+    assert last.tolist() == [1, 3, 4, 5, 6]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from transfer_meshes import Sheet, identity, sheet, torus, true_map
 
-from zoomout_core.transfer import Attribute, Domain, Kind, interpolate, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, potts, transfer
 from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
 from zoomout_core.transfer.potts import Candidates, elect, tally
 
@@ -105,7 +105,7 @@ def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(
         return float(edge_lengths(target.surface.vertices[target.surface.corner_vertex], first)[border].sum())
 
     smoothed = border_length()
-    monkeypatch.setattr(interpolate, "VOTE_WEIGHT", 1e9)
+    monkeypatch.setattr(potts, "VOTE_WEIGHT", 1e9)
     by_vote_alone = border_length()
     rings = 4 * 2 * np.pi  # four circles of radius one
     assert smoothed - rings < 0.6 * (by_vote_alone - rings)

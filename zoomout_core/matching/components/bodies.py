@@ -21,21 +21,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class BodyTuning(Tuning, set_by="characters"):
-    """Which bodies to try, by the part of the hull that the main part covers.
+    """Which bodies to try, by the part of the hull that the main part covers."""
 
-    Attributes:
-        all_of_body: from this coverage on, only the main part is matched, because a hull adds nothing, as for a body
-            without its eyes.
-        whole_body: from this coverage on, the main part is tried first.
-        outside: if the main parts' shares of the two outsides differ by more than this, one surface shows hair, shoes
-            or glasses that are fused with the body on the other one, and hulls are tried first.
-        much_of_body: below this coverage only the hull is matched. Above it, main parts may be more similar than hulls
-            that consist of hair and skirts.
-    """
-
+    # From this coverage on, only the main part is matched, because a hull adds nothing, as for a body without its eyes.
     all_of_body: float = tuned(0.98, "1", 0, 1)
-    whole_body: float = tuned(0.9, "1", 0, 1)
+    whole_body: float = tuned(0.9, "1", 0, 1)  # from this coverage on, the main part is tried first
+    # If the main parts' shares of the two outsides differ by more than this, one surface shows hair, shoes or glasses
+    # that are fused with the body on the other one, and hulls are tried first.
     outside: float = tuned(0.02, "1", 0, 1)
+    # Below this coverage only the hull is matched. Above it, main parts may be more similar than hulls that consist of
+    # hair and skirts.
     much_of_body: float = tuned(0.5, "1", 0, 1)
 
 
@@ -43,19 +38,12 @@ BODIES = BodyTuning()
 
 
 class Bodies(NamedTuple):
-    """The meshes that represent two surfaces in a match.
-
-    Attributes:
-        source: a mesh.
-        target: a mesh.
-        coverage: the part of both bodies, in [0, 1], that they cover.
-        shares: (c,) the part of the source's outside, in [0, 1], that each of its components makes up.
-    """
+    """The meshes that represent two surfaces in a match."""
 
     source: WorkingMesh
     target: WorkingMesh
-    coverage: float
-    shares: Floats
+    coverage: float  # the part of both bodies, in [0, 1], that they cover
+    shares: Floats  # (c,) the part of the source's outside, in [0, 1], that each of its components makes up
 
 
 def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:

@@ -30,19 +30,12 @@ DECAY_LENGTH = 0.5
 
 @dataclass(frozen=True, eq=False)
 class BoundaryLoop:
-    """A connected part of a border.
+    """A connected part of a border."""
 
-    Attributes:
-        vertices: (n,) by their places in the part's vertices.
-        along: (p, 3) points that cover it evenly edge by edge, the ends of each among them.
-        centre: (3,) of its length.
-        size: root mean square distance from the centre.
-    """
-
-    vertices: Integers
-    along: Floats
-    centre: Floats
-    size: float
+    vertices: Integers  # (n,) by their places in the part's vertices
+    along: Floats  # (p, 3) points that cover it evenly edge by edge, the ends of each among them
+    centre: Floats  # (3,) of its length
+    size: float  # root mean square distance from the centre
 
 
 def loops_on_loops(part: Part, counterpart: Part) -> Floats:

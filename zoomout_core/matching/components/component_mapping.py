@@ -34,23 +34,15 @@ HALF_CONFIDENCE_MISFIT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Images of some vertices of the target on loose parts of the source.
+    """Images of some vertices of the target on loose parts of the source."""
 
-    Attributes:
-        vertices: (n,) of the target's working mesh.
-        triangle: (n,) of the source's working mesh.
-        barycentric: (n, 3) in it.
-        trust: (n,) in [0, 1].
-    """
-
-    vertices: Integers
-    triangle: Integers
-    barycentric: Floats
-    trust: Floats
+    vertices: Integers  # (n,) of the target's working mesh
+    triangle: Integers  # (n,) of the source's working mesh
+    barycentric: Floats  # (n, 3) in it
+    trust: Floats  # (n,) in [0, 1]
 
     @classmethod
     def concatenate(cls, images: Sequence[Image]) -> Image:
-        """Concatenate images."""
         none = cls(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
         return cls(
             *(np.concatenate([getattr(image, field.name) for image in (none, *images)]) for field in fields(cls))
@@ -59,35 +51,19 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class ComponentMap:
-    """The map of the loose parts.
+    """The map of the loose parts."""
 
-    Attributes:
-        image: images of the parts that have one.
-        paired: number of the target's parts that have a counterpart.
-        others: number of those that map to other parts.
-        alone: number of those without an image.
-        left: number of the source's parts without an image on them.
-        left_vertices: their vertices in the source's working mesh.
-        too_many: number of parts beyond the largest ones, which were not paired one by one.
-    """
-
-    image: Image
-    paired: int
-    others: int
-    alone: int
-    left: int
-    left_vertices: Integers
-    too_many: int
+    image: Image  # images of the parts that have one
+    paired: int  # number of the target's parts that have a counterpart
+    others: int  # number of those that map to other parts
+    alone: int  # number of those without an image
+    left: int  # number of the source's parts without an image on them
+    left_vertices: Integers  # their vertices in the source's working mesh
+    too_many: int  # number of parts beyond the largest ones, which were not paired one by one
 
 
 def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> ComponentMap:
-    """Pair the loose parts of two surfaces, and map them.
-
-    Args:
-        pair: the two surfaces.
-        body: from the target's body, at full resolution, to the source's.
-        confidence: (n,) in it at the vertices of the target shape's mesh.
-    """
+    """Pair the loose parts of two surfaces, and map them, moved by the body's map of confidence (n,)."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     theirs = source.parts(source.points)
@@ -179,25 +155,15 @@ def _lies_on(part: Part, whole: Part) -> bool:
 
 
 def _onto_pieces(
-    part: Part,
-    normals: Floats,
-    pieces: list[int],
-    counterpart: int | None,
-    misfit: Floats,
-    theirs: Sequence[Part],
-    source: Side,
+    part: Part,  # of the target
+    normals: Floats,  # (n, 3) of its vertices, on the source
+    pieces: list[int],  # what it lies on
+    counterpart: int | None,  # its counterpart among them, if it has one
+    misfit: Floats,  # (q,) with each of the source's parts
+    theirs: Sequence[Part],  # the source's parts
+    source: Side,  # with these parts
 ) -> Image | None:
-    """The image of a part on some of the source's parts, by number, or None if it does not fit them.
-
-    Args:
-        part: of the target.
-        normals: (n, 3) of its vertices, on the source.
-        pieces: what it lies on.
-        counterpart: its counterpart among them, if it has one.
-        misfit: (q,) with each of the source's parts.
-        theirs: the source's parts.
-        source: that they are parts of.
-    """
+    """The image of a part on some of the source's parts, by number, or None if it does not fit them."""
     if not pieces:
         return None
     onto = [theirs[j] for j in pieces]
@@ -221,15 +187,9 @@ def _correct_towards(part: Part, counterpart: Part) -> Floats:
 def _onto(
     part: Part, points: Floats, normals: Floats, pieces: Sequence[Part], source: Side, most: float
 ) -> tuple[Image, Floats]:
-    """The closest points of some pieces of the source, in place and normal, and the distances to them.
+    """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
-    Args:
-        part: the part to map.
-        points: (n, 3) its vertices on the source.
-        normals: (n, 3) there.
-        pieces: of the source.
-        source: that they are pieces of.
-        most: trust in an image that fits exactly.
+    The part's vertices lie at `points` (n, 3) on the source, with `normals` (n, 3); an exact fit has trust `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])

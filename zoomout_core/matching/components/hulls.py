@@ -24,23 +24,14 @@ OUTSIDE_POINTS = 40_000
 
 @dataclass(frozen=True)
 class HullTuning(Tuning, set_by="characters"):
-    """Resolution of hulls, and when a main part covers them.
+    """Resolution of hulls, and when a main part covers them."""
 
-    Attributes:
-        resolution: of a hull, along the longest extent.
-        tight_resolution: of a tight hull.
-        tight_inset: distance of a tight hull from the outer sides of its voxels, inwards.
-        below: maximum distance at which a main part covers a place of the hull; clothes and hair are nearer to a body.
-        hull_points: number of samples of the hull.
-        main_points: number of samples of the main part.
-    """
-
-    resolution: int = tuned(128, "voxels", 4, 1024)
-    tight_resolution: int = tuned(192, "voxels", 4, 1024)
-    tight_inset: float = tuned(0.7, "voxels", 0, 4)
-    below: float = tuned(0.05, "at unit area", 0, 1)
-    hull_points: int = tuned(2000, "points", 1, 1_000_000)
-    main_points: int = tuned(20_000, "points", 1, 10_000_000)
+    resolution: int = tuned(128, "voxels", 4, 1024)  # of a hull, along the longest extent
+    tight_resolution: int = tuned(192, "voxels", 4, 1024)  # of a tight hull
+    tight_inset: float = tuned(0.7, "voxels", 0, 4)  # of a tight hull, below the outer sides of its voxels
+    below: float = tuned(0.05, "at unit area", 0, 1)  # distance at which a main part covers a place of the hull
+    hull_points: int = tuned(2000, "points", 1, 1_000_000)  # number of samples of the hull
+    main_points: int = tuned(20_000, "points", 1, 10_000_000)  # number of samples of the main part
 
 
 HULLS = HullTuning()
@@ -49,12 +40,8 @@ HULLS = HullTuning()
 def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """One closed hull around a surface; `vertex_of` is the hull's vertex nearest to each of the surface's.
 
-    Its grid is aligned with the surface's principal axes, so that it turns with the surface.
-
-    Args:
-        surface: any mesh.
-        tight: whether to extract it from a finer grid, a little below the surface. This separates limbs that touch,
-            and loses thin parts.
+    Its grid is aligned with the surface's principal axes, so that it turns with the surface. A tight hull has a finer
+    grid and lies a little below the surface: it separates limbs that touch, and loses thin parts.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)

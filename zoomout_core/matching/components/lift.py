@@ -18,41 +18,41 @@ from zoomout_core.matching.components.shells import ShellMap, map_shells
 from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair, standing
 from zoomout_core.matching.proxy import Proxy
-from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit
+from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit, replace_images
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import message, plural
 
+PAIRED_SHELLS = "{paired} of {count} parts matched to their counterparts by position, size and shape{others}."
+# Sentences about the numbers of loose parts in a `ComponentMap`: of two surfaces, and of one that is matched to itself.
 TOO_MANY = "{parts} beyond the {most} largest, too many to pair: mapped to the nearest surface."
+OF_TWO = {
+    "paired": "{parts} paired with parts of the source by position, size and shape.",
+    "others": "{parts} of the target mapped to other parts of the source at the same position.",
+    "too_many": TOO_MANY,
+    "alone": "{parts} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
+    "left": "{parts} of the source without a partner: no part of the target was matched to them.",
+}
+OF_ONE = {
+    "paired": "{parts} mapped to their counterparts, or to themselves, by position, size and shape.",
+    "others": "{parts} mapped to other parts at the same position.",
+    "too_many": TOO_MANY,
+    "alone": "{parts} without a partner: mapped to the nearest point of the body, with zero confidence.",
+}
 
 
 class LiftedMap(NamedTuple):
-    """The map between two surfaces.
+    """The map between two surfaces."""
 
-    Attributes:
-        surface_map: from the target to the source.
-        confidence: (n_t,) in it.
-        counterparts: which vertices of the surfaces have a counterpart; vertices without a face count as such.
-        placed: the part of the target's area, in [0, 1], for which there is something on the source.
-        notes: sentences for the user about parts.
-    """
-
-    surface_map: SurfaceMap
-    confidence: Floats
-    counterparts: Counterparts
-    placed: float
-    notes: tuple[str, ...]
+    surface_map: SurfaceMap  # from the target to the source
+    confidence: Floats  # (n_t,) in it
+    counterparts: Counterparts  # of the surfaces; vertices without a face count as having one
+    placed: float  # the part of the target's area, in [0, 1], for which there is something on the source
+    notes: tuple[str, ...]  # sentences for the user about parts
 
 
 def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -> LiftedMap:
-    """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
-
-    Args:
-        pair: the surfaces and their shapes.
-        fit: of the target shape to the source shape.
-        confidence: (n,) of the target shape's vertices.
-        counterparts: which vertices of the shapes' meshes have one.
-    """
+    """The map between the shapes' meshes as a map between the surfaces, in their own numbers."""
     if pair.target_shape.proxy.full.is_hull:
         return _from_shells(pair, map_shells(pair, fit, confidence, counterparts))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
@@ -78,8 +78,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -
     alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
     left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
     both = Counterparts(
-        _on_surface(target, counterparts.target, ~alone),
-        _on_surface(source, counterparts.source, ~left),
+        _on_surface(target, counterparts.target, ~alone), _on_surface(source, counterparts.source, ~left)
     )
     return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, both, share, _notes(pair, loose))
 
@@ -87,10 +86,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -
 def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:
     """(n,) which vertices of a surface have a counterpart.
 
-    Args:
-        proxy: of the surface's main part.
-        has_partner: (m,) which vertices of the proxy have a counterpart.
-        beside: (n,) which vertices that are not on the main part have.
+    On its main part, this is known of the proxy's vertices, by `has_partner` (m,), and elsewhere by `beside` (n,).
     """
     on_part = proxy.place.interpolate(has_partner.astype(np.float64)) >= 0.5
     vertex_of = proxy.full.vertex_of
@@ -109,12 +105,8 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     confidence = np.where(of >= 0, shells.confidence[near], 0)
     triangle = pair.source.working.triangle_of[shells.surface_map.triangle[near]]
     whole = SurfaceMap(triangle, shells.surface_map.barycentric[near], pair.source.triangles)
-    counterparts = Counterparts(
-        *(
-            np.where(surface.working.vertex_of >= 0, has_partner[surface.working.vertex_of], True)
-            for surface, has_partner in zip((pair.target, pair.source), shells.counterparts, strict=True)
-        )
-    )
+    of_source, known = pair.source.working.vertex_of, shells.counterparts
+    counterparts = Counterparts((of < 0) | known.target[of], (of_source < 0) | known.source[of_source])
     return LiftedMap(whole, confidence, counterparts, 1 - shells.alone, _notes_on_shells(pair, shells))
 
 
@@ -126,14 +118,7 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
         notes.append("The two meshes overlap in place, so each vertex was mapped to the nearest point.")
     if shells.paired:
         others = message("; the others were mapped to the nearest surface") if shells.paired < count else ""
-        notes.append(
-            message(
-                "{paired} of {count} parts matched to their counterparts by position, size and shape{others}.",
-                paired=shells.paired,
-                count=count,
-                others=others,
-            )
-        )
+        notes.append(message(PAIRED_SHELLS, paired=shells.paired, count=count, others=others))
     return tuple(notes)
 
 
@@ -145,59 +130,30 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
         return known
     main = np.flatnonzero(on_body[target.triangles[:, 0]])
     place, weights = closest_points(target.vertices[rest], target.vertices, target.triangles[main])
-    carried = known.at(source, target, main[place], weights)
-    triangle, barycentric = known.triangle.copy(), known.barycentric.copy()
-    triangle[rest], barycentric[rest] = carried.triangle, carried.barycentric
-    return SurfaceMap(triangle, barycentric, source.triangles)
+    return replace_images(known, rest, known.at(source, target, main[place], weights))
 
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """Sentences for the user about the parts of the two surfaces."""
-    if pair.source is pair.target:
-        smaller = ["The symmetry was detected on the main part, which is not the largest part."]
-        return (
-            *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
-            *_sentences(
-                (loose.paired, "{parts} mapped to their counterparts, or to themselves, by position, size and shape."),
-                (loose.others, "{parts} mapped to other parts at the same position."),
-                (loose.too_many, TOO_MANY),
-                (
-                    loose.alone,
-                    "{parts} without a partner: mapped to the nearest point of the body, with zero confidence.",
-                ),
-            ),
-        )
-    roles = (("source", pair.source, pair.source_shape), ("target", pair.target, pair.target_shape))
-    smaller = [
-        (
-            f"The main part of the {role} is not its largest part, but the one most similar to the main part of the "
-            "other mesh."
-        )
-        for role, surface, shape in roles
-        if _is_smaller(surface, shape)
-    ]
-    worded = _sentences(
-        (loose.paired, "{parts} paired with parts of the source by position, size and shape."),
-        (loose.others, "{parts} of the target mapped to other parts of the source at the same position."),
-        (loose.too_many, TOO_MANY),
-        (
-            loose.alone,
-            "{parts} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
-        ),
-        (loose.left, "{parts} of the source without a partner: no part of the target was matched to them."),
-    )
-    return (*smaller, *worded)
+    notes, is_one = [], pair.source is pair.target
+    if is_one and _is_smaller(pair.source, pair.source_shape):
+        notes.append("The symmetry was detected on the main part, which is not the largest part.")
+    for role, surface, shape in (
+        ("source", pair.source, pair.source_shape),
+        ("target", pair.target, pair.target_shape),
+    ):
+        if not is_one and _is_smaller(surface, shape):
+            notes.append(
+                f"The main part of the {role} is not its largest part, but the one most similar to the main part of "
+                "the other mesh."
+            )
+    for number, text in (OF_ONE if is_one else OF_TWO).items():
+        if count := getattr(loose, number):
+            parts = plural(count, "1 loose part", "{count} loose parts")
+            notes.append(message(text, parts=parts, most=MAX_PAIRED_PARTS))
+    return tuple(notes)
 
 
 def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
     """Whether a surface's main part is not its largest."""
     return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
-
-
-def _sentences(*told: tuple[int, str]) -> tuple[str, ...]:
-    """Sentences about numbers of loose parts, of those that there are."""
-    return tuple(
-        message(text, parts=plural(count, "1 loose part", "{count} loose parts"), most=MAX_PAIRED_PARTS)
-        for count, text in told
-        if count
-    )

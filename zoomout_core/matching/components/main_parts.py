@@ -31,14 +31,6 @@ def main_parts(source: Surface, target: Surface, seed: int) -> tuple[WorkingMesh
     These are the components of largest area, unless others have clearly more similar spectra, or the largest are
     sheets.
 
-    Args:
-        source: a surface.
-        target: another one.
-        seed: of the eigensolver.
-
-    Returns:
-        A component of the source, and one of the target.
-
     Raises:
         MeshError: a component is too small.
     """

@@ -16,30 +16,21 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class OverlapTuning(Tuning, set_by="characters"):
-    """When two surfaces overlap, and when a map leaves the target in place.
+    """When two surfaces overlap, and when a map leaves the target in place."""
 
-    Attributes:
-        near: maximum distance at which points overlap.
-        max_elsewhere: maximum part of either surface's area that does not overlap: it is at most 0.05 on pairs in one
-            pose, and at least 0.18 on all others.
-        stays: a map leaves points in place that it moves by less than this.
-        mostly: a map that leaves more than this part of the area in place leaves all of it in place.
-    """
-
-    near: float = tuned(0.05, "longest extents", 0, 1)
+    near: float = tuned(0.05, "longest extents", 0, 1)  # maximum distance at which points overlap
+    # Maximum part of either surface's area that does not overlap: it is at most 0.05 on pairs in one pose, and at least
+    # 0.18 on all others.
     max_elsewhere: float = tuned(0.06, "1", 0, 1)
-    stays: float = tuned(0.1, "at unit area", 0, 1)
-    mostly: float = tuned(0.85, "1", 0, 1)
+    stays: float = tuned(0.1, "at unit area", 0, 1)  # a map leaves points in place that it moves by less than this
+    mostly: float = tuned(0.85, "1", 0, 1)  # a map that leaves more of the area in place leaves all of it in place
 
 
 OVERLAP = OverlapTuning()
 
 
 def overlapping(pair: Pair) -> Floats | None:
-    """(n_t, 3) the vertices of the target shape's mesh where they are in space, in the frame of the source's part.
-
-    None unless the two surfaces overlap.
-    """
+    """(n_t, 3) the target shape's vertices where they are in space, in the source part's frame, if the two overlap."""
     source, target = pair.source_shape, pair.target_shape
     here, there = standing(pair)[target.proxy.full_vertex], source.proxy.vertices
     near = OVERLAP.near * max(float(np.ptp(places, axis=0).max()) for places in (here, there))
@@ -52,12 +43,6 @@ def overlapping(pair: Pair) -> Floats | None:
 
 
 def leaves_in_place(images: Floats, places: Floats, areas: Floats) -> bool:
-    """Whether a map from places (n, 3) to images (n, 3) is the identity in space, up to its errors.
-
-    Args:
-        images: at unit area.
-        places: at unit area.
-        areas: (n,) that they stand for.
-    """
+    """Whether a map from places (n, 3), of areas (n,), to images (n, 3) is the identity in space, up to its errors."""
     stays = np.linalg.norm(images - places, axis=1) < OVERLAP.stays
     return bool(areas[stays].sum() > OVERLAP.mostly * areas.sum())

@@ -45,21 +45,13 @@ SAME_REGION_DISCOUNT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A component of a mesh.
+    """A component of a mesh."""
 
-    Attributes:
-        mesh: of which it is a component.
-        vertices: (n,) its vertices in the mesh.
-        triangles: (m,) its triangles in the mesh.
-        points: (n, 3) the vertices in the frame in which parts are compared, the source's.
-        weights: (n,) the vertices' shares of its area, which sum to one.
-    """
-
-    mesh: WorkingMesh
-    vertices: Integers
-    triangles: Integers
-    points: Floats
-    weights: Floats
+    mesh: WorkingMesh  # of which it is a component
+    vertices: Integers  # (n,) its vertices in the mesh
+    triangles: Integers  # (m,) its triangles in the mesh
+    points: Floats  # (n, 3) the vertices in the frame in which parts are compared, the source's
+    weights: Floats  # (n,) the vertices' shares of its area, which sum to one
 
     @cached_property
     def corners(self) -> Integers:
@@ -88,7 +80,6 @@ class Part:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Of its points."""
         return cKDTree(self.points)
 
     @cached_property
@@ -112,19 +103,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A surface in the frame in which its loose parts are compared.
+    """A surface in the frame in which its loose parts are compared."""
 
-    Attributes:
-        mesh: its working copy.
-        points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
-        areas: (n,) of the vertices, positive.
-        body_vertices: (b,) the mesh's vertex for each of the body's; empty if the body is a hull around all parts.
-    """
-
-    mesh: WorkingMesh
-    points: Floats
-    areas: Floats
-    body_vertices: Integers
+    mesh: WorkingMesh  # its working copy
+    points: Floats  # (n, 3) the mesh's vertices in a frame in which the body's area is one
+    areas: Floats  # (n,) of the vertices, positive
+    body_vertices: Integers  # (b,) the mesh's vertex for each of the body's; empty for a hull
 
     @classmethod
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
@@ -174,16 +158,10 @@ class Side:
 def pair_parts(
     target: Sequence[Part], source: Sequence[Part], of_target: Booleans, of_source: Booleans
 ) -> tuple[dict[int, int], Floats]:
-    """Pair parts one to one.
+    """Pair parts of the target, moved to the source with the body, and parts of the source one to one.
 
-    Args:
-        target: parts of the target, moved to the source with the body.
-        source: parts.
-        of_target: (p, r) which target parts lie in which regions.
-        of_source: (q, r) which source parts lie in them.
-
-    Returns:
-        The number of the source's part by that of the target's, and (p, q) misfits, infinite if regions exclude a pair.
+    `of_target` (p, r) and `of_source` (q, r) tell which parts lie in which regions. Returns the number of the source's
+    part by that of the target's, and (p, q) misfits, infinite if regions exclude a pair.
     """
     place, size = _apart(target, source)
     rough = np.minimum(place, 2 * MAX_MISFIT) + size

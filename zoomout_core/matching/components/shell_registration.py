@@ -25,22 +25,15 @@ APART = 1e3
 
 @dataclass(frozen=True)
 class ShellIcpTuning(Tuning, set_by="characters"):
-    """How densely shells are sampled, and how they are registered by iterated closest points.
+    """How densely shells are sampled, and how they are registered by iterated closest points."""
 
-    Attributes:
-        dense: samples of a shell.
-        sparse: those of them that are projected onto the other shell.
-        rounds: of iterated closest points.
-        clearly_less: a start along principal axes is taken instead of the body's rotation where it leaves less than
-            this part of the distances.
-        max_scale: largest ratio of a shell's size to that by the body's map, and of its inverse.
-    """
-
-    dense: int = tuned(320, "points", 48, 100_000)
-    sparse: int = tuned(48, "points", 3, 48)
-    rounds: int = tuned(12, "rounds", 1, 1000)
+    dense: int = tuned(320, "points", 48, 100_000)  # samples of a shell
+    sparse: int = tuned(48, "points", 3, 48)  # those of them that are projected onto the other shell
+    rounds: int = tuned(12, "rounds", 1, 1000)  # of iterated closest points
+    # A start along principal axes is taken instead of the body's rotation where it leaves less than this part of the
+    # distances.
     clearly_less: float = tuned(0.8, "1", 0, 1)
-    max_scale: float = tuned(1.35, "1", 1, 100)
+    max_scale: float = tuned(1.35, "1", 1, 100)  # of a shell's size to that by the body's map, and inversely
 
 
 SHELL_ICP = ShellIcpTuning()
@@ -48,13 +41,9 @@ SHELL_ICP = ShellIcpTuning()
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """Points on several shells, to look for the nearest among those of one of them.
+    """Points on several shells, to look for the nearest among those of one of them."""
 
-    Attributes:
-        dense: (p, d, 3).
-    """
-
-    dense: Floats
+    dense: Floats  # (p, d, 3)
 
     @classmethod
     def of(cls, meshes: Sequence[tuple[Floats, Integers]]) -> Shells:
@@ -98,18 +87,10 @@ class Shells:
 def register_shells(
     target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handedness: float
 ) -> tuple[Similarities, Floats]:
-    """Register shells of the target with shells of the source.
+    """Register shells (q,) of the target with shells (q,) of the source, given by their numbers.
 
-    Args:
-        target: where they are at rest.
-        source: where they are.
-        of_target: (q,) which shells of the target,
-        of_source: (q,) are registered with which of the source.
-        prior: (p,) how the body's map moves each of the target's shells.
-        handedness: -1 where it mirrors them, else 1.
-
-    Returns:
-        (q,) the similarities, and (q,) root mean square distances, both ways, that they leave.
+    The body's map moves the target's shells by `prior` (p,), and mirrors them if `handedness` is -1. Returns (q,) the
+    similarities, and (q,) root mean square distances, both ways, that they leave.
     """
     start = prior[of_target]
     scales = start.scale / SHELL_ICP.max_scale, start.scale * SHELL_ICP.max_scale

@@ -29,7 +29,7 @@ from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
-from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.matching.registration.nonrigid_icp import Fit, replace_images
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import Tuning, tuned
 
@@ -39,48 +39,28 @@ AT_ONCE = 50_000
 
 @dataclass(frozen=True)
 class ShellTuning(Tuning, set_by="characters"):
-    """How shells are paired, where the others map to, and the confidence in both.
+    """How shells are paired, where the others map to, and the confidence in both."""
 
-    Attributes:
-        rivals: number of candidates, nearest in position and size, to which a shell is registered.
-        max_miss: maximum residual of the registration of a pair.
-        max_move: maximum distance of a pair from its position by the body's map.
-        max_unlike: maximum ratio of the sizes of a pair.
-        miss_cost: cost of a residual of `max_miss`.
-        move_cost: cost of a distance of `max_move`.
-        turn_cost: cost of a rotation by one radian relative to the body's.
-        scale_cost: cost of a unit logarithm of the scale relative to the body's.
-        max_cost: maximum sum of these costs for a pair.
-        normal_weight: distance that a unit difference of normals counts as.
-        outside: a vertex nearer to the hull than this is on the outside.
-        inner_reach: a vertex that is not on the outside maps to an inner part of the source within this distance.
-        half_distance: distance of the source from the image by the hulls' map that halves the confidence.
-        flush: a shell coincides with its counterpart if half of its vertices are nearer to it than this.
-        beside: vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of
-            robots of other builds lose their counterparts.
-        faded: vertices that a landmark moves by less than this fraction of its own motion stay in place.
-        full_trust: confidence in a pair whose edges keep their lengths.
-        half_stretch: mean relative change of length that halves this confidence.
-    """
-
-    rivals: int = tuned(6, "shells", 1, 300)
-    max_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)
-    max_move: float = tuned(0.17, "at unit area", 0, 1)
-    max_unlike: float = tuned(1.65, "1", 1, 10)
-    miss_cost: float = tuned(1.0, "1", 0, 10)
-    move_cost: float = tuned(1.2, "1", 0, 10)
-    turn_cost: float = tuned(0.1, "1 / radian", 0, 10)
-    scale_cost: float = tuned(1.0, "1", 0, 10)
-    max_cost: float = tuned(1.5, "1", 0, 10)
-    normal_weight: float = tuned(0.02, "at unit area", 0, 1)
-    outside: float = tuned(0.02, "at unit area", 0, 1)
-    inner_reach: float = tuned(0.05, "at unit area", 0, 1)
-    half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)
-    flush: float = tuned(0.015, "at unit area", 0, 1)
+    rivals: int = tuned(6, "shells", 1, 300)  # candidates, nearest in position and size, to register a shell to
+    max_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)  # maximum residual of the registration of a pair
+    max_move: float = tuned(0.17, "at unit area", 0, 1)  # maximum distance of a pair from its place by the body's map
+    max_unlike: float = tuned(1.65, "1", 1, 10)  # maximum ratio of the sizes of a pair
+    miss_cost: float = tuned(1.0, "1", 0, 10)  # cost of a residual of `max_miss`
+    move_cost: float = tuned(1.2, "1", 0, 10)  # cost of a distance of `max_move`
+    turn_cost: float = tuned(0.1, "1 / radian", 0, 10)  # cost of a rotation by one radian relative to the body's
+    scale_cost: float = tuned(1.0, "1", 0, 10)  # cost of a unit logarithm of the scale relative to the body's
+    max_cost: float = tuned(1.5, "1", 0, 10)  # maximum sum of these costs for a pair
+    normal_weight: float = tuned(0.02, "at unit area", 0, 1)  # distance that a unit difference of normals counts as
+    outside: float = tuned(0.02, "at unit area", 0, 1)  # a vertex nearer to the hull than this is on the outside
+    inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
+    half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
+    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its counterpart if half of it is nearer
+    # Vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of robots of
+    # other builds lose their counterparts.
     beside: float = tuned(0.2, "at unit area", 0, 1)
-    faded: float = tuned(0.01, "1", 0, 1)
-    full_trust: float = tuned(0.9, "1", 0, 1)
-    half_stretch: float = tuned(0.5, "1", 1e-6, 10)
+    faded: float = tuned(0.01, "1", 0, 1)  # vertices stay that a landmark moves by less of its own motion
+    full_trust: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
+    half_stretch: float = tuned(0.5, "1", 1e-6, 10)  # mean relative change of length that halves this confidence
 
 
 SHELLS = ShellTuning()
@@ -88,49 +68,27 @@ SHELLS = ShellTuning()
 
 @dataclass(frozen=True, eq=False)
 class _Image:
-    """Images of some vertices of the target on the source's working mesh.
+    """Images of some vertices of the target on the source's working mesh."""
 
-    Attributes:
-        triangle: (n,) triangle numbers.
-        barycentric: (n, 3) coordinates in them.
-        distance: (n,) distance from the moved vertices, at unit area of the hull.
-    """
-
-    triangle: Integers
-    barycentric: Floats
-    distance: Floats
+    triangle: Integers  # (n,) triangle numbers
+    barycentric: Floats  # (n, 3) coordinates in them
+    distance: Floats  # (n,) distance from the moved vertices, at unit area of the hull
 
 
 @dataclass(frozen=True, eq=False)
 class ShellMap:
-    """The map of two surfaces' shells.
+    """The map of two surfaces' shells."""
 
-    Attributes:
-        surface_map: between the working meshes.
-        confidence: (n,) of the target's working vertices.
-        counterparts: which vertices of the working meshes have a counterpart.
-        paired: number of the target's shells that are registered to their counterparts.
-        alone: the part of the target's area that is far from the source after the motion.
-        in_place: whether the two surfaces overlap, and are not moved.
-    """
-
-    surface_map: SurfaceMap
-    confidence: Floats
-    counterparts: Counterparts
-    paired: int
-    alone: float
-    in_place: bool
+    surface_map: SurfaceMap  # between the working meshes
+    confidence: Floats  # (n,) of the target's working vertices
+    counterparts: Counterparts  # which vertices of the working meshes have a counterpart
+    paired: int  # number of the target's shells that are registered to their counterparts
+    alone: float  # the part of the target's area that is far from the source after the motion
+    in_place: bool  # whether the two surfaces overlap, and are not moved
 
 
 def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts) -> ShellMap:
-    """Map the shells of two surfaces, given the map between their hulls.
-
-    Args:
-        pair: the surfaces, and the hulls' shapes.
-        fit: of the target's hull to the source's.
-        confidence: (n,) at the vertices of the target shape's mesh.
-        of_hulls: which vertices of the shapes' meshes have a counterpart.
-    """
+    """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its counterparts."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence)
@@ -147,13 +105,8 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
         most = MAX_PAIRED_PARTS
         counterparts, motions = _pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
     if counterparts:
-        shells = OrientedSurface(
-            source.points,
-            source.mesh.triangles,
-            source.mesh.flipped,
-            SHELLS.normal_weight,
-            source.mesh.component[source.mesh.triangles[:, 0]],
-        )
+        mesh, component = source.mesh, source.mesh.component[source.mesh.triangles[:, 0]]
+        shells = OrientedSurface(source.points, mesh.triangles, mesh.flipped, SHELLS.normal_weight, component)
     for (i, j), similarity in zip(counterparts, motions, strict=True):
         part = ours[i]
         onto, stretch = _onto_counterpart(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
@@ -166,28 +119,17 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
         surface_map = _pin(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
-    return ShellMap(
-        surface_map,
-        trust,
-        has_partner,
-        len(counterparts),
-        float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum()),
-        in_place,
-    )
+    alone = float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum())
+    return ShellMap(surface_map, trust, has_partner, len(counterparts), alone, in_place)
 
 
 def _find_counterparts(
     pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_hulls: Counterparts | None
 ) -> Counterparts:
-    """Which vertices of the working meshes are near the other surface after the target is moved.
+    """Which vertices of the working meshes are near the other surface after the target is moved to `points` (n, 3).
 
-    Args:
-        pair: the surfaces, and the hulls' shapes.
-        points: (n, 3) the moved vertices of the target.
-        distance: (n,) from there to their images on the source.
-        source: with its shells.
-        target: with its shells.
-        of_hulls: which vertices of the hulls have a counterpart, if the hulls move the target.
+    `distance` (n,) is that from there to the images on the source. If the hulls move the target, vertices near a place
+    of a hull without a counterpart, by `of_hulls`, have none either.
     """
     nearest = SurfaceMap(*closest_points(source.points, points, target.mesh.triangles), target.mesh.triangles)
     apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
@@ -205,14 +147,8 @@ def _find_counterparts(
 def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair) -> SurfaceMap:
     """Deform a map between working meshes so that each landmark lands on its counterpart.
 
-    The displacements decay with a Gaussian of the distance on the target.
-
-    Args:
-        between: the map.
-        landmarks: (m, 3) places of the source and (m, 3) of the target, in the surfaces' frames and units.
-        source: with its shells.
-        target: with its shells.
-        pair: the surfaces, and the hulls' shapes.
+    The displacements decay with a Gaussian of the distance on the target. Landmarks are places (m, 3) of the source and
+    (m, 3) of the target, in the surfaces' frames and units.
     """
     goals = pair.source_shape.proxy.full.from_surface(landmarks[0])
     vertex = np.asarray(cKDTree(target.points).query(pair.target_shape.proxy.full.from_surface(landmarks[1]))[1])
@@ -221,11 +157,9 @@ def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, ta
     kernel = np.exp(-((distance / PINNING_WIDTH) ** 2))
     moves = np.linalg.lstsq(kernel[vertex], goals - images[vertex], rcond=None)[0]
     bent = np.flatnonzero(kernel.max(axis=1) > SHELLS.faded)
-    triangle, barycentric = between.triangle.copy(), between.barycentric.copy()
-    triangle[bent], barycentric[bent] = closest_points(
-        images[bent] + kernel[bent] @ moves, source.points, source.mesh.triangles
-    )
-    return SurfaceMap(triangle, barycentric, source.mesh.triangles)
+    triangles = source.mesh.triangles
+    found = closest_points(images[bent] + kernel[bent] @ moves, source.points, triangles)
+    return replace_images(between, bent, SurfaceMap(*found, triangles))
 
 
 def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
@@ -254,22 +188,14 @@ def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
 
 
 def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans) -> _Image:
-    """Closest points of the source, on outer triangles for outer vertices, and on inner ones for inner vertices.
+    """Closest points of the source to points (n, 3) with normals (n, 3) of the target, moved there.
 
-    Args:
-        points: (n, 3) of the target's vertices, on the source.
-        normals: (n, 3) there.
-        source: with its shells.
-        of_source: (n_s,) which vertices of the source are on the outside.
-        of_target: (n,) which of the target.
+    Outer vertices, by `of_source` (n_s,) and `of_target` (n,), map to outer triangles, inner vertices to inner ones.
     """
     triangles = source.mesh.triangles
     outer = of_source[triangles].any(axis=1)
-    number, weights, distance = (
-        np.zeros(len(points), dtype=np.int64),
-        np.zeros((len(points), 3)),
-        np.zeros(len(points)),
-    )
+    number, weights = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 3))
+    distance = np.zeros(len(points))
 
     def look(vertices: Integers, among: Integers, reach: float) -> Integers:
         """Map vertices to some triangles; returns the vertices that are farther from them than the reach."""
@@ -294,7 +220,9 @@ def _pair_shells(
     """Pair shells one to one: their numbers, and the similarities that register them."""
     here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
     there = Shells.of([(source.points, source.mesh.triangles[part.triangles]) for part in theirs])
-    prior = _prior(here, motion)
+    flat = here.sparse.reshape(-1, 3)
+    moved = _carry(motion, flat, np.zeros_like(flat))[0].reshape(here.sparse.shape)
+    prior = procrustes(here.sparse, moved, None, motion.handedness)  # how the body moves each shell
     images = prior(here.centre[:, None])[:, 0]
     size = prior.scale * here.size
     apart = np.linalg.norm(images[:, None] - there.centre, axis=2)
@@ -335,38 +263,20 @@ def _pair_shells(
     return chosen, [found[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
-def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
-    """The similarity by which the body moves each of the target's shells."""
-    flat = shells.sparse.reshape(-1, 3)
-    images = _carry(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
-    return procrustes(shells.sparse, images, None, motion.handedness)
-
-
 def _onto_counterpart(
-    part: Part,
-    counterpart: int,
-    similarity: Similarities,
-    scale: float,
-    stays: bool,
-    normals: Floats,
-    shells: OrientedSurface,
-    source: Side,
-    target: Side,
+    part: Part,  # of the target, its points where the body's map moves them
+    counterpart: int,  # number of its counterpart
+    similarity: Similarities,  # that registers the one with the other
+    scale: float,  # of the body against the source's, by which lengths should change
+    stays: bool,  # whether the body stays in place, and with it a shell that lies on its counterpart there
+    normals: Floats,  # (n, 3) of all vertices of the target, where the body's map turns them
+    shells: OrientedSurface,  # of the source
+    source: Side,  # that they are shells of
+    target: Side,  # that the part is of
 ) -> tuple[_Image, float]:
     """A shell's image on its counterpart by the better of two motions, and the relative change of edge lengths.
 
     Rigid shells are placed by the similarity, others by the body's map.
-
-    Args:
-        part: of the target, its points where the body's map moves them.
-        counterpart: number of its counterpart.
-        similarity: that registers the one with the other.
-        scale: of the body against the source's, by which lengths should change.
-        stays: whether the body stays in place, and with it a shell that lies on its counterpart there.
-        normals: (n, 3) of all vertices of the target, where the body's map turns them.
-        shells: of the source.
-        source: that they are shells of.
-        target: that the part is of.
     """
     rest = target.points[part.vertices]
     turned = target.mesh.vertex_normals[part.vertices] @ similarity.rotation[0].T

@@ -29,19 +29,12 @@ MAX_SCALE_RATIO = 2.0
 
 @dataclass(frozen=True, eq=False)
 class SimilarityField:
-    """The motion of a body to its image.
+    """The motion of a body to its image."""
 
-    Attributes:
-        places: (n, 3) vertices of the body's mesh, in a frame in which its area is one.
-        images: (n, 3) their images.
-        trust: (n,) confidence in the images.
-        basis: of the body's mesh.
-    """
-
-    places: Floats
-    images: Floats
-    trust: Floats
-    basis: SpectralBasis
+    places: Floats  # (n, 3) vertices of the body's mesh, in a frame in which its area is one
+    images: Floats  # (n, 3) their images
+    trust: Floats  # (n,) confidence in the images
+    basis: SpectralBasis  # of the body's mesh
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -65,15 +58,7 @@ class SimilarityField:
         return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in POOLING_LENGTHS]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Move points around the body.
-
-        Args:
-            points: (q, 3) in the frame of the places.
-            normals: (q, 3) directions to be turned along.
-
-        Returns:
-            (q, 3) points, (q, 3) unit directions, and (q,) trust in the body there.
-        """
+        """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) trust in the body."""
         count = min(BLENDED_NEIGHBOURS, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
         weights = (1 - distance / (distance[:, -1:] * (1 + 1e-3) + 1e-300)) ** 2

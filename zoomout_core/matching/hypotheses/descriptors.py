@@ -27,20 +27,14 @@ class DescriptorTuning(Tuning, set_by="correspondence"):
     """Which fits are computed, and how many are refined.
 
     No choice of size and weights is right for all shapes; each is right for about half of nearly isometric ones.
-
-    Attributes:
-        sizes: of the functional maps.
-        pseudo_scalar_weights: weights of pseudo-scalars relative to signatures.
-        mask_weights: weights of the resolvent mask, relative to the mean square of the descriptors' coefficients.
-        same_fit: fits whose images differ by less than this part of their variance count as the same.
-        kept: number of fits to refine that keep the orientation, and of those that reverse it.
     """
 
-    sizes: tuple[int, ...] = tuned((8, 12, 16), "eigenfunctions", 2, 1000)
-    pseudo_scalar_weights: tuple[float, ...] = tuned((0.3, 1.0, 3.0), "1", 0.001, 1000)
+    sizes: tuple[int, ...] = tuned((8, 12, 16), "eigenfunctions", 2, 1000)  # of the functional maps
+    pseudo_scalar_weights: tuple[float, ...] = tuned((0.3, 1.0, 3.0), "1", 0.001, 1000)  # against signatures
+    # Weights of the resolvent mask, relative to the mean square of the descriptors' coefficients.
     mask_weights: tuple[float, ...] = tuned((0.02, 0.3), "1", 1e-6, 1000)
-    same_fit: float = tuned(0.1, "1", 0, 1)
-    kept: int = tuned(5, "candidates", 1, 1000)
+    same_fit: float = tuned(0.1, "1", 0, 1)  # fits are the same if images differ by less of their variance
+    kept: int = tuned(5, "candidates", 1, 1000)  # fits to refine for each orientation
 
 
 DESCRIPTORS = DescriptorTuning()
@@ -49,17 +43,10 @@ DESCRIPTORS = DescriptorTuning()
 def descriptor_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = no_disagreement,
-    sides: tuple[int, ...] = (1, -1),
+    disagreement: Disagreement = no_disagreement,  # with what is known of the map
+    sides: tuple[int, ...] = (1, -1),  # 1 for maps that keep the orientation, -1 for those that reverse it
 ) -> list[Hypothesis]:
-    """The distinct fits of the best scores: some that keep the orientation, and as many that reverse it.
-
-    Args:
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        disagreement: with what is known of the map.
-        sides: 1 for maps that keep the orientation, -1 for those that reverse it.
-    """
+    """The distinct fits of the best scores: some that keep the orientation, and as many that reverse it."""
     return [guess for side in sides for guess in _best_fits(source, target, side, disagreement)]
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice, zip_longest
 
 import numpy as np
@@ -33,41 +34,28 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ExtremityTuning(Tuning, set_by="correspondence"):
-    """The definition of extremities, and the pairings that are tried.
+    """The definition of extremities, and the pairings that are tried."""
 
-    Attributes:
-        persistence: minimum rise of the average distance above the pass to a higher maximum: heads have at least 0.14,
-            hands and feet 0.34, fingers 0.05.
-        min_count: minimum number of extremities for pairing.
-        max_count: maximum number of extremities of a shape.
-        quotas: numbers of pairings to try of all extremities, and of all but one, two and three: if only one shape has
-            a limb, the right pairing is one of many.
-        average_cost: cost of a difference of average distances, relative to a difference of distances to another pair.
-        persistence_cost: cost of a difference of persistence.
-        levels: levels of persistence at which the leading extremities are also paired alone.
-        kept_consistent: number of pairings to refine that preserve the distances best.
-        kept: total number of pairings to refine; the others have the best scores of their first maps.
-        lesser_persistence: persistence of further tips, such as ears, that are paired if no map is likely.
-        more_consistent: number of these pairings to refine that preserve the distances best.
-        more: total number of these pairings to refine.
-        coarse_size: size of the functional maps of the first maps.
-        beam: entries of the table of extensions that the search for pairings keeps. With up to seven extremities on
-            either side no pairing is lost.
-    """
-
+    # Minimum rise of the average distance above the pass to a higher maximum: heads have at least 0.14, hands and feet
+    # 0.34, fingers 0.05.
     persistence: float = tuned(0.09, "at unit area", 0, 2)
-    min_count: int = tuned(3, "extremities", 2, 30)
-    max_count: int = tuned(12, "extremities", 2, 30)
+    min_count: int = tuned(3, "extremities", 2, 30)  # minimum number of extremities for pairing
+    max_count: int = tuned(12, "extremities", 2, 30)  # maximum number of extremities of a shape
+    # Numbers of pairings to try of all extremities, and of all but one, two and three: if only one shape has a limb,
+    # the right pairing is one of many.
     quotas: tuple[int, ...] = tuned((60, 30, 15, 8), "pairings", 0, 10_000)
-    average_cost: float = tuned(0.5, "1", 0, 100)
-    persistence_cost: float = tuned(0.5, "1", 0, 100)
-    levels: int = tuned(2, "levels", 0, 30)
-    kept_consistent: int = tuned(8, "pairings", 0, 1000)
+    average_cost: float = tuned(0.5, "1", 0, 100)  # of differences of average distances, against those of pairs
+    persistence_cost: float = tuned(0.5, "1", 0, 100)  # cost of a difference of persistence
+    levels: int = tuned(2, "levels", 0, 30)  # of persistence at which the leading tips are also paired alone
+    kept_consistent: int = tuned(8, "pairings", 0, 1000)  # pairings to refine that preserve distances best
+    # Total number of pairings to refine; the others have the best scores of their first maps.
     kept: int = tuned(16, "pairings", 1, 1000)
-    lesser_persistence: float = tuned(0.05, "at unit area", 0, 2)
-    more_consistent: int = tuned(20, "pairings", 0, 1000)
-    more: int = tuned(40, "pairings", 1, 1000)
-    coarse_size: int = tuned(20, "eigenfunctions", 2, 1000)
+    lesser_persistence: float = tuned(0.05, "at unit area", 0, 2)  # of further tips, such as ears
+    more_consistent: int = tuned(20, "pairings", 0, 1000)  # of these pairings, those that preserve distances best
+    more: int = tuned(40, "pairings", 1, 1000)  # total number of these pairings to refine
+    coarse_size: int = tuned(20, "eigenfunctions", 2, 1000)  # size of the functional maps of the first maps
+    # Entries of the table of extensions that the search for pairings keeps. With up to seven extremities on either side
+    # no pairing is lost.
     beam: int = tuned(1 << 18, "entries", 1 << 12, 1 << 30)
 
 
@@ -76,17 +64,11 @@ EXTREMITIES = ExtremityTuning()
 
 @dataclass(frozen=True, eq=False)
 class Extremities:
-    """The tips of a shape.
+    """The tips of a shape."""
 
-    Attributes:
-        places: the tips' vertices, the most persistent first, and their functions.
-        average_distance: (m,) to all of the surface, at unit area.
-        persistence: (m,) persistence of each.
-    """
-
-    places: LandmarkFeatures
-    average_distance: Floats
-    persistence: Floats
+    places: LandmarkFeatures  # the tips' vertices, the most persistent first, and their functions
+    average_distance: Floats  # (m,) to all of the surface, at unit area
+    persistence: Floats  # (m,) persistence of each
 
     @property
     def vertices(self) -> Integers:
@@ -110,23 +92,17 @@ class Extremities:
 def extremity_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = no_disagreement,
+    disagreement: Disagreement = no_disagreement,  # with what is known of the map
+    # 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given, and where
+    # sides are not known the others too.
     sides: tuple[int, ...] | None = None,
+    # Which pairings are tried, by the numbers of tips in each shape, in parallel.
     wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
 ) -> list[Hypothesis]:
-    """The maps that pairings of extremities suggest; none where a shape has too few of them.
-
-    Args:
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        disagreement: with what is known of the map.
-        sides: 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given,
-            and where sides are not known the others too.
-        wanted: which pairings are tried, by the numbers of tips in each shape, in parallel.
-    """
+    """The maps that pairings of extremities suggest; none where a shape has too few of them."""
     sides = _sides(source, target) if sides is None else sides
     quotas = EXTREMITIES.kept_consistent, EXTREMITIES.kept
-    return _guesses(source, target, extremities, quotas, disagreement, sides, wanted)
+    return _best_maps(source, target, extremities, quotas, disagreement, sides, wanted)
 
 
 def more_extremity_hypotheses(
@@ -135,32 +111,14 @@ def more_extremity_hypotheses(
     """Further maps if no map is likely: from more pairings, and from pairings of tips of lower persistence.
 
     Other species have limbs, ears and snouts of other lengths, so the right pairing may not be among those preserving
-    distances best, or one of its tips is not an extremity. Args as for `extremity_hypotheses`.
+    distances best, or one of its tips is not an extremity.
     """
-    sides = _sides(source, target)
+    sides, lesser = _sides(source, target), partial(_extremities, least=EXTREMITIES.lesser_persistence)
     usual = EXTREMITIES.kept_consistent, EXTREMITIES.kept
     more = EXTREMITIES.more_consistent, EXTREMITIES.more
     return [
-        *_guesses(source, target, extremities, more, disagreement, sides),
-        *_guesses(source, target, _lesser_extremities, usual, disagreement, sides),
-    ]
-
-
-def _guesses(
-    source: ShapeAnalysis,
-    target: ShapeAnalysis,
-    tips_of: Callable[[ShapeAnalysis], Extremities],
-    quotas: tuple[int, int],
-    disagreement: Disagreement,
-    sides: tuple[int, ...],
-    wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
-) -> list[Hypothesis]:
-    of_source, of_target = tips_of(source), tips_of(target)
-    found = [pairing for pairing in _all_pairings(of_target, of_source) if wanted(*pairing)]
-    return [
-        guess
-        for side in sides
-        for guess in _best_maps(source, target, of_source, of_target, found, side, disagreement, quotas)
+        *_best_maps(source, target, extremities, more, disagreement, sides),
+        *_best_maps(source, target, lesser, usual, disagreement, sides),
     ]
 
 
@@ -169,73 +127,50 @@ def _sides(source: ShapeAnalysis, target: ShapeAnalysis) -> tuple[int, ...]:
     return (1,) if sides_are_known(source, target) else (1, -1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """A pairing's first map: its score, the biharmonic coordinates of its images, and the paired tips."""
-
-    score: float
-    place: Floats
-    of_target: Integers
-    of_source: Integers
-
-    @property
-    def pairs(self) -> str:
-        """The pairs in words."""
-        return " ".join(f"{t}-{s}" for t, s in zip(self.of_target, self.of_source, strict=True))
-
-
 def _best_maps(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    tips_source: Extremities,
-    tips_target: Extremities,
-    found: list[tuple[Integers, Integers]],
-    side: int,
+    tips_of: Callable[[ShapeAnalysis], Extremities],
+    quotas: tuple[int, int],  # maps to keep by the preservation of distances, and in all; the others by score
     disagreement: Disagreement,
-    quotas: tuple[int, int],
+    sides: tuple[int, ...],
+    wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
 ) -> list[Hypothesis]:
-    """The distinct maps of pairings that keep best what an isometry keeps; of quotas, by distances, and in all."""
-    if not found:
-        return []
-    at_source = tips_source.places.at(source.search.samples)
-    at_target = tips_target.places.at(target.search.samples)
+    """The distinct maps of pairings that keep best what an isometry keeps, for each of some sides."""
+    tips_source, tips_target = tips_of(source), tips_of(target)
+    found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
+    at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
     size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    tried = []
-    for of_target, of_source in found:
-        sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
-        functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
-        scores = scores_of(functional_map, sample_map, source, target, side < 0)
-        scores |= disagreement(functional_map, sample_map, None)
-        tried.append(_Tried(total_score(scores), source.coordinates[sample_map], of_target, of_source))
-    by_score = np.argsort([one.score for one in tried], kind="stable")
-    by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
-    same = alike([one.place for one in tried], HYPOTHESES.same_map)
-    kept: list[int] = []
-    for quota, by_merit in zip(quotas, (np.arange(len(tried)), by_score), strict=True):
-        for i in by_merit:
-            if len(kept) < quota and not same[i, kept].any():
-                # Of similar maps the one that most pairs support, whatever their order.
-                kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
-    return [
-        anchored_hypothesis(
-            f"extremities {one.pairs}" + ", mirrored" * (side < 0),
-            source,
-            target,
-            Anchors(tips_source.places.features(one.of_source), tips_target.places.features(one.of_target, side)),
-        )
-        for one in (tried[i] for i in kept)
-    ]
+    guesses = []
+    for side in sides if found else ():
+        scores, places = [], []
+        for of_target, of_source in found:
+            sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
+            functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
+            evidence = disagreement(functional_map, sample_map, None)
+            scores.append(total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence))
+            places.append(source.coordinates[sample_map])
+        by_score = np.argsort(scores, kind="stable")
+        by_pairs = sorted(by_score, key=lambda i: -len(found[i][0]))
+        same = alike(places, HYPOTHESES.same_map)
+        kept: list[int] = []
+        for quota, by_merit in zip(quotas, (np.arange(len(found)), by_score), strict=True):
+            for i in by_merit:
+                if len(kept) < quota and not same[i, kept].any():
+                    # Of similar maps the one that most pairs support, whatever their order.
+                    kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+        for of_target, of_source in (found[i] for i in kept):
+            pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
+            origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
+            anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
+            guesses.append(anchored_hypothesis(origin, source, target, anchors))
+    return guesses
 
 
 @once_per_argument
 def extremities(shape: ShapeAnalysis) -> Extremities:
     """Persistent maxima of the average geodesic distance, within the limits of `ExtremityTuning`."""
     return _extremities(shape, EXTREMITIES.persistence)
-
-
-@once_per_argument
-def _lesser_extremities(shape: ShapeAnalysis) -> Extremities:
-    return _extremities(shape, EXTREMITIES.lesser_persistence)
 
 
 def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
@@ -309,13 +244,8 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
 def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Integers, Integers]:
     """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
 
-    Args:
-        single: (a, b) cost of pairing an element of the first set with one of the second.
-        mutual: (a, b, a, b) cost of a combination of two pairs.
-        size: number of pairs; the cost is the mean over pairs plus the mean over combinations of two of them.
-
-    Returns:
-        (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
+    The cost of `size` pairs is the mean of their costs `single` (a, b), plus the mean of `mutual` (a, b, a, b) over
+    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
     """
     a, b = single.shape
     width = EXTREMITIES.beam // (a * b)

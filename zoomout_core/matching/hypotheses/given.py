@@ -26,12 +26,7 @@ def proximity_hypothesis(pair: Pair) -> Hypothesis:
 
 
 def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothesis:
-    """The hypothesis of the user's own map.
-
-    Args:
-        pair: the two surfaces.
-        initial_map: a SurfaceMap, a source vertex for each target vertex (n_t,), or a functional map between
-            `eigenbasis(source)` and `eigenbasis(target)`.
+    """The hypothesis of the user's own map, of any kind that `MatchOptions` accepts.
 
     Raises:
         ValueError: the map does not fit the surfaces.

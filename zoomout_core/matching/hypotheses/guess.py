@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import chain
 from typing import TypeAlias
 
-from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -43,15 +42,7 @@ LANDMARK_WEIGHT = 2.0
 def guess(
     pair: Pair, initial: Initial, evidence: Constraints, disagreement: Disagreement, earlier: Hypothesis | None
 ) -> list[Hypothesis]:
-    """The initial hypotheses of a match.
-
-    Args:
-        pair: the two shapes.
-        initial: how to begin, see `MatchOptions`.
-        evidence: evidence on the map.
-        disagreement: of a map with the evidence.
-        earlier: hypothesis of a map that the user gave, or None.
-    """
+    """The initial hypotheses of a match, for its option `initial`; `earlier` is that of a map that the user gave."""
     source, target = pair.source_shape, pair.target_shape
     if initial == "given" and earlier is not None:
         return [earlier]
@@ -81,7 +72,12 @@ def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) ->
 
 def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
     """All evidence on the map of a pair: from the user, an earlier map, and positions in space."""
-    return replace(known, earlier=_images(pair, earlier), standing=_standing(pair))
+    source, target = pair.source_shape, pair.target_shape
+    if earlier is not None:
+        rows = target.search.rows, source.basis.eigenvectors
+        known = replace(known, earlier=nearest(*coordinates(*rows, earlier.functional_map, None)))
+    places = None if pair.source is pair.target else overlapping(pair)  # a surface always coincides with itself
+    return known if places is None else replace(known, standing=places[target.search.samples])
 
 
 def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
@@ -95,17 +91,3 @@ def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypot
         return hypotheses
     held = [anchors.and_those(each.anchors) for each in hypotheses]
     return [replace(each, anchors=both, final_anchors=both) for each, both in zip(hypotheses, held, strict=True)]
-
-
-def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:
-    """(s,) vertex of the source's shape for each search sample of the target, by an earlier map."""
-    if earlier is None:
-        return None
-    source, target = pair.source_shape, pair.target_shape
-    return nearest(*coordinates(target.search.rows, source.basis.eigenvectors, earlier.functional_map, None))
-
-
-def _standing(pair: Pair) -> Floats | None:
-    """(s, 3) positions of the target's search samples, in the frame of the source's part; None if they mean nothing."""
-    places = None if pair.source is pair.target else overlapping(pair)
-    return None if places is None else places[pair.target_shape.search.samples]

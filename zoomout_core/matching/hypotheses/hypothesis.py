@@ -15,17 +15,11 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class HypothesisTuning(Tuning, set_by="correspondence"):
-    """The sizes of hypotheses, and when two are the same.
+    """The sizes of hypotheses, and when two are the same."""
 
-    Attributes:
-        same_map: maps whose images differ by less than this part of their variance are the same map.
-        anchored_size: of the functional map of a pointwise guess by a few places, such as landmarks.
-        dense_size: of the functional map of a map of all vertices that is given.
-    """
-
-    same_map: float = tuned(0.05, "1", 0, 1)
-    anchored_size: int = tuned(8, "eigenfunctions", 2, 1000)
-    dense_size: int = tuned(20, "eigenfunctions", 2, 1000)
+    same_map: float = tuned(0.05, "1", 0, 1)  # maps are the same if images differ by less of their variance
+    anchored_size: int = tuned(8, "eigenfunctions", 2, 1000)  # of a guess by a few places, such as landmarks
+    dense_size: int = tuned(20, "eigenfunctions", 2, 1000)  # of a map of all vertices that is given
 
 
 HYPOTHESES = HypothesisTuning()
@@ -33,28 +27,18 @@ HYPOTHESES = HypothesisTuning()
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A small functional map and where it comes from.
+    """A small functional map and where it comes from."""
 
-    Attributes:
-        origin: name for the report.
-        functional_map: (k_target, k_source).
-        anchors: constraints while maps are compared, or None.
-        final_anchors: constraints of the final map, or None. Guesses are not among them, as they would prevent
-            convergence.
-    """
-
-    origin: str
-    functional_map: Floats
-    anchors: Anchors | None = None
-    final_anchors: Anchors | None = None
+    origin: str  # name for the report
+    functional_map: Floats  # (k_target, k_source)
+    anchors: Anchors | None = None  # constraints while maps are compared, or None
+    final_anchors: Anchors | None = None  # of the final map; guesses would prevent convergence
 
 
 def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
-    """(m, m) whether each of m maps is the same as each other one.
+    """(m, m) whether each of m maps is the same as each other one, by the places (s, d) of the images of all samples.
 
-    Args:
-        places: of each map the coordinates (s, d) of the images of all samples.
-        tolerance: the largest mean squared difference of the same map, as a part of the variance of its places.
+    Their mean squared difference is then at most `tolerance`, as a part of the variance of the first one's places.
     """
     flat = np.stack([np.ravel(place - place.mean(axis=0)) for place in places]).astype(np.float32)
     means = np.stack([place.mean(axis=0) for place in places])

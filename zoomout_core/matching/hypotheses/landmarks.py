@@ -18,14 +18,7 @@ from zoomout_core.spectral.sampling import farthest_points
 def landmark_hypothesis(
     source: ShapeAnalysis, target: ShapeAnalysis, source_ids: Integers, target_ids: Integers
 ) -> Hypothesis:
-    """The map that preserves distances to landmarks, and their handedness if sides are known.
-
-    Args:
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        source_ids: (m,) vertices of the source's mesh.
-        target_ids: (m,) the vertices of the target's mesh that they correspond to.
-    """
+    """The map that preserves distances to landmarks (m,) of both meshes, and their handedness if sides are known."""
     origin = f"{len(source_ids)} landmarks"
     if len(source_ids) > LANDMARKS.max_count:
         spread = farthest_points(source.mesh.vertices[source_ids], LANDMARKS.max_count)

@@ -3,28 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class SignTuning(Tuning, set_by="correspondence"):
-    """The sizes of the maps.
-
-    Attributes:
-        sizes: numbers of leading eigenfunctions that are assumed to correspond; nearly repeated ones need more than 4.
-    """
-
-    sizes: tuple[int, ...] = tuned((4, 5, 6), "eigenfunctions", 1, 12)
-
-
-SIGNS = SignTuning()
+# Numbers of leading eigenfunctions that are assumed to correspond; nearly repeated ones need more than 4.
+SIZES = 4, 5, 6
 
 
 def sign_hypotheses(source: ShapeAnalysis, target: ShapeAnalysis) -> list[Hypothesis]:
@@ -32,7 +19,7 @@ def sign_hypotheses(source: ShapeAnalysis, target: ShapeAnalysis) -> list[Hypoth
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     return [
         Hypothesis("signs of eigenfunctions " + "".join("+-"[sign < 0] for sign in signs), np.diag([1.0, *signs]))
-        for k in SIGNS.sizes
+        for k in SIZES
         if k <= available
         for signs in product((1.0, -1.0), repeat=k - 1)
     ]

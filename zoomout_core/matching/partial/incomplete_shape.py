@@ -25,17 +25,13 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class IncompleteShapeTuning(Tuning, set_by="partial"):
-    """The comparison of shapes with missing pieces; lengths are those of the larger shape at unit area.
+    """The comparison of shapes with missing pieces; lengths are those of the larger shape at unit area."""
 
-    Attributes:
-        loop: length of a border above which a piece may be missing; eyes and nostrils of scans are shorter.
-        fragment: total length of these borders, relative to the square root of the shape's area, above which a large
-            piece may be missing (in the table: cats' eyes and mouths at most 0.16, cuts at least 0.85).
-        radii: radii of the balls whose areas are compared.
-    """
-
-    loop: float = tuned(0.05, "length", 0, 10)
+    loop: float = tuned(0.05, "length", 0, 10)  # a piece may be missing at longer borders; eyes of scans are shorter
+    # Total length of these borders, relative to the square root of the shape's area, above which a large piece may be
+    # missing (in the table: cats' eyes and mouths at most 0.16, cuts at least 0.85).
     fragment: float = tuned(0.4, "1", 0, 100)
+    # Radii of the balls whose areas are compared.
     radii: tuple[float, ...] = tuned(tuple(np.geomspace(0.04, 0.8, 20).round(4).tolist()), "length", 1e-3, 10)
 
 
@@ -60,13 +56,9 @@ def _scale(mesh: WorkingMesh, scale: float) -> WorkingMesh:
 
 @dataclass(frozen=True, eq=False)
 class IncompleteShape:
-    """A shape that may lack pieces; its places are the distance samples.
+    """A shape that may lack pieces; its places are the distance samples."""
 
-    Attributes:
-        shape: the shape, in a common unit with the one that it is compared with.
-    """
-
-    shape: ShapeAnalysis
+    shape: ShapeAnalysis  # the shape, in a common unit with the one that it is compared with
 
     @cached_property
     def between(self) -> Floats:

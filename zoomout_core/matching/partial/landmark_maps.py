@@ -17,25 +17,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkMapTuning(Tuning, set_by="partial"):
-    """How landmarks are extended to maps; lengths are those of the larger shape at unit area.
+    """How landmarks are extended to maps; lengths are those of the larger shape at unit area."""
 
-    Attributes:
-        tolerance: tolerance of a difference of distances to a landmark.
-        relative_tolerance: additional tolerance for each unit of the distance.
-        max_cost: maximum cost of a difference, in tolerances.
-        unlikeness: weight of the unlikeness of places relative to the mean cost of differences, for the first ones.
-        later_unlikeness: the same weight in the following rounds.
-        rounds: number of rounds in which mapped places are landmarks for the others.
-        landmarks: number of landmarks in these rounds.
-    """
-
-    tolerance: float = tuned(0.05, "length", 1e-6, 10)
-    relative_tolerance: float = tuned(0.3, "1", 0, 10)
-    max_cost: float = tuned(1.5, "tolerances", 0.1, 100)
-    unlikeness: float = tuned(0.3, "1", 0, 10)
-    later_unlikeness: float = tuned(0.15, "1", 0, 10)
-    rounds: int = tuned(3, "rounds", 0, 100)
-    landmarks: int = tuned(40, "places", 3, 1000)
+    tolerance: float = tuned(0.05, "length", 1e-6, 10)  # tolerance of a difference of distances to a landmark
+    relative_tolerance: float = tuned(0.3, "1", 0, 10)  # additional tolerance for each unit of the distance
+    max_cost: float = tuned(1.5, "tolerances", 0.1, 100)  # maximum cost of a difference, in tolerances
+    unlikeness: float = tuned(0.3, "1", 0, 10)  # of places, against the mean cost of differences, at first
+    later_unlikeness: float = tuned(0.15, "1", 0, 10)  # the same weight in the following rounds
+    rounds: int = tuned(3, "rounds", 0, 100)  # number of rounds in which mapped places are landmarks for the others
+    landmarks: int = tuned(40, "places", 3, 1000)  # number of landmarks in these rounds
 
 
 LANDMARK_MAPS = LandmarkMapTuning()
@@ -44,15 +34,7 @@ LANDMARK_MAPS = LandmarkMapTuning()
 def extend_landmarks(
     landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
 ) -> Integers:
-    """(d_t,) the place of the source for each place of the target, by distances to landmarks.
-
-    Args:
-        landmarks: (m,) places of the target.
-        placed: (m,) corresponding places of the source.
-        unlike: (d_t, d_s) `unlikeness` of the two shapes.
-        target: the shape that the map starts from.
-        source: the shape that it lands on.
-    """
+    """(d_t,) the source's place for each place of the target, by distances to landmarks (m,), placed on the source."""
     place = _by_landmarks(landmarks, placed, LANDMARK_MAPS.unlikeness * unlike, target, source)
     few = np.arange(min(LANDMARK_MAPS.landmarks, len(place)))
     for _ in range(LANDMARK_MAPS.rounds):

@@ -19,38 +19,23 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkSearchTuning(Tuning, set_by="partial"):
-    """The landmarks, and the costs of assignments; lengths are those of the larger shape at unit area.
+    """The landmarks, and the costs of assignments; lengths are those of the larger shape at unit area."""
 
-    Attributes:
-        mean_distance: weight of the mean distance to all places relative to the distance to a cut, in the choice of the
-            first landmark, which is a tip.
-        near_cut: sufficient distance to a cut, relative to the square root of the shape's area.
-        min_weight: weight of a place on a cut, in the choice of the others.
-        region: share of the shape's places from which landmarks around one of them are chosen.
-        places: number of places of the source on which landmarks may be placed.
-        width: width of the beam.
-        cells: number of cells of the source; only the best of the assignments to the same cells is kept.
-        tolerance: tolerance of a difference of distances.
-        relative_tolerance: additional tolerance for each unit of the distance.
-        doubt: weight of a difference that a cut may explain.
-        distances: weight of the differences of distances relative to the unlikeness of places.
-        kept: number of distinct assignments to keep.
-        apart: minimum mean distance between the places of distinct assignments.
-    """
-
+    # Weight of the mean distance to all places relative to the distance to a cut, in the choice of the first landmark,
+    # which is a tip.
     mean_distance: float = tuned(0.3, "1", 0, 10)
-    near_cut: float = tuned(0.1, "1", 1e-6, 10)
-    min_weight: float = tuned(0.3, "1", 0, 1)
-    region: float = tuned(0.45, "1", 0.01, 1)
-    places: int = tuned(200, "places", 10, 10_000)
-    width: int = tuned(1000, "assignments", 1, 100_000)
-    cells: int = tuned(80, "cells", 1, 1000)
-    tolerance: float = tuned(0.06, "length", 1e-6, 10)
-    relative_tolerance: float = tuned(0.15, "1", 0, 10)
-    doubt: float = tuned(0.6, "1", 0, 1)
-    distances: float = tuned(2.0, "1", 0, 100)
-    kept: int = tuned(16, "assignments", 1, 1000)
-    apart: float = tuned(0.1, "length", 0, 10)
+    near_cut: float = tuned(0.1, "1", 1e-6, 10)  # sufficient distance to a cut, over the root of the area
+    min_weight: float = tuned(0.3, "1", 0, 1)  # weight of a place on a cut, in the choice of the others
+    region: float = tuned(0.45, "1", 0.01, 1)  # share of places from which landmarks around one are chosen
+    places: int = tuned(200, "places", 10, 10_000)  # number of places of the source on which landmarks may be placed
+    width: int = tuned(1000, "assignments", 1, 100_000)  # width of the beam
+    cells: int = tuned(80, "cells", 1, 1000)  # of the source; of assignments to the same ones the best is kept
+    tolerance: float = tuned(0.06, "length", 1e-6, 10)  # tolerance of a difference of distances
+    relative_tolerance: float = tuned(0.15, "1", 0, 10)  # additional tolerance for each unit of the distance
+    doubt: float = tuned(0.6, "1", 0, 1)  # weight of a difference that a cut may explain
+    distances: float = tuned(2.0, "1", 0, 100)  # weight of the differences of distances against unlikeness
+    kept: int = tuned(16, "assignments", 1, 1000)  # number of distinct assignments to keep
+    apart: float = tuned(0.1, "length", 0, 10)  # minimum mean distance between the places of distinct assignments
 
 
 SEARCH = LandmarkSearchTuning()
@@ -59,10 +44,7 @@ SEARCH = LandmarkSearchTuning()
 def landmarks_of(target: IncompleteShape, count: int, around: int | None = None) -> Integers:
     """(m,) places of a shape, `count` at most: a tip far from cuts, and farthest places, those near cuts later.
 
-    Args:
-        target: the shape.
-        count: of landmarks.
-        around: a place that is the first landmark; the others are among those near it. By default they are anywhere.
+    The first landmark may be given as `around`; then the others are among the places near it.
     """
     between, cut_distance = target.between, target.cut_distance
     scale = SEARCH.near_cut * np.sqrt(target.shape.basis.areas.sum())
@@ -79,14 +61,7 @@ def landmarks_of(target: IncompleteShape, count: int, around: int | None = None)
 
 
 def assignments(landmarks: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape) -> Integers:
-    """(a, m) the best assignments of landmarks to places of the source, by rising cost.
-
-    Args:
-        landmarks: (m,) places of the target.
-        unlike: (d_t, d_s) `unlikeness` of the two shapes.
-        target: the shape that landmarks are on.
-        source: the shape that they are placed on.
-    """
+    """(a, m) the best assignments of landmarks (m,) of the target to places of the source, by rising cost."""
     count = min(SEARCH.places, len(source.between))
     cell = np.argmin(source.between[: SEARCH.cells, :count], axis=0)
     unlike = unlike[:, :count].astype(np.float32)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, TypeVar
@@ -24,43 +24,24 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PartCandidateTuning(Tuning, set_by="partial"):
-    """Which maps of a part are compared, and how; lengths are those of the larger shape at unit area.
+    """Which maps of a part are compared, and how; lengths are those of the larger shape at unit area."""
 
-    Attributes:
-        landmarks: number of landmarks spread over the part.
-        regions: number of regions of the part that are searched for separately.
-        regions_of_small: the same for a small part, which is searched for in several regions of the whole.
-        landmarks_in_region: number of landmarks in each region.
-        same_map: mean distance of images below which two maps are the same.
-        registered: number of the most promising maps by which the part is registered coarsely.
-        compared: number of these by which it is registered finely.
-        surroundings: Gaussian width of surroundings that rotate together.
-        near_cut: a place whose image is nearer to a cut of the whole may have no counterpart.
-        facing: weight in the promise of a map of the logarithm of the mean deviation of normals.
-        bend: weight of the mean distance from rotated surroundings.
-        distance: weight of the mean change of geodesic distances.
-        unlikeness: weight of the mean unlikeness of places.
-        within: weight of the share that maps to no cut.
-        strain: weight in the score of the logarithm of the strain, relative to that of normals.
-        beyond: weight of the share of the part that is not beyond a cut.
-    """
-
-    landmarks: int = tuned(9, "landmarks", 3, 100)
-    regions: int = tuned(4, "regions", 0, 100)
-    regions_of_small: int = tuned(1, "regions", 0, 100)
-    landmarks_in_region: int = tuned(6, "landmarks", 3, 100)
-    same_map: float = tuned(0.05, "length", 0, 10)
-    registered: int = tuned(12, "maps", 1, 1000)
-    compared: int = tuned(4, "maps", 1, 1000)
-    surroundings: float = tuned(0.2, "length", 1e-3, 10)
-    near_cut: float = tuned(0.02, "length", 0, 10)
-    facing: float = tuned(1.0, "1", 0, 100)
-    bend: float = tuned(0.5, "1", 0, 100)
-    distance: float = tuned(0.2, "1", 0, 100)
-    unlikeness: float = tuned(0.5, "1", 0, 100)
-    within: float = tuned(0.7, "1", 0, 100)
-    strain: float = tuned(0.75, "1", 0, 100)
-    beyond: float = tuned(1.0, "1", 0, 100)
+    landmarks: int = tuned(9, "landmarks", 3, 100)  # number of landmarks spread over the part
+    regions: int = tuned(4, "regions", 0, 100)  # number of regions of the part that are searched for separately
+    regions_of_small: int = tuned(1, "regions", 0, 100)  # the same for a small part, as the whole has regions, too
+    landmarks_in_region: int = tuned(6, "landmarks", 3, 100)  # number of landmarks in each region
+    same_map: float = tuned(0.05, "length", 0, 10)  # mean distance of images below which two maps are the same
+    registered: int = tuned(12, "maps", 1, 1000)  # most promising maps, by which the part is registered coarsely
+    compared: int = tuned(4, "maps", 1, 1000)  # number of these by which it is registered finely
+    surroundings: float = tuned(0.2, "length", 1e-3, 10)  # Gaussian width of surroundings that rotate together
+    near_cut: float = tuned(0.02, "length", 0, 10)  # places may have no counterpart if their images are nearer to a cut
+    facing: float = tuned(1.0, "1", 0, 100)  # weight in the promise of the log mean deviation of normals
+    bend: float = tuned(0.5, "1", 0, 100)  # weight of the mean distance from rotated surroundings
+    distance: float = tuned(0.2, "1", 0, 100)  # weight of the mean change of geodesic distances
+    unlikeness: float = tuned(0.5, "1", 0, 100)  # weight of the mean unlikeness of places
+    within: float = tuned(0.7, "1", 0, 100)  # weight of the share that maps to no cut
+    strain: float = tuned(0.75, "1", 0, 100)  # weight in the score of the log strain, relative to that of normals
+    beyond: float = tuned(1.0, "1", 0, 100)  # weight of the share of the part that is not beyond a cut
 
 
 PART_CANDIDATES = PartCandidateTuning()
@@ -68,19 +49,12 @@ PART_CANDIDATES = PartCandidateTuning()
 
 @dataclass(frozen=True, eq=False)
 class PartCandidate:
-    """A map of a part to a region of a whole.
+    """A map of a part to a region of a whole."""
 
-    Attributes:
-        region: the part and the region, which may be the whole.
-        places: (d_p,) for each place of the part that of the region.
-        registered: the part, registered by it.
-        scores: its promise, the scores of the registered part, and its fit, of which the lowest is the most likely.
-    """
-
-    region: Region
-    places: Integers
-    registered: RegisteredPart
-    scores: dict[str, float]
+    region: Region  # the part and the region, which may be the whole
+    places: Integers  # (d_p,) for each place of the part that of the region
+    registered: RegisteredPart  # the part, registered by it
+    scores: dict[str, float]  # promise, those of the registered part, and its fit: the lowest is the most likely
 
 
 class _Found(NamedTuple):
@@ -95,68 +69,56 @@ _Map = TypeVar("_Map", _Found, PartCandidate)
 
 
 def part_candidates(regions: Sequence[Region]) -> list[PartCandidate]:
-    """Maps of a part to a whole, the most likely first.
+    """Maps of a part to a whole, or to regions of it, which compete, the most likely first.
 
     Each of two fragments has regions that the other one lacks. So landmarks of the whole are placed on the part, too,
     and the best maps of both searches are compared, because their promises are not comparable.
-
-    Args:
-        regions: of the whole that the part is looked for in, which compete; or all of it, one region.
     """
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
     sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
     if is_small or not (part.is_fragment and whole.is_fragment):
-        return _from_landmarks(_search, sets, regions)
+        return _fine_candidates(regions, sets)
     with portion(0.0, 0.5):
-        there = _from_landmarks(_search, sets, regions)
+        there = _fine_candidates(regions, sets)
     with portion(0.5, 1.0):
-        back = _from_landmarks(_search_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
+        back = _fine_candidates(regions, landmark_sets(whole, PART_CANDIDATES.regions), backwards=True)
     found = sorted(there + back, key=lambda candidate: candidate.scores["fit"])
     return _differing(found, len(found))
 
 
-def _from_landmarks(
-    search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
+def _fine_candidates(
+    regions: Sequence[Region], sets: Sequence[Integers], backwards: bool = False
 ) -> list[PartCandidate]:
-    """The best maps of those that a search finds by sets of landmarks."""
+    """The best of `rough_candidates`, registered finely."""
     with portion(0.0, 0.8):
-        sifted = _sift(search, sets, regions)
-    # Some are the same by now.
+        rough = rough_candidates(regions, sets, backwards)
+    ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
-        compared = for_each(_register_finely, _differing(sifted, PART_CANDIDATES.compared))
+        compared = for_each(_register, ahead)
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
-def rough_candidates(regions: Sequence[Region], sets: Sequence[Integers]) -> list[PartCandidate]:
+def rough_candidates(
+    regions: Sequence[Region], sets: Sequence[Integers], backwards: bool = False
+) -> list[PartCandidate]:
     """Maps of a part to a whole, with coarse registration only, the most likely first.
 
-    Args:
-        regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
-        sets: of landmarks that it is searched for by.
+    Regions compete; they are of the same part, at one scale or at several. The sets are those of landmarks by which it
+    is searched for; backwards, they are landmarks of the whole.
     """
-    return _sift(_search, sets, regions)
-
-
-def _sift(
-    search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
-) -> list[PartCandidate]:
-    for region in regions:
-        _ = (
-            region.unlike,
-            region.part.unaffected,
-            region.whole.unaffected,
-        )  # computed once, before several threads need it
+    for region in regions:  # computed once, before several threads need it
+        _ = region.unlike, region.part.unaffected, region.whole.unaffected
 
     def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task
-        return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
+        return [_Found(_promise(places, region), region, places) for places in _search(landmarks, region, backwards)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
         found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
     ahead = _differing(found, PART_CANDIDATES.registered)
     with portion(0.5, 1.0):
-        sifted = for_each(_register_coarsely, ahead)
+        sifted = for_each(_register, ahead)
     return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
 
 
@@ -178,22 +140,17 @@ def landmark_sets(part: IncompleteShape, regions: int) -> list[Integers]:
     return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in around)]
 
 
-def _search(landmarks: Integers, region: Region) -> list[Integers]:
-    """(d_p,) the place of the whole for each place of the part, by landmarks on each of several places."""
-    part, whole = region.part, region.whole
-    placed = assignments(landmarks, region.unlike, part, whole)
-    return [
-        extend_landmarks(landmarks, placed[number], region.unlike, part, whole) for number in distinct(placed, whole)
-    ]
+def _search(landmarks: Integers, region: Region, backwards: bool) -> list[Integers]:
+    """(d_p,) the place of the whole for each place of the part, by several placements of landmarks of the part.
 
-
-def _search_back(landmarks: Integers, region: Region) -> list[Integers]:
-    """The same by landmarks of the whole on each of several places of the part."""
-    part, whole = region.part, region.whole
-    placed = assignments(landmarks, region.unlike.T, whole, part)
-    return [
-        extend_landmarks(placed[number], landmarks, region.unlike, part, whole) for number in distinct(placed, part)
-    ]
+    Backwards, the landmarks are those of the whole, which are placed on the part.
+    """
+    part, whole, unlike = region.part, region.whole, region.unlike
+    if backwards:
+        placed = assignments(landmarks, unlike.T, whole, part)
+        return [extend_landmarks(placed[i], landmarks, unlike, part, whole) for i in distinct(placed, part)]
+    placed = assignments(landmarks, unlike, part, whole)
+    return [extend_landmarks(landmarks, placed[i], unlike, part, whole) for i in distinct(placed, whole)]
 
 
 def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> float:
@@ -237,29 +194,21 @@ def _promise(places: Integers, region: Region) -> float:
     return float(total - PART_CANDIDATES.within * np.log(share))
 
 
-def _register_coarsely(one: _Found) -> PartCandidate:
+def _register(one: _Found | PartCandidate) -> PartCandidate:
+    """A map after its part is registered by it: coarsely at first, and then finely."""
     part, whole = one.region.part, one.region.whole
-    registered = register_part(one.places, part, whole, PART_REGISTRATION.coarse)
-    scores = {"promise": one.promise} | _fit(registered, part)
-    return PartCandidate(one.region, _images(registered, part, whole), registered, scores)
-
-
-def _register_finely(one: PartCandidate) -> PartCandidate:
-    part, whole = one.region.part, one.region.whole
-    registered = register_part(one.places, part, whole, PART_REGISTRATION.fine, one.registered)
-    return PartCandidate(one.region, _images(registered, part, whole), registered, one.scores | _fit(registered, part))
-
-
-def _images(registered: RegisteredPart, part: IncompleteShape, whole: IncompleteShape) -> Integers:
-    """(d_p,) the place of the whole that each place of a bent part is near."""
-    return whole.shape.voronoi_cell[registered.closest.vertex[part.shape.search.samples[: len(part.between)]]]
+    if isinstance(one, PartCandidate):
+        levels, begun, scores = PART_REGISTRATION.fine, one.registered, one.scores
+    else:
+        levels, begun, scores = PART_REGISTRATION.coarse, None, {"promise": one.promise}
+    registered = register_part(one.places, part, whole, levels, begun)
+    at = part.shape.search.samples[: len(part.between)]
+    places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
+    return PartCandidate(one.region, places, registered, scores | _fit(registered, part))
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
-    """The scores of a registered part, and its fit, of which the lowest is the most likely.
-
-    The scores include the area on the whole, on which the fit is based.
-    """
+    """The scores of a registered part, its fit, of which the lowest is the most likely, and its area on the whole."""
     areas = part.shape.basis.areas
     scores = registered.scores(areas)
     fit = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)

@@ -17,11 +17,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import (
-    PartCandidate,
-    images_apart,
-    part_candidates,
-)
+from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
 from zoomout_core.matching.partial.part_registration import RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
@@ -41,34 +37,24 @@ class PartMatchTuning(Tuning, set_by="partial"):
     may not be found. In cross-validation over kinds, 30 of 31 maps above 90 % were right, and the other one was off by
     0.09 on average; of 97 pairs without their right maps, 2 were above 90 %. Without the area of the fit, 26 were above
     90 %, of which 24 were right: feet fit on hands.
-
-    Attributes:
-        unsure: certainty of the map of two whole shapes below which one is tried as a part of the other.
-        likely: minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs
-            right as wholes, and two or four as parts.
-        nearly_whole: ratio of the areas from which the map of whole shapes is kept if both are the same map: it is more
-            exact then (a body in a fight, 21 against 28), and less exact if much is missing (two people, both cut, 73
-            against 29).
-        largest_ratio: of the scales of two shapes, beyond which their units differ: a hand is 7 to 10 times smaller
-            than its body, and a foot 5 to 7.
-        residual: distance from the whole beyond which a place of the part has no counterpart.
-        another_map: mean distance of images above which two maps are rivals.
-        rivalry: rate at which the odds of a rival decrease with the lead in score.
-        misfit: logarithm of the odds against a map whose fit is 0.
-        misfit_rate: rate at which it increases with the fit.
-        extent: rate at which it decreases with the logarithm of the area on the whole.
     """
 
-    unsure: float = tuned(0.8, "probability", 0, 1)
+    unsure: float = tuned(0.8, "probability", 0, 1)  # maps of wholes below it are tried as parts
+    # Minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs right as
+    # wholes, and two or four as parts.
     likely: float = tuned(0.15, "probability", 0, 1)
+    # Ratio of the areas from which the map of whole shapes is kept if both are the same map: it is more exact then (a
+    # body in a fight, 21 against 28), and less exact if much is missing (two people, both cut, 73 against 29).
     nearly_whole: float = tuned(0.8, "1", 0, 1)
+    # Of the scales of two shapes, beyond which their units differ: a hand is 7 to 10 times smaller than its body, and a
+    # foot 5 to 7.
     largest_ratio: float = tuned(11.0, "1", 1, 1000)
-    residual: float = tuned(0.03, "length", 0, 10)
-    another_map: float = tuned(0.1, "length", 0, 2)
-    rivalry: float = tuned(10.0, "1", 0, 100)
-    misfit: float = tuned(6.6, "1", -100, 100)
-    misfit_rate: float = tuned(2.3, "1", 0, 100)
-    extent: float = tuned(1.75, "1", 0, 100)
+    residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no counterpart beyond this distance
+    another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals
+    rivalry: float = tuned(10.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
+    misfit: float = tuned(6.6, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
+    misfit_rate: float = tuned(2.3, "1", 0, 100)  # rate at which it increases with the fit
+    extent: float = tuned(1.75, "1", 0, 100)  # rate at which it decreases with the logarithm of the area on the whole
 
 
 PART_MATCH = PartMatchTuning()
@@ -105,13 +91,10 @@ def _ratio(pair: Pair) -> float:
 
 def in_one_unit(pair: Pair) -> Pair:
     """The pair with its shapes in one unit, in which the larger one has unit area."""
-    source, target = pair.source_shape, pair.target_shape
-    unit = max(source.proxy.full.scale, target.proxy.full.scale)
-    return replace(
-        pair,
-        source_shape=at_scale(source, source.proxy.full.scale / unit),
-        target_shape=at_scale(target, target.proxy.full.scale / unit),
-    )
+    shapes = pair.source_shape, pair.target_shape
+    unit = max(shape.proxy.full.scale for shape in shapes)
+    source, target = (at_scale(shape, shape.proxy.full.scale / unit) for shape in shapes)
+    return replace(pair, source_shape=source, target_shape=target)
 
 
 def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
@@ -122,17 +105,13 @@ def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
 
 
 def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list[Candidate]:
-    """Candidates for a pair in one unit, the most likely first.
-
-    Args:
-        pair: the two shapes.
-        disagreement: with what is known of the map.
-    """
+    """Candidates for a pair in one unit, the most likely first."""
     part, whole = part_of(pair)
+    regions: list[Region] = []
     if is_small(part, whole):
         with portion(0.0, 0.2):
             regions = find_regions(part, whole)
-    else:
+    if not regions:  # faces of a soup reach across all regions
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
     with portion(0.2, 1.0):
         found = part_candidates(regions)
@@ -143,17 +122,11 @@ def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list
 
 @dataclass(frozen=True, eq=False)
 class PartFit:
-    """The map of a pair of which one shape is a part, on the shapes' meshes.
+    """The map of a pair of which one shape is a part, on the shapes' meshes."""
 
-    Attributes:
-        fit: from the target's mesh to the source's.
-        back: from the source's mesh to the target's.
-        counterparts: which of their vertices have a counterpart.
-    """
-
-    fit: Fit
-    back: SurfaceMap
-    counterparts: Counterparts
+    fit: Fit  # from the target's mesh to the source's
+    back: SurfaceMap  # from the source's mesh to the target's
+    counterparts: Counterparts  # which of their vertices have a counterpart
 
 
 def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
@@ -194,28 +167,14 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])
     most = min(len(shape.basis.eigenvalues) for shape in (source, target))
     k_target, k_source = slanted_sizes(source.basis, target.basis, k_final=min(pair.k_final, most))[-1]
-    back = np.asarray(
-        cKDTree(source.mesh.vertices[source.search.samples[sample_map]]).query(
-            source.mesh.vertices[source.search.samples]
-        )[1]
-    )
+    samples = source.mesh.vertices[source.search.samples]
+    back = np.asarray(cKDTree(samples[sample_map]).query(samples)[1])
     functional_map = target.search.fit(source.search.rows[sample_map, :k_source], k_target)
     reverse = source.search.fit(target.search.rows[back, :k_target], k_source)
     against = disagreement(functional_map, sample_map, None)
     total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
-    return Candidate(
-        "one shape as a part of the other",
-        False,
-        False,
-        functional_map,
-        reverse,
-        sample_map,
-        None,
-        None,
-        0.0,
-        one.scores | against | {"total": total},
-        one,
-    )
+    maps, scores = (functional_map, reverse, sample_map), one.scores | against | {"total": total}
+    return Candidate("one shape as a part of the other", False, False, *maps, None, None, 0.0, scores, one)
 
 
 def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
@@ -224,7 +183,9 @@ def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
     everywhere = one.part_match.region.is_everywhere
     rivals, rivalry = 0.0, PART_MATCH.rivalry if everywhere else REGION.rivalry
     for other in found:
-        if other is not one and _apart(one, other) > PART_MATCH.another_map:
+        if other is one or other.part_match is None:
+            continue
+        if images_apart(one.part_match, other.part_match) > PART_MATCH.another_map:
             lead = other.scores["total"] - one.scores["total"]
             rivals += np.exp(-rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
     if everywhere:
@@ -233,9 +194,3 @@ def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
     else:
         odds = -REGION.misfit - REGION.misfit_rate * one.scores["fit"]
     return float(expit(odds) / (1 + rivals))
-
-
-def _apart(one: Candidate, other: Candidate) -> float:
-    assert one.part_match is not None
-    assert other.part_match is not None
-    return images_apart(one.part_match, other.part_match)

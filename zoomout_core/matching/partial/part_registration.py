@@ -26,16 +26,12 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PartRegistrationTuning(Tuning, set_by="partial"):
-    """How a part is registered with a whole; lengths are those of the larger shape at unit area.
+    """How a part is registered with a whole; lengths are those of the larger shape at unit area."""
 
-    Attributes:
-        image_functions: eigenfunctions of the part for smoothing the images of its samples.
-        coarse: the schedule for sifting candidates.
-        fine: the following schedule, for comparing the remaining ones.
-    """
-
-    image_functions: int = tuned(60, "eigenfunctions", 4, 1000)
+    image_functions: int = tuned(60, "eigenfunctions", 4, 1000)  # of the part, for smoothing images
+    # The schedule for sifting candidates.
     coarse: tuple[Level, ...] = tuned((Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 5)), "nodes, 1, 1, rounds", 0, 1000)
+    # The following schedule, for comparing the remaining ones.
     fine: tuple[Level, ...] = tuned((Level(100, 1.0, 0.3, 1), Level(100, 0.02, 0.3, 4)), "nodes, 1, 1, rounds", 0, 1000)
 
 
@@ -44,30 +40,17 @@ PART_REGISTRATION = PartRegistrationTuning()
 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
-    """A part registered with a whole.
+    """A part registered with a whole."""
 
-    Attributes:
-        positions: (n, 3) the part's vertices in the whole's frame.
-        normals: (n, 3) their unit normals, rotated with them.
-        rotations: (n, 3, 3) rotations of the surroundings of each vertex.
-        closest: the closest points of the whole, near vertices with compatible normals.
-        residual: (n,) distance to these.
-        agreement: (n,) cosine between the normals.
-        is_near: (n,) whether they are near the image of the nearest place, along the whole.
-        on_cut: (n,) whether the closest point is on a cut of the whole; vertices beyond it have no counterpart.
-        strain: mean distance, relative to their own, between where neighbouring nodes put each other, where these are
-            not on a cut.
-    """
-
-    positions: Floats
-    normals: Floats
-    rotations: Floats
-    closest: SurfaceMap
-    residual: Floats
-    agreement: Floats
-    is_near: Booleans
-    on_cut: Booleans
-    strain: float
+    positions: Floats  # (n, 3) the part's vertices in the whole's frame
+    normals: Floats  # (n, 3) their unit normals, rotated with them
+    rotations: Floats  # (n, 3, 3) rotations of the surroundings of each vertex
+    closest: SurfaceMap  # the closest points of the whole, near vertices with compatible normals
+    residual: Floats  # (n,) distance to these
+    agreement: Floats  # (n,) cosine between the normals
+    is_near: Booleans  # (n,) whether they are near the image of the nearest place, along the whole
+    on_cut: Booleans  # (n,) whether the closest point is on a cut of the whole; vertices beyond it have no counterpart
+    strain: float  # mean relative distance between where neighbouring nodes put each other, off cuts
 
     def scores(self, areas: Floats) -> dict[str, float]:
         """Measures that distinguish a right map from a wrong one, with vertex areas (n,); 0 for a perfect fit.
@@ -86,21 +69,13 @@ class RegisteredPart:
 
 
 def register_part(
-    places: Integers,
-    part: IncompleteShape,
-    whole: IncompleteShape,
+    places: Integers,  # (d_p,) for each place of the part that of the whole
+    part: IncompleteShape,  # the shape that is deformed
+    whole: IncompleteShape,  # the shape that it is registered with
     levels: Sequence[Level],
-    begun: RegisteredPart | None = None,
+    begun: RegisteredPart | None = None,  # the part, registered by this map with fewer nodes, as the start
 ) -> RegisteredPart:
-    """Register a part with a whole.
-
-    Args:
-        places: (d_p,) for each place of the part that of the whole.
-        part: the shape that is deformed.
-        whole: the shape that it is registered with.
-        levels: the schedule.
-        begun: the part, registered by this map with fewer nodes, as the start.
-    """
+    """Register a part with a whole."""
     here, there = part.shape, whole.shape
     vertex = there.search.samples[places]
     rest, normals = here.mesh.vertices, here.mesh.vertex_normals
@@ -120,18 +95,10 @@ def register_part(
     nearby = GeodesicLimit(closest.vertex[here.search.samples[place]], there)
     residual = np.linalg.norm(closest.interpolate(there.mesh.vertices) - positions, axis=1)
     on_cut = is_cut[closest.vertex]
-    facing = unit_vectors(closest.interpolate(there.mesh.vertex_normals))
-    return RegisteredPart(
-        positions,
-        turned,
-        nearest_rotations(blends),
-        closest,
-        residual,
-        np.einsum("nx,nx->n", turned, facing),
-        ~nearby.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex),
-        on_cut,
-        _strain(graph, ~on_cut),
-    )
+    agreement = np.einsum("nx,nx->n", turned, unit_vectors(closest.interpolate(there.mesh.vertex_normals)))
+    is_near = ~nearby.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex)
+    rotations, strain = nearest_rotations(blends), _strain(graph, ~on_cut)
+    return RegisteredPart(positions, turned, rotations, closest, residual, agreement, is_near, on_cut, strain)
 
 
 def _strain(graph: DeformationGraph, counts: Booleans) -> float:

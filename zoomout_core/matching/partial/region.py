@@ -19,7 +19,7 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_s
 from zoomout_core.matching.partial.landmark_search import landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import fine_enough, min_vertices
+from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES, fine_enough
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -33,36 +33,25 @@ class RegionTuning(Tuning, set_by="small_parts"):
     animals; each was also used without its right maps, at a quarter of the weight. In cross-validation over kinds, 38
     of 39 maps above 90 % were right (the other one is a cat's right paw on its left one); of 96 parts without their
     right maps, 4 were above 90 %. With the constants of larger parts these are 72 of 74, and 22 of 96.
-
-    Attributes:
-        small: area of a part, relative to the whole's, below which it is searched for in regions: hands have 1 to 2 %,
-            feet 2 to 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
-        part_area: area of the part in the unit in which it is compared with a region.
-        max_count: maximum number of regions.
-        apart: distance between the centres of regions, relative to the extent of the part: the largest distance from
-            its tip, the landmark farthest from cuts.
-        radius: radius of a region, relative to that extent.
-        vertices: approximate maximum size of a region's proxy.
-        samples: number of samples of a part that is subdivided.
-        functions: number of eigenfunctions of a region, which are only needed for its area.
-        rivalry: rate at which the odds of a rival decrease with the lead in score.
-        misfit: logarithm of the odds against a map whose fit is 0.
-        misfit_rate: rate at which it increases with the fit.
-        as_wholes: weight of the certainty of the map of both shapes as wholes relative to that of a small part: hands
-            match whole bodies with up to 77 %, and bodies as small as hands match parts of others with at most 8 %.
     """
 
+    # Area of a part, relative to the whole's, below which it is searched for in regions: hands have 1 to 2 %, feet 2 to
+    # 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
     small: float = tuned(0.07, "1", 0, 1)
-    part_area: float = tuned(0.4, "area", 0.01, 1)
-    max_count: int = tuned(6, "regions", 1, 1000)
+    part_area: float = tuned(0.4, "area", 0.01, 1)  # area of the part in the unit in which it is compared with a region
+    max_count: int = tuned(6, "regions", 1, 1000)  # maximum number of regions
+    # Distance between the centres of regions, relative to the extent of the part: the largest distance from its tip,
+    # the landmark farthest from cuts.
     apart: float = tuned(0.7, "1", 0.1, 10)
-    radius: float = tuned(1.35, "1", 1, 10)
-    vertices: int = tuned(3000, "vertices", 100, 100_000)
-    samples: int = tuned(1000, "samples", 10, 10_000)
-    functions: int = tuned(10, "eigenfunctions", 2, 1000)
-    rivalry: float = tuned(5.3, "1", 0, 100)
-    misfit: float = tuned(4.65, "1", -100, 100)
-    misfit_rate: float = tuned(1.3, "1", 0, 100)
+    radius: float = tuned(1.35, "1", 1, 10)  # radius of a region, relative to that extent
+    vertices: int = tuned(3000, "vertices", 100, 100_000)  # approximate maximum size of a region's proxy
+    samples: int = tuned(1000, "samples", 10, 10_000)  # number of samples of a part that is subdivided
+    functions: int = tuned(10, "eigenfunctions", 2, 1000)  # of a region, which are only needed for its area
+    rivalry: float = tuned(5.3, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
+    misfit: float = tuned(4.65, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
+    misfit_rate: float = tuned(1.3, "1", 0, 100)  # rate at which it increases with the fit
+    # Weight of the certainty of the map of both shapes as wholes relative to that of a small part: hands match whole
+    # bodies with up to 77 %, and bodies as small as hands match parts of others with at most 8 %.
     as_wholes: float = tuned(0.5, "1", 0, 1)
 
 
@@ -71,21 +60,13 @@ REGION = RegionTuning()
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A part, and a region of a whole in which it may be, in a unit of their own.
+    """A part, and a region of a whole in which it may be, in a unit of their own."""
 
-    Attributes:
-        part: the part; its mesh may be finer than that of the pair's.
-        whole: the region.
-        of_part: the part in the unit of the pair.
-        of_whole: the whole in the unit of the pair.
-        vertex: (n,) the vertex of the whole's mesh nearest to each vertex of the region; None if the meshes are equal.
-    """
-
-    part: IncompleteShape
-    whole: IncompleteShape
-    of_part: ShapeAnalysis
-    of_whole: ShapeAnalysis
-    vertex: Integers | None = None
+    part: IncompleteShape  # the part; its mesh may be finer than that of the pair's
+    whole: IncompleteShape  # the region
+    of_part: ShapeAnalysis  # the part in the unit of the pair
+    of_whole: ShapeAnalysis  # the whole in the unit of the pair
+    vertex: Integers | None = None  # (n,) nearest in the whole's mesh to each of the region's; None if equal
 
     @classmethod
     def everywhere(cls, part: IncompleteShape, whole: IncompleteShape) -> Region:
@@ -133,17 +114,10 @@ class Region:
         near = self.vertex[registered.closest.vertex[own]]
         mesh = self.of_whole.mesh
         closest = SurfaceMap(*Surroundings.of(self.of_whole).surface.closest(positions, near), mesh.triangles)
-        return replace(
-            registered,
-            positions=positions,
-            normals=registered.normals[own],
-            rotations=registered.rotations[own],
-            closest=closest,
-            residual=registered.residual[own] * self.unit,
-            agreement=registered.agreement[own],
-            is_near=registered.is_near[own],
-            on_cut=registered.on_cut[own],
-        )
+        names = "normals", "rotations", "agreement", "is_near", "on_cut"
+        of_own = {name: getattr(registered, name)[own] for name in names}
+        residual = registered.residual[own] * self.unit
+        return replace(registered, positions=positions, closest=closest, residual=residual, **of_own)
 
 
 def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
@@ -152,12 +126,7 @@ def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
 
 
 def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
-    """Regions of a whole in which a small part may be, the most promising first.
-
-    Args:
-        part: the shape that is looked for; a coarse one is subdivided.
-        whole: the shape that it is looked for on, in the same unit.
-    """
+    """Regions of a whole in which a small part, in the same unit, may be, the most promising first."""
     with portion(0.0, 0.2):
         finer = _finer(part)
     scale = np.sqrt(REGION.part_area / part.basis.areas.sum())
@@ -178,7 +147,7 @@ def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
     """A part with enough vertices for a deformation graph."""
     if fine_enough(part):
         return part
-    mesh, _ = part.mesh.subdivide(min_vertices())
+    mesh, _ = part.mesh.subdivide(MIN_VERTICES)
     # Analyses are made at unit area.
     scale = float(np.sqrt(part.basis.areas.sum()))
     mesh = replace(mesh, vertices=mesh.vertices / scale, scale=mesh.scale * scale)
@@ -192,7 +161,7 @@ def _region(
     """The region of some vertices (n,) of the whole's mesh, which is made finer or coarser."""
     proxy = of_whole.proxy
     mesh, vertices = proxy.full.piece(inside[proxy.merged])
-    mesh, nearest = mesh.subdivide(min_vertices())
+    mesh, nearest = mesh.subdivide(MIN_VERTICES)
     shape = analyse(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
     region = IncompleteShape(at_scale(shape, mesh.scale / whole.shape.proxy.full.scale))
     return Region(part, region, of_part, of_whole, proxy.merged[vertices[nearest[shape.proxy.full_vertex]]])

@@ -25,25 +25,16 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class UnknownScaleTuning(Tuning, set_by="partial"):
-    """The scales at which a part is searched for, and its certainty; lengths are those of the whole at unit area.
+    """The scales at which a part is searched for, and its certainty; lengths are those of the whole at unit area."""
 
-    Attributes:
-        scales: of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their
-            true scales.
-        small_scales: of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
-        regions: of the part, which are searched for on their own to find its scale.
-        far: minimum distance between two places that contribute to the scale.
-        likely: minimum certainty of a part in another unit, which is higher because the best of several scales is
-            chosen.
-        one_unit: factor between the scale that is found and the one given, up to which the units are the same.
-    """
-
+    # Of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their true scales.
     scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.25, 1.05, 6).round(3).tolist()), "1", 1e-3, 10)
+    # Of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
-    regions: int = tuned(2, "regions", 0, 100)
-    far: float = tuned(0.15, "length", 0, 10)
-    likely: float = tuned(0.5, "probability", 0, 1)
-    one_unit: float = tuned(1.25, "1", 1, 100)
+    regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
+    far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
+    likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
+    one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
 
 
 UNKNOWN_SCALE = UnknownScaleTuning()
@@ -52,15 +43,10 @@ UNKNOWN_SCALE = UnknownScaleTuning()
 def match_at_unknown_scale(
     pair: Pair, disagreement: Callable[[Pair], Disagreement]
 ) -> tuple[Pair, list[Candidate]] | None:
-    """A pair in the unit in which one shape fits best on the other as a part of it.
+    """A pair in the unit in which one of two shapes, each in a unit of its own, fits best on the other as a part of it.
 
-    Args:
-        pair: the two shapes, each in a unit of its own.
-        disagreement: of a map of a pair with the evidence.
-
-    Returns:
-        The pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;
-        None if neither shape is a fragment.
+    Returns the pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;
+    None if neither shape is a fragment.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
     parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]

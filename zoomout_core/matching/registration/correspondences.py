@@ -30,15 +30,10 @@ BOUND_SAMPLES = 40
 
 @dataclass(frozen=True, eq=False)
 class QueryPoints:
-    """Samples of a shape that are projected onto the other one.
+    """Samples of a shape that are projected onto the other one."""
 
-    Attributes:
-        vertex: (p,) their numbers.
-        areas: (p,) the part of the surface's area that each stands for.
-    """
-
-    vertex: Integers
-    areas: Floats
+    vertex: Integers  # (p,) their numbers
+    areas: Floats  # (p,) the part of the surface's area that each stands for
 
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
@@ -48,27 +43,15 @@ class QueryPoints:
         areas = shape.basis.areas
         return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
 
-    @classmethod
-    def none(cls) -> QueryPoints:
-        """No points."""
-        return cls(np.empty(0, dtype=np.int64), np.empty(0))
-
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The source, prepared for closest points with compatible normals.
-
-    Attributes:
-        source: the shape.
-        places: (n_s, 6) its vertices and scaled normals.
-        tree: k-d tree of these.
-        surface: its triangles.
-    """
+    """The source, prepared for closest points with compatible normals."""
 
     source: ShapeAnalysis
-    places: Floats
-    tree: cKDTree
-    surface: EmbeddedSurface
+    places: Floats  # (n_s, 6) its vertices and scaled normals
+    tree: cKDTree  # k-d tree of these
+    surface: EmbeddedSurface  # its triangles
 
     @classmethod
     def of(cls, source: ShapeAnalysis) -> Surroundings:
@@ -89,10 +72,8 @@ class Surroundings:
 class GeodesicLimit:
     """Rejects correspondences that are too far from the first map's images in geodesic distance on the source.
 
-    Args:
-        first: (n_t,) the source vertex of each vertex of the target by the first map.
-        source: the shape that it lands on.
-        is_cut: (n_s,) vertices of the source next to a missing part, to which their correspondences may belong.
+    The first map sends the target's vertices to vertices `first` (n_t,) of the source. Correspondences on vertices
+    `is_cut` (n_s,) next to a missing part are rejected, too, because they may belong to that.
     """
 
     def __init__(self, first: Integers, source: ShapeAnalysis, is_cut: Booleans | None = None) -> None:
@@ -107,27 +88,17 @@ class GeodesicLimit:
 
 
 def residuals(
-    positions: Floats,
-    normals: Floats,
-    here: QueryPoints,
-    there: QueryPoints,
+    positions: Floats,  # (n, 3) of the target's vertices
+    normals: Floats,  # (n, 3) of these
+    here: QueryPoints,  # query points of the target
+    there: QueryPoints,  # query points of the source
     around: Surroundings,
-    limit: GeodesicLimit,
-    sliding: float,
+    limit: GeodesicLimit,  # on geodesic distances from the first map
+    sliding: float,  # see `Level`
 ) -> tuple[Integers, Floats, Floats]:
-    """Residuals of closest points in both directions: from points of the target and of the source.
+    """Residuals of closest points in both directions, for `DeformationGraph.step`.
 
-    Args:
-        positions: (n, 3) of the target's vertices.
-        normals: (n, 3) of these.
-        here: query points of the target.
-        there: query points of the source.
-        around: the source.
-        limit: on geodesic distances from the first map.
-        sliding: see `Level`.
-
-    Returns:
-        (q,) vertices of the target, (q, 3) residuals and (q, 3, 3) roots of weights, for `DeformationGraph.step`.
+    Returns (q,) vertices of the target, (q, 3) residuals and (q, 3, 3) roots of weights.
     """
     mesh = around.source.mesh
     found = around.closest(positions[here.vertex], normals[here.vertex])

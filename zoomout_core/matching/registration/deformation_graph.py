@@ -35,23 +35,14 @@ MOMENTUM = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes spread over the target, and their weights at its vertices.
+    """Nodes spread over the target, and their weights at its vertices."""
 
-    Attributes:
-        vertex: (d,) their vertices.
-        near: (n, c) the nodes that move each vertex.
-        weight: (n, c) the weights of these nodes.
-        first: (e,) a node of a pair that shares vertices.
-        second: (e,) the other node; each pair occurs in both orders.
-        bond: (e,) the fraction of the first node's influence that it shares with the second.
-    """
-
-    vertex: Integers
-    near: Integers
-    weight: Floats
-    first: Integers
-    second: Integers
-    bond: Floats
+    vertex: Integers  # (d,) their vertices
+    near: Integers  # (n, c) the nodes that move each vertex
+    weight: Floats  # (n, c) the weights of these nodes
+    first: Integers  # (e,) a node of a pair that shares vertices
+    second: Integers  # (e,) the other node; each pair occurs in both orders
+    bond: Floats  # (e,) the fraction of the first node's influence that it shares with the second
 
     @classmethod
     def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
@@ -76,23 +67,14 @@ class Nodes:
 
 @dataclass(eq=False)
 class DeformationGraph:
-    """Nodes in motion.
-
-    Attributes:
-        nodes: the nodes.
-        rest: (n, 3) the target's vertices, mirrored if the map mirrors.
-        normals: (n, 3) its normals, likewise.
-        rotations: (d, 3, 3) of the nodes.
-        images: (d, 3) positions of the nodes.
-        stride: (d, 6) the last step towards closest points: rotation vectors and translations.
-    """
+    """Nodes in motion."""
 
     nodes: Nodes
-    rest: Floats
-    normals: Floats
-    rotations: Floats
-    images: Floats
-    stride: Floats
+    rest: Floats  # (n, 3) the target's vertices, mirrored if the map mirrors
+    normals: Floats  # (n, 3) its normals, likewise
+    rotations: Floats  # (d, 3, 3) of the nodes
+    images: Floats  # (d, 3) positions of the nodes
+    stride: Floats  # (d, 6) the last step towards closest points: rotation vectors and translations
 
     @classmethod
     def from_images(
@@ -133,17 +115,10 @@ class DeformationGraph:
     def step(
         self, vertex: Integers, residual: Floats, root_weight: Floats, stiffness: float, approaching: bool
     ) -> float:
-        """One Gauss-Newton step.
+        """One Gauss-Newton step; returns the mean motion of the nodes, before the step is lengthened.
 
-        Args:
-            vertex: (q,) vertices that should move.
-            residual: (q, 3) displacements that they should have.
-            root_weight: (q, 3, 3) square roots of the weights of residuals in each direction.
-            stiffness: see `Level`.
-            approaching: whether residuals are those of closest points, which will be others at the next step.
-
-        Returns:
-            Mean motion of the nodes, before the step is lengthened.
+        The vertices (q,) should move by the residuals (q, 3), whose weights have the square roots `root_weight` (q, 3,
+        3). For the stiffness see `Level`. `approaching` residuals are those of closest points, others at the next step.
         """
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
         turning = root_weight[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
@@ -185,17 +160,11 @@ class DeformationGraph:
 
 
 class _Rows(NamedTuple):
-    """Some rows of a linear system for the nodes' motion, three at a time.
+    """Some rows of a linear system for the nodes' motion, three at a time."""
 
-    Attributes:
-        node: (r, c) the nodes that they depend on.
-        blocks: (r, c, 3, 6) derivatives by a small turn and a shift of each.
-        goal: (r, 3) right-hand sides.
-    """
-
-    node: Integers
-    blocks: Floats
-    goal: Floats
+    node: Integers  # (r, c) the nodes that they depend on
+    blocks: Floats  # (r, c, 3, 6) derivatives by a small turn and a shift of each
+    goal: Floats  # (r, 3) right-hand sides
 
 
 def crossing(vectors: Floats) -> Floats:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -34,19 +34,12 @@ BENDING = 0.9
 
 
 class Level(NamedTuple):
-    """Consecutive rounds of the fit with the same settings.
+    """Consecutive rounds of the fit with the same settings."""
 
-    Attributes:
-        nodes: number of nodes that move the target.
-        sliding: weight of a residual along the surface against one across it; 1 if goals are points, not surfaces.
-        stiffness: weight of the difference of neighbouring nodes.
-        rounds: maximum number of Gauss-Newton steps.
-    """
-
-    nodes: int
-    sliding: float
-    stiffness: float
-    rounds: int
+    nodes: int  # number of nodes that move the target
+    sliding: float  # weight of a residual along the surface against one across it; 1 if goals are points, not surfaces
+    stiffness: float  # weight of the difference of neighbouring nodes
+    rounds: int  # maximum number of Gauss-Newton steps
 
 
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
@@ -64,8 +57,8 @@ NONRIGID_SCHEDULE = (
 )
 # A level ends once its nodes move by less than this on average, at unit area.
 CONVERGED_MOTION = 6e-4
-# Vertices that a mesh must have for each node of the finest level.
-VERTICES_PER_NODE = 2
+# A mesh must have two vertices for each node of the finest level.
+MIN_VERTICES = 2 * max(level.nodes for level in NONRIGID_SCHEDULE)
 # A fit is rejected where eigenfunctions disagree with it by more than this factor times their disagreement with the
 # first map, plus an allowance at unit area. Both are averaged over a diffusion length, at unit area.
 MAX_DISAGREEMENT_RATIO = 2.0
@@ -78,19 +71,12 @@ MAX_LIFT_DISTANCE = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A target registered to its source.
+    """A target registered to its source."""
 
-    Attributes:
-        surface_map: from the target's mesh to the source's; the first map where the fit is rejected.
-        positions: (n_t, 3) the target's vertices in the source's frame, at unit area.
-        rotations: (n_t, 3, 3) rotations of the surroundings of each vertex, mirrored if the map mirrors.
-        fits: (n_t,) whether the fit is accepted.
-    """
-
-    surface_map: SurfaceMap
-    positions: Floats
-    rotations: Floats
-    fits: Booleans
+    surface_map: SurfaceMap  # from the target's mesh to the source's; the first map where the fit is rejected
+    positions: Floats  # (n_t, 3) the target's vertices in the source's frame, at unit area
+    rotations: Floats  # (n_t, 3, 3) rotations of the surroundings of each vertex, mirrored if the map mirrors
+    fits: Booleans  # (n_t,) whether the fit is accepted
 
     @classmethod
     def of_map(cls, surface_map: SurfaceMap) -> Fit:
@@ -99,25 +85,13 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def min_vertices() -> int:
-    """Minimum number of vertices for the nodes of the schedule."""
-    return VERTICES_PER_NODE * max(level.nodes for level in NONRIGID_SCHEDULE)
-
-
 def fine_enough(*shapes: ShapeAnalysis) -> bool:
-    """Whether all meshes have that number of vertices."""
-    return all(len(shape.mesh.vertices) >= min_vertices() for shape in shapes)
+    """Whether all meshes have enough vertices for the nodes of the schedule."""
+    return all(len(shape.mesh.vertices) >= MIN_VERTICES for shape in shapes)
 
 
 def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
-    """Register a target to its source, starting from a map between them.
-
-    Args:
-        first: from the target's mesh to the source's.
-        source: the shape that the map lands on.
-        target: the shape that the map starts from.
-        mirrored: the map reverses the orientation.
-    """
+    """Register a target to its source, starting from a map between their meshes."""
     if not fine_enough(source, target):
         return Fit.of_map(first)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
@@ -141,43 +115,30 @@ def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
         & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
         & ~_astray(found, first, source, target)
     )
-    surface_map = SurfaceMap(
-        np.where(fits, found.triangle, first.triangle),
-        np.where(fits[:, None], found.barycentric, first.barycentric),
-        first.source_triangles,
-    )
+    fitting = SurfaceMap(found.triangle[fits], found.barycentric[fits], found.source_triangles)
+    surface_map = replace_images(first, fits, fitting)
     return Fit(surface_map, positions, nearest_rotations(blends) * sense, fits)
 
 
 def bend(
-    rest: Floats,
-    normals: Floats,
-    positions: Floats,
+    rest: Floats,  # (n_t, 3) the target's vertices, mirrored if the map mirrors
+    normals: Floats,  # (n_t, 3) its normals, likewise
+    positions: Floats,  # (n_t, 3) initial positions
     around: Surroundings,
-    limit: GeodesicLimit,
-    target: ShapeAnalysis,
-    levels: Sequence[Level],
+    limit: GeodesicLimit,  # on correspondences
+    target: ShapeAnalysis,  # the shape that is deformed
+    levels: Sequence[Level],  # the schedule; not empty
+    # Whether the source may have places without a counterpart, which then do not attract the target.
     is_part: bool = False,
 ) -> DeformationGraph:
-    """Fit the deformation graph that registers a target to a source.
-
-    Args:
-        rest: (n_t, 3) the target's vertices, mirrored if the map mirrors.
-        normals: (n_t, 3) its normals, likewise.
-        positions: (n_t, 3) initial positions.
-        around: the source.
-        limit: on correspondences.
-        target: the shape that is deformed.
-        levels: the schedule; not empty.
-        is_part: whether the source may have places without a counterpart, which then do not attract the target.
-    """
+    """Fit the deformation graph that registers a target to a source."""
     graph = None
     for i, (count, sliding, stiffness, rounds) in enumerate(levels):
         count = min(count, len(target.distances))
         if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
             here = QueryPoints.on(target, count)
-            there = QueryPoints.none() if is_part else QueryPoints.on(around.source, count)
+            there = QueryPoints(here.vertex[:0], here.areas[:0]) if is_part else QueryPoints.on(around.source, count)
             graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         for j in range(rounds):
@@ -199,12 +160,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surfac
 
     Each vertex of the target's part moves with its place on the proxy, and maps to the closest point of the source's
     part. If that point is far from the image by the proxies' map, on another part that touches, the image is used.
-
-    Args:
-        fit: of the target's proxy to the source's.
-        source: the part that the map lands on.
-        target: the part that the map starts from.
-        standing: (n_t, 3) the target's part where it is in space, in the frame of the source's part.
+    `standing` (n_t, 3) is the target's part where it is in space, in the frame of the source's part.
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
@@ -220,14 +176,14 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surfac
     found = source.closest(settled)
     at_rest = (settled != goal).any(axis=1)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
-    found = _replace(found, loose, source.closest(goal[loose]))
+    found = replace_images(found, loose, source.closest(goal[loose]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > MAX_LIFT_DISTANCE
     elsewhere &= loose | ~at_rest
-    return _replace(found, elsewhere, source.closest(images[elsewhere]))
+    return replace_images(found, elsewhere, source.closest(images[elsewhere]))
 
 
-def _replace(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMap:
-    """A map with other images for some vertices (n,)."""
+def replace_images(surface_map: SurfaceMap, at: Booleans | Integers, by: SurfaceMap) -> SurfaceMap:
+    """A map that takes the images of some vertices, by a mask (n,) or numbers (q,), from the map `by` of these."""
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
     triangle[at], barycentric[at] = by.triangle, by.barycentric
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)

@@ -43,18 +43,9 @@ SAME_SURFACE_SHARE = 0.9
 
 
 def rigid_vertices(
-    first: SurfaceMap,
-    rest: Floats,
-    normals: Floats,
-    around: Surroundings,
-    limit: GeodesicLimit,
-    target: ShapeAnalysis,
+    first: SurfaceMap, rest: Floats, normals: Floats, around: Surroundings, limit: GeodesicLimit, target: ShapeAnalysis
 ) -> tuple[Booleans, Floats]:
-    """Where a single rigid motion registers the target with the source, as if only the meshing differs.
-
-    Returns:
-        (n,) whether it does, and (n, 3) the target's vertices after the motion.
-    """
+    """(n,) whether a single rigid motion registers the target there, and (n, 3) the target's vertices after it."""
     mesh = around.source.mesh
     here, there = QueryPoints.on(target, QUERY_NODES), QueryPoints.on(around.source, QUERY_NODES)
     at = here.vertex
@@ -77,22 +68,15 @@ def rigid_vertices(
 
 
 def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
-    """Refine the goals of points that a single similarity takes close to them.
+    """Refine the goals (n, 3) of points (n, 3) that a single similarity takes close to them, those that fit (n,).
 
     A proxy differs from its mesh by more than two meshes of one surface do. So if most of a body has not moved, only
-    the full meshes determine its position exactly.
+    the full meshes determine its position exactly. The positions `standing` (n, 3), if neither surface is moved, are
+    used if they fit about as well, because they are exact, unlike a motion between two meshes. The transition is
+    gradual, so that nothing jumps if one of the two is moved away.
 
-    Args:
-        goal: (n, 3) goals in the frame of the source's part.
-        fits: (n,) which goals are reliable.
-        points: (n, 3) the points in the frame of the target's part.
-        standing: (n, 3) their positions if neither surface is moved. These are used if they fit about as well, because
-            they are exact, unlike a motion between two meshes. The transition is gradual, so that nothing jumps if one
-            of the two is moved away.
-        source: the mesh that the points are registered to.
-
-    Returns:
-        (n, 3) positions, and the maximum distance of the refined ones from the source, at unit area.
+    Goals and results are in the frame of the source's part, points in that of the target's. Returns (n, 3) positions,
+    and the maximum distance of the refined ones from the source, at unit area.
     """
     reliable = np.flatnonzero(fits)
     if len(reliable) < MIN_SETTLING_VERTICES:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
@@ -57,32 +57,29 @@ class ContactTuning(Tuning, set_by="dress"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
-# Guard against division by zero.
-SMALLEST = 1e-300
 
 
 class SidedSurface:
-    """A surface with two sides.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, wound so that normals point outwards.
-    """
+    """A surface with two sides: vertices (n, 3), and triangles (m, 3) wound so that normals point outwards."""
 
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
-        # By position alone: worn objects may face either way.
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
 
-    def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
-        """Find the side of the skin that points (p, 3) are on.
+    def closest(self, points: Floats) -> tuple[Integers, Floats, Floats]:
+        """Triangles, barycentric coordinates and distances of the points closest to points (p, 3).
 
-        Returns:
-            (p,) their distances, negative inside; (p, 3) the skin's normals; (p,) whether the side is known, which it
-            is not beside a border.
+        They are found by position alone, because worn objects may face either way.
         """
-        triangle, barycentric, distance = self._search.closest(points, np.zeros_like(points))
+        return self._search.closest(points, np.zeros_like(points))
+
+    def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
+        """The distances (p,) of points (p, 3), negative inside, and the skin's normals there (p, 3).
+
+        Also returns (p,) whether the side is known, which it is not beside a border.
+        """
+        triangle, barycentric, distance = self.closest(points)
         corners = self._triangles[triangle]
         off = points - np.einsum("pc,pcx->px", barycentric, self.vertices[corners])
         normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self._normals[corners]))
@@ -91,51 +88,22 @@ class SidedSurface:
 
 
 class Barrier(NamedTuple):
-    """A surface that a worn object must not enter.
+    """A surface that a worn object must not enter."""
 
-    Attributes:
-        before: the surface before the change of shape.
-        after: the surface after it.
-        is_layer: whether it is another worn object; then places beneath it, or far from it, are free.
-    """
-
-    before: SidedSurface
-    after: SidedSurface
-    is_layer: bool = False
+    before: SidedSurface  # the surface before the change of shape
+    after: SidedSurface  # the surface after it
+    is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
 
 
 class _Bounds(NamedTuple):
-    """Places that must stay on their side of a barrier.
+    """Places that must stay on their side of a barrier."""
 
-    Attributes:
-        skin: the barrier after the change of shape.
-        which: (b,) numbers of the places.
-        margin: (b,) the distance that they must keep.
-    """
+    skin: SidedSurface  # the barrier after the change of shape
+    which: Integers  # (b,) numbers of the places
+    margin: Floats  # (b,) the distance that they must keep
 
-    skin: SidedSurface
-    which: Integers
-    margin: Floats
-
-    @classmethod
-    def of(cls, barrier: Barrier, places: Floats, growth: Floats, gap: float) -> _Bounds:
-        """Bounds of the original places (p, 3) near a barrier, with the growth (p,) of their surroundings."""
-        off, _, known = barrier.before.sides(places)
-        lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
-        which = np.flatnonzero(known & (off > lowest) & (off < highest))
-        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
-        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
-        return cls(barrier.after, which, margin)
-
-    def near(self, places: Floats) -> _Bounds:
-        """The bounds of the current places (p, 3) that may change sides."""
-        off, _, _ = self.skin.sides(places[self.which])
-        some = off < self.margin + CONTACT.looked_at
-        return _Bounds(self.skin, self.which[some], self.margin[some])
-
-    def among(self, chosen: Booleans) -> _Bounds:
-        """The bounds of chosen places, a mask (p,)."""
-        some = chosen[self.which]
+    def only(self, some: Booleans) -> _Bounds:
+        """The bounds in a mask (b,)."""
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
@@ -180,8 +148,8 @@ def push_out(
         loads = there.T @ (weights[:, None] * pushes)
         positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
         # Places that have not moved keep their margins.
-        is_free = np.isin(np.arange(len(positions)), free)
-        moving = [each.among(probes @ is_free > 0) for each in bounds]
+        is_moving = probes @ np.isin(np.arange(len(positions)), free) > 0
+        moving = [each.only(is_moving[each.which]) for each in bounds]
     return positions, _wrong(bounds, probes @ positions)
 
 
@@ -205,8 +173,7 @@ def push_out_rigidly(
 
 def _around(points: Floats, chosen: Integers) -> Integers:
     """(f,) which of the points (n, 3) a push at chosen ones reaches."""
-    reach = PUSHED * CONTACT.spread
-    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=reach)
+    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
     return np.flatnonzero(np.isfinite(distance))
 
 
@@ -215,8 +182,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 
     There the skin's detail may penetrate a coarser triangle.
     """
-    search = OrientedSurface(positions, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
-    triangle, barycentric, distance = search.closest(skin.vertices, np.zeros_like(skin.vertices))
+    triangle, barycentric, distance = SidedSurface(positions, triangles).closest(skin.vertices)
     near = np.flatnonzero(distance < CONTACT.looked_at)
     rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
     return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))
@@ -225,8 +191,18 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 def _bounds(
     barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, gap: float
 ) -> list[_Bounds]:
-    found = (_Bounds.of(barrier, probes @ form.rest, probes @ growth, gap) for barrier in barriers)
-    return [each.near(probes @ positions) for each in found]
+    """Bounds of the places that were originally near each barrier, and may now change sides."""
+    before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
+    bounds = []
+    for barrier in barriers:
+        off, _, known = barrier.before.sides(before)
+        lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
+        which = np.flatnonzero(known & (off > lowest) & (off < highest))
+        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
+        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
+        off, _, _ = barrier.after.sides(now[which])
+        bounds.append(_Bounds(barrier.after, which, margin).only(off < margin + CONTACT.looked_at))
+    return bounds
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:

@@ -38,7 +38,6 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
-STAGE = "Dressing"
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
@@ -144,58 +143,37 @@ def carry(
     stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
-    """Fit worn objects to a body that takes another shape.
+    """Fit worn objects to a body whose vertices take another shape (n, 3), see `dress`.
 
-    Args:
-        body: the body before.
-        shape: (n, 3) the new positions of its vertices.
-        skin: the surface, in the new shape, that objects must not enter.
-        carried: the objects, surfaces and lines, in the body's frame and unit.
-        manners: how to fit each, see `dress`.
-        stiffness: how far soft objects keep their form, in [0, 1].
-        gap: minimum distance from the skin of everything that was outside of it, in the unit of the shape.
+    The skin is the surface, in the new shape, that objects must not enter. The gap is in the unit of the shape.
 
     Raises:
         ValueError: a number is out of its range, or there is not a manner for each.
     """
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
-    with stage(STAGE):
-        return _carry(body, shape, skin, carried, how, stiffness, gap)
-
-
-def _carry(
-    body: Surface,
-    shape: Floats,
-    skin: Surface,
-    carried: Sequence[Carried],
-    manners: Sequence[Manner],
-    stiffness: float,
-    gap: float,
-) -> Dressed:
-    following = Following(body, shape)
-    advance(0.1)
-    barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
-    advance(0.2)
-    fits = []
-    for number, (each, manner) in enumerate(zip(carried, manners, strict=True), start=1):
-        fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
-        advance(0.2 + 0.3 * number / len(carried))
-    stuck = 0
+    fits, stuck = list[_Fit](), 0
     found: dict[int, tuple[Floats, Floats, Booleans]] = {}
-    # From the skin outwards: each layer is a barrier for those above it.
-    order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
-    for done, number in enumerate(order, start=1):
-        fit = fits[number]
-        positions, wrong = fit.push_out(barriers, gap / following.unit_after)
-        stuck += wrong
-        found[number] = fit.of_vertices(positions, following)
-        if done < len(order) and fit.is_layer:
-            triangles = fit.facing_away(barriers[0].before)
-            barriers.append(
-                Barrier(SidedSurface(fit.form.rest, triangles), SidedSurface(positions, triangles), is_layer=True)
-            )
-        advance(0.5 + 0.5 * done / len(order))
+    with stage("Dressing"):
+        following = Following(body, shape)
+        advance(0.1)
+        barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
+        advance(0.2)
+        for number, (each, manner) in enumerate(zip(carried, how, strict=True), start=1):
+            fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
+            advance(0.2 + 0.3 * number / len(carried))
+        # From the skin outwards: each layer is a barrier for those above it.
+        order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
+        for done, number in enumerate(order, start=1):
+            fit = fits[number]
+            positions, wrong = fit.push_out(barriers, gap / following.unit_after)
+            stuck += wrong
+            found[number] = fit.of_vertices(positions, following)
+            if done < len(order) and fit.is_layer:
+                triangles = fit.facing_away(barriers[0].before)
+                before, after = (SidedSurface(places, triangles) for places in (fit.form.rest, positions))
+                barriers.append(Barrier(before, after, is_layer=True))
+            advance(0.5 + 0.5 * done / len(order))
     vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
     notes = (warning("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     return Dressed(vertices, turns, stretched, notes)
@@ -203,21 +181,13 @@ def _carry(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A form moved with the body.
+    """A form moved with the body."""
 
-    Attributes:
-        form: the worn object.
-        motion: the motion of its points with the body.
-        positions: (n, 3) its current positions.
-        parts: points of its solid parts.
-        is_rigid: whether it is one solid part as a whole.
-    """
-
-    form: Form
-    motion: Motion
-    positions: Floats
-    parts: list[Integers]
-    is_rigid: bool
+    form: Form  # the worn object
+    motion: Motion  # the motion of its points with the body
+    positions: Floats  # (n, 3) its current positions
+    parts: list[Integers]  # points of its solid parts
+    is_rigid: bool  # whether it is one solid part as a whole
 
     @classmethod
     def of(cls, form: Form, following: Following, manner: Manner, stiffness: float) -> _Fit:
@@ -225,8 +195,12 @@ class _Fit:
         if manner == "rigid":
             moved = procrustes(form.rest, motion.images, form.areas)(form.rest)
             return cls(form, motion, moved, [], True)
-        parts = solid_parts(form) if manner == "automatic" else []
-        return cls(form, motion, _soft(form, motion, stiffness), parts, False)
+        # Near the positions moved by the body, with the rest edges rotated and scaled.
+        length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
+        pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
+        gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+        moved = ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
+        return cls(form, motion, moved, solid_parts(form) if manner == "automatic" else [], False)
 
     @property
     def is_layer(self) -> bool:
@@ -253,7 +227,7 @@ class _Fit:
             return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, gap)
         soft = self.soft
         positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, gap, soft)
-        return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
+        return with_solid_parts(self.form, self.parts, soft, self.motion.images, positions), wrong
 
     def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats, Booleans]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
@@ -269,24 +243,12 @@ class _Fit:
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
 
 
-def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
-    """(n, 3) positions near those moved by the body, with the rest edges rotated and scaled."""
-    length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
-    pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-    gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-    return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
-
-
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:
     """(n,) points at edges that grow far more than the body does there."""
-    found = np.zeros(len(form.rest), dtype=bool)
-    if not len(form.triangles):
-        return found
     edges, _ = unique_edges(form.triangles)
     before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (form.rest, positions))
     allowed = STRETCHED * np.maximum(motion.growth[edges].max(axis=1), 1) * before
-    found[edges[(after > allowed) & (after > MIN_LENGTH)]] = True
-    return found
+    return np.isin(np.arange(len(form.rest)), edges[(after > allowed) & (after > MIN_LENGTH)])
 
 
 def _sided_surface(surface: Surface, unit: float) -> SidedSurface:

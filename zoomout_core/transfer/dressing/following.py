@@ -52,17 +52,11 @@ FOLLOWING = FollowingTuning()
 
 
 class Motion(NamedTuple):
-    """How places move.
+    """How places move."""
 
-    Attributes:
-        images: (q, 3) their new positions.
-        turns: (q, 3, 3) rotation and growth of their surroundings.
-        distance: (q,) their original distance from the skin.
-    """
-
-    images: Floats
-    turns: Floats
-    distance: Floats
+    images: Floats  # (q, 3) their new positions
+    turns: Floats  # (q, 3, 3) rotation and growth of their surroundings
+    distance: Floats  # (q,) their original distance from the skin
 
     @property
     def growth(self) -> Floats:
@@ -71,13 +65,9 @@ class Motion(NamedTuple):
 
 
 class Following:
-    """The space around a body that takes another shape.
+    """The space around a body that takes another shape, given by the new positions (n, 3) of its vertices.
 
     Places are in units in which the original body has unit area, and its median growth is 1.
-
-    Args:
-        body: the body before.
-        shape: (n, 3) the vertices of its new shape.
 
     Attributes:
         unit: unit of places before, in the body's unit.
@@ -116,19 +106,12 @@ class Following:
 
 
 class _Samples(NamedTuple):
-    """Samples of the skin.
+    """Samples of the skin."""
 
-    Attributes:
-        places: (s, 3) positions before.
-        images: (s, 3) positions after.
-        turns: (s, 3, 3) rotation and growth of their surroundings.
-        tree: search tree of the places.
-    """
-
-    places: Floats
-    images: Floats
-    turns: Floats
-    tree: cKDTree
+    places: Floats  # (s, 3) positions before
+    images: Floats  # (s, 3) positions after
+    turns: Floats  # (s, 3, 3) rotation and growth of their surroundings
+    tree: cKDTree  # search tree of the places
 
     @property
     def spacing(self) -> float:

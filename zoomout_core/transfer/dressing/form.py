@@ -11,14 +11,13 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 # Minimum length of a line, as a share of the longest one.
 SHORTEST = 1e-6
-# Guard against division by zero.
-SMALLEST = 1e-300
 
 
 class Lines:
@@ -52,25 +51,15 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The form of a worn object.
+    """The form of a worn object."""
 
-    Attributes:
-        places: (n_v, 3) its vertices.
-        number: (n_v,) the point of each vertex, -1 for an unconnected one.
-        rest: (n, 3) its points: vertices of a surface, merged at coincident borders.
-        stiffness: (n, n) stiffness of their connections; rows sum to zero.
-        areas: (n,) areas of the points; lengths for lines.
-        triangles: (m, 3) triangles between them; none for lines.
-        component: (n,) the number of each point's connected component.
-    """
-
-    places: Floats
-    number: Integers
-    rest: Floats
-    stiffness: csc_array
-    areas: Floats
-    triangles: Integers
-    component: Integers
+    places: Floats  # (n_v, 3) its vertices
+    number: Integers  # (n_v,) the point of each vertex, -1 for an unconnected one
+    rest: Floats  # (n, 3) its points: vertices of a surface, merged at coincident borders
+    stiffness: csc_array  # (n, n) stiffness of their connections; rows sum to zero
+    areas: Floats  # (n,) areas of the points; lengths for lines
+    triangles: Integers  # (m, 3) triangles between them; none for lines
+    component: Integers  # (n,) the number of each point's connected component
 
     @classmethod
     def of(cls, carried: Surface | Lines, unit: float) -> Form:
@@ -86,9 +75,7 @@ class Form:
 
     def between(self, chosen: Integers) -> Integers:
         """(m, 3) the triangles between chosen points."""
-        inside = np.zeros(len(self.rest), dtype=bool)
-        inside[chosen] = True
-        return self.triangles[inside[self.triangles].all(axis=1)]
+        return self.triangles[np.isin(self.triangles, chosen).all(axis=1)]
 
     def probes(self, chosen: Integers, fine: float) -> csr_array:
         """(p, n) matrix that maps positions to the places to test.

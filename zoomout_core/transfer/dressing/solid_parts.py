@@ -6,14 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.transfer.dressing.form import SMALLEST, Form
+from zoomout_core.transfer.dressing.form import Form
+from zoomout_core.transfer.groups import group_starts, label_groups
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -68,19 +67,15 @@ def solid_parts(form: Form) -> list[Integers]:
     return parts
 
 
-def with_solid_parts(form: Form, parts: list[Integers], images: Floats, positions: Floats) -> Floats:
+def with_solid_parts(form: Form, parts: list[Integers], soft: Integers, images: Floats, positions: Floats) -> Floats:
     """(n, 3) positions of a form with solid parts moved by similarities.
 
-    Args:
-        form: the form at rest.
-        parts: the points of each solid part.
-        images: (n, 3) positions of the points moved with the body.
-        positions: (n, 3) positions of the points by the soft fit.
+    A part follows the soft points beside it, which are at positions (n, 3) of the soft fit. Without any, it follows the
+    body, which moves its points to images (n, 3).
     """
     if not parts:
         return positions
-    found, soft = positions.copy(), _others(parts, len(positions))
-    tree = cKDTree(form.rest[soft]) if len(soft) else None
+    found, tree = positions.copy(), cKDTree(form.rest[soft]) if len(soft) else None
     for part in parts:
         extent = float(np.ptp(form.rest[part], axis=0).max())
         if tree is not None and np.min(tree.query(form.rest[part])[0]) < SOLID.beside * extent:
@@ -92,17 +87,10 @@ def with_solid_parts(form: Form, parts: list[Integers], images: Floats, position
     return found
 
 
-def _others(parts: list[Integers], count: int) -> Integers:
-    """Points that belong to no part."""
-    free: Booleans = np.ones(count, dtype=bool)
-    free[np.concatenate(parts)] = False
-    return np.flatnonzero(free)
-
-
 def _extents(points: Floats, component: Integers) -> Floats:
     """(c,) longest side of the bounding box of each component."""
     order = np.argsort(component, kind="stable")
-    first = np.flatnonzero(np.diff(component[order], prepend=-1))
+    first = group_starts(component[order])
     sides = np.maximum.reduceat(points[order], first) - np.minimum.reduceat(points[order], first)
     return np.asarray(sides.max(axis=1))
 
@@ -112,6 +100,4 @@ def _touching(points: Floats, component: Integers, count: int) -> Integers:
     nearest = min(NEAREST, len(points))
     distance, near = (np.asarray(each).ravel() for each in cKDTree(points).query(points, nearest))
     close = distance < SOLID.touching
-    pairs = np.repeat(component, nearest)[close], component[near[close]]
-    graph = coo_array((close[close], pairs), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return label_groups(count, np.repeat(component, nearest)[close], component[near[close]])

@@ -20,6 +20,7 @@ from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
 from zoomout_core.geometry.closest_points import barycentric_of_closest, inner_products
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import advance, stage
+from zoomout_core.transfer.groups import expand_ranges, find, first_of_each
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import chart_of
 
@@ -34,30 +35,19 @@ INSIDE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The images that an atlas refers to.
+    """The images that an atlas refers to."""
 
-    Attributes:
-        images: each (height, width, channels), rows from top to bottom, with equal numbers of channels.
-        number: (m,) the image of each triangle.
-    """
-
-    images: Sequence[Bytes]
-    number: Integers
+    images: Sequence[Bytes]  # each (height, width, channels), rows from top to bottom, with equal numbers of channels
+    number: Integers  # (m,) the image of each triangle
 
 
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """An image for the target's atlas.
+    """An image for the target's atlas."""
 
-    Attributes:
-        image: (height, width, channels), rows from top to bottom.
-        covered: (height, width) the texels that triangles of the target cover or touch; the others are gutters.
-        outside: (m_t,) triangles of the target that are outside of the image, wholly or in part.
-    """
-
-    image: Bytes
-    covered: Booleans
-    outside: Booleans
+    image: Bytes  # (height, width, channels), rows from top to bottom
+    covered: Booleans  # (height, width) the texels that triangles of the target cover or touch; the others are gutters
+    outside: Booleans  # (m_t,) triangles of the target that are outside of the image, wholly or in part
 
 
 def bake(
@@ -118,11 +108,7 @@ def bake(
 class _Islands:
     """The texels of an image that its islands own: those with their centre in an island.
 
-    Args:
-        uv: (m, 3, 2) UVs of the triangles that refer to the image.
-        island: (m,) numbers of their islands.
-        width: width of the image.
-        height: height of the image.
+    Made of the UVs (m, 3, 2) and islands (m,) of the triangles that refer to the image.
     """
 
     def __init__(self, uv: Floats, island: Integers, width: int, height: int) -> None:
@@ -142,10 +128,7 @@ class _Islands:
         return (island * self._height + y % self._height) * self._width + x % self._width
 
     def _own(self, x: Integers, y: Integers, island: Integers) -> Booleans:
-        key = self._key(x, y, island)
-        at = np.minimum(np.searchsorted(self._owned, key), len(self._owned) - 1)
-        found = self._owned[at] == key if len(self._owned) else np.zeros(len(key), dtype=bool)
-        return np.asarray(found | np.isin(island, self._endless))
+        return np.asarray((find(self._owned, self._key(x, y, island)) >= 0) | np.isin(island, self._endless))
 
     def read(self, image: Bytes, uv: Floats, island: Integers) -> Bytes:
         """(q, channels) values of the image at places (q, 2) of islands (q,), interpolated between their own texels."""
@@ -196,8 +179,7 @@ def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers,
     for x, y, candidate, place, distance in _near(uv, width, height, REACH, window=True):
         chosen = np.flatnonzero(distance <= REACH)
         texel = y[chosen] * width + x[chosen]
-        order = np.lexsort((distance[chosen], texel))
-        order = order[np.flatnonzero(np.diff(texel[order], prepend=-1))]
+        order = first_of_each(texel, distance[chosen])
         order = order[distance[chosen[order]] < best[texel[order]]]
         texel, chosen = texel[order], chosen[order]
         best[texel], triangle[texel], weights[texel] = distance[chosen], candidate[chosen], place[chosen]
@@ -222,19 +204,14 @@ def _near(
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
     first = low.astype(np.int64)
     columns, rows = np.maximum(high - low + 1, 0).astype(np.int64).T
-    row_triangle, row = _expand_counts(first[:, 1], rows)
+    row_triangle, row = expand_ranges(first[:, 1], first[:, 1] + rows)
     ends = np.cumsum(columns[row_triangle])
     for block in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends // BLOCK)) + 1):
-        owner, x = _expand_counts(first[row_triangle[block], 0], columns[row_triangle[block]])
+        start = first[row_triangle[block], 0]
+        owner, x = expand_ranges(start, start + columns[row_triangle[block]])
         triangle, y = row_triangle[block][owner], row[block][owner]
         a, b, c = places[triangle].transpose(1, 2, 0)
         ab, ac, offset = b - a, c - a, np.stack([x, y]) + 0.5 - a
         weights = barycentric_of_closest(inner_products(offset, ab, ac, axis=0))
         offset -= weights[:, 1] * ab + weights[:, 2] * ac
         yield x, y, triangle, weights, np.hypot(*offset)
-
-
-def _expand_counts(first: Integers, count: Integers) -> tuple[Integers, Integers]:
-    """Expand ranges of consecutive numbers: (q,) the range of each number, and (q,) the numbers."""
-    row = np.repeat(np.arange(len(count)), count)
-    return row, first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import inner_products
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_surface
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, are_joined, cut_surface
 
 # Maximum slope of UVs that are continued beyond a border, relative to the mean of their island.
 MAX_SLOPE = 4.0
@@ -18,21 +19,13 @@ MAX_SLOPE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A UV map of the source, cut at its seams.
+    """A UV map of the source, cut at its seams."""
 
-    Attributes:
-        cut: the source, cut open.
-        uv: (c, 2) values at its corners.
-        density: (islands,) mean UV length per unit of length.
-        lower: (islands, 2) lower bounds of each island's UDIM tile, infinite if it spans several in that direction.
-        upper: (islands, 2) upper bounds of the same.
-    """
-
-    cut: CutSurface
-    uv: Floats
-    density: Floats
-    lower: Floats
-    upper: Floats
+    cut: CutSurface  # the source, cut open
+    uv: Floats  # (c, 2) values at its corners
+    density: Floats  # (islands,) mean UV length per unit of length
+    lower: Floats  # (islands, 2) lower bounds of each island's UDIM tile, infinite where it spans several
+    upper: Floats  # (islands, 2) upper bounds of the same
 
     def at(self, triangle: Integers, barycentric: Floats) -> Floats:
         """(q, 2) UVs at points of the source."""
@@ -45,14 +38,12 @@ class Chart:
         uv_a, uv_b, uv_c = (self.uv[surface.triangle_corners[triangle, i]] for i in range(3))
         ab, ac = b - a, c - a
         offset = points - np.einsum("qc,qcx->qx", barycentric, np.stack([a, b, c], axis=1))
-        bb, bc, cc = (np.einsum("qx,qx->q", x, y) for x, y in ((ab, ab), (ab, ac), (ac, ac)))
-        ob, oc = np.einsum("qx,qx->q", offset, ab), np.einsum("qx,qx->q", offset, ac)
+        ob, oc, bb, bc, cc = inner_products(offset, ab, ac, axis=-1)
         determinant = bb * cc - bc * bc
         proper = determinant > 1e-12 * bb * cc
         scale = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=proper)
-        step = (scale * (cc * ob - bc * oc))[:, None] * (uv_b - uv_a) + (scale * (bb * oc - bc * ob))[:, None] * (
-            uv_c - uv_a
-        )
+        along_ab, along_ac = scale * (cc * ob - bc * oc), scale * (bb * oc - bc * ob)
+        step = along_ab[:, None] * (uv_b - uv_a) + along_ac[:, None] * (uv_c - uv_a)
         island = self.cut.triangle_island[triangle]
         longest = MAX_SLOPE * self.density[island] * np.linalg.norm(offset, axis=1)
         length = np.linalg.norm(step, axis=1)
@@ -83,8 +74,7 @@ def chart_of(source: Surface, uv: Floats) -> Chart:
 def uv_seams(surface: Surface, uv: Floats) -> Booleans:
     """(e,) the edges of a surface at which its atlas (c, 2) is cut open, without the surface's borders."""
     first, second = adjacent_edges(surface)
-    tolerance = CUT_TOLERANCE * float(np.ptp(uv, axis=0).max(initial=0))
-    apart = (np.abs(uv[first] - uv[second]) > tolerance).any(axis=(1, 2))
+    apart = ~are_joined(uv, first, second)
     ends = np.sort(surface.corner_vertex[np.concatenate([first[apart], second[apart]])], axis=1)
     low, high = np.sort(surface.edges, axis=1).T
     n = len(surface.vertices)

@@ -38,13 +38,9 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
 
 
 def has_jagged_seams(source: Surface, source_uv: Floats, target: Surface, uv: Floats) -> bool:
-    """Whether a transferred UV map's seams zigzag visibly: they are longer than the source's, and along long edges.
+    """Whether the seams of a target's transferred UV map (c_t, 2) zigzag visibly.
 
-    Args:
-        source: the source.
-        source_uv: (c_s, 2) its UV map.
-        target: the target.
-        uv: (c_t, 2) its transferred UV map.
+    They do if they are longer than those of the source's UV map (c_s, 2), and along long edges.
     """
     before, after = _seam_lengths(source, source_uv), _seam_lengths(target, uv)
     scale = float(np.sqrt(target.area / source.area))
@@ -59,13 +55,9 @@ def _seam_lengths(surface: Surface, uv: Floats) -> Floats:
 
 
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
-    """Which faces have UVs that are flipped relative to the source's, degenerate, or strongly stretched.
+    """Which faces have UVs (c, 2) that are flipped relative to the source's, degenerate, or strongly stretched.
 
-    Args:
-        chart: the source's UV map.
-        mapped: the target on the source.
-        seed: (f,) a triangle of the source at each face.
-        uv: (c, 2) UVs of the target.
+    The seeds (f,) are triangles of the source, one at each face.
     """
     source, target = mapped.source, mapped.target
     island = chart.cut.triangle_island[seed]

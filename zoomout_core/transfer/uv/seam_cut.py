@@ -22,8 +22,9 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut_mesh import CutSurface, cut_surface, expand_ranges
+from zoomout_core.transfer.cut_mesh import CutSurface, corners_of_faces, cut_surface, face_edges, triangles_of_faces
 from zoomout_core.transfer.frames import on_working_mesh
+from zoomout_core.transfer.groups import find, first_of_each, group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance of a crossing from an end of its edge, in edge lengths, below which it snaps to that end to avoid slivers.
@@ -39,30 +40,18 @@ class SeamCut:
     """New vertices on edges of the target and within faces, and cuts through its faces from one place to another.
 
     Places are numbered: first the target's n vertices, then the new ones on edges, then those within faces.
-
-    Attributes:
-        edge: (e, 2) vertices of the edges that receive a new vertex.
-        fraction: (e,) its position on the edge, from the first vertex.
-        face: (f,) faces that are divided by one straight cut.
-        ends: (f, 2) the places between which each face is divided.
-        meeting: (h,) faces with a meeting point of seams inside, where they receive a new vertex.
-        corners: (h, 3) three vertices of each of these faces.
-        weights: (h, 3) barycentric coordinates of the meeting point between these.
-        spokes: h arrays of the places around a face, in order, that are joined to the meeting point.
-        surface_map: (n + e + h) places on the source, also of vertices that were snapped to a seam.
-        left: number of faces that are crossed in other ways; they stay whole.
     """
 
-    edge: Integers
-    fraction: Floats
-    face: Integers
-    ends: Integers
-    meeting: Integers
-    corners: Integers
-    weights: Floats
-    spokes: tuple[Integers, ...]
-    surface_map: SurfaceMap
-    left: int
+    edge: Integers  # (e, 2) vertices of the edges that receive a new vertex
+    fraction: Floats  # (e,) its position on the edge, from the first vertex
+    face: Integers  # (f,) faces that are divided by one straight cut
+    ends: Integers  # (f, 2) the places between which each face is divided
+    meeting: Integers  # (h,) faces with a meeting point of seams inside, where they receive a new vertex
+    corners: Integers  # (h, 3) three vertices of each of these faces
+    weights: Floats  # (h, 3) barycentric coordinates of the meeting point between these
+    spokes: tuple[Integers, ...]  # h arrays of the places around a face, in order, that are joined to the meeting point
+    surface_map: SurfaceMap  # (n + e + h) places on the source, also of vertices that were snapped to a seam
+    left: int  # number of faces that are crossed in other ways; they stay whole
 
     def interpolate(self, values: Floats) -> Floats:
         """(n + e + h, d) values of all places, from values (n, d) of the target's vertices."""
@@ -120,14 +109,11 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
 
 
 def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
-    """Find where to cut the target along the seams of a UV map of the source.
-
-    Args:
-        uv: UV map of the source, with values (c, 2) at its corners.
-        mapped: the target on the source.
-    """
+    """Find where to cut the target along the seams of a UV map of the source, with values (c, 2) at its corners."""
     cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
-    edge = _edges_of(np.flatnonzero(mapped.near_border(cut)), mapped)
+    _, corner = corners_of_faces(mapped.target, np.flatnonzero(mapped.near_border(cut)))
+    edge = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
+    edge = edge[edge[:, 0] != edge[:, 1]]
     crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]
     edge = edge[crossing]
     fraction, place = _crossings(cut, mapped, edge)
@@ -166,22 +152,6 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     )
 
 
-def _edges_of(faces: Integers, mapped: MappedTarget) -> Integers:
-    """(e, 2) the vertices of the edges of some faces of the target, each edge once, the smaller number first."""
-    target = mapped.target
-    start, end = target.face_start[faces], target.face_start[faces + 1]
-    _, corner = expand_ranges(faces, start, end, np.arange(len(target.corner_vertex)))
-    ends = np.sort(target.corner_vertex[np.stack([corner, _next_corner(corner, mapped)], axis=1)], axis=1)
-    ends = np.unique(ends, axis=0)
-    return np.asarray(ends[ends[:, 0] != ends[:, 1]])
-
-
-def _next_corner(corner: Integers, mapped: MappedTarget) -> Integers:
-    target = mapped.target
-    face = target.corner_face[corner]
-    return np.where(corner + 1 < target.face_start[face + 1], corner + 1, target.face_start[face])
-
-
 def _leaves_sheet(
     cut: CutSurface, mapped: MappedTarget, edge: Integers, fraction: Floats
 ) -> tuple[Booleans, SurfaceMap]:
@@ -207,41 +177,28 @@ def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[F
 
 
 class _Around(NamedTuple):
-    """Places where seams cross the outlines of faces, face by face and around each.
+    """Places where seams cross the outlines of faces, face by face and around each."""
 
-    Attributes:
-        face: (q,) the face.
-        step: (q,) position around the face: vertices at even steps, edges at odd ones.
-        place: (q,) the number of the place.
-        first: (g,) where the places of each face begin.
-        count: (g,) number of places of each face.
-    """
-
-    face: Integers
-    step: Integers
-    place: Integers
-    first: Integers
-    number: Integers
+    face: Integers  # (q,) the face
+    step: Integers  # (q,) position around the face: vertices at even steps, edges at odd ones
+    place: Integers  # (q,) the number of the place
+    first: Integers  # (g,) where the places of each face begin
+    number: Integers  # (g,) number of places of each face
 
 
 def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -> _Around:
     """The places around all faces: vertices on a seam, and crossings on edges (e, 2)."""
-    target = mapped.target
-    n = len(target.vertices)
-    corner = np.arange(len(target.corner_vertex))
-    vertex, following = target.corner_vertex, target.corner_vertex[_next_corner(corner, mapped)]
-    key = np.minimum(vertex, following) * n + np.maximum(vertex, following)
-    order = np.argsort(edge[:, 0] * n + edge[:, 1], kind="stable")
-    known = (edge[:, 0] * n + edge[:, 1])[order]
-    at = np.minimum(np.searchsorted(known, key), max(0, len(known) - 1))
-    crosses = known[at] == key if len(known) else np.zeros(len(key), dtype=bool)
-    face = np.concatenate([target.corner_face[on_seam[vertex]], target.corner_face[crosses]])
-    step = 2 * (corner - target.face_start[target.corner_face])
-    steps = np.concatenate([step[on_seam[vertex]], step[crosses] + 1])
-    place = np.concatenate([vertex[on_seam[vertex]], n + order[at[crosses]] if len(known) else np.empty(0, np.int64)])
+    target, n = mapped.target, len(mapped.target.vertices)
+    low, high = np.sort(target.corner_vertex[face_edges(target)], axis=1).T
+    crossing = find(edge[:, 0] * n + edge[:, 1], low * n + high)  # edges are in rising order
+    crosses, at_seam = crossing >= 0, on_seam[target.corner_vertex]
+    face = np.concatenate([target.corner_face[at_seam], target.corner_face[crosses]])
+    step = 2 * (np.arange(len(low)) - target.face_start[target.corner_face])
+    steps = np.concatenate([step[at_seam], step[crosses] + 1])
+    place = np.concatenate([target.corner_vertex[at_seam], n + crossing[crosses]])
     order = np.lexsort((steps, face))
     face = face[order]
-    first = np.flatnonzero(np.diff(face, prepend=-1))
+    first = group_starts(face)
     return _Around(face, steps[order], place[order], first, np.diff(first, append=len(face)))
 
 
@@ -257,21 +214,13 @@ def _divide_faces(mapped: MappedTarget, around: _Around) -> tuple[Integers, Inte
 
 
 class _Meetings(NamedTuple):
-    """Points within faces where seams meet.
+    """Points within faces where seams meet."""
 
-    Attributes:
-        face: (h,) the face.
-        vertex: (h,) the source's vertex at each point.
-        corners: (h, 3) the corners of the target's triangle that contains it.
-        weights: (h, 3) its barycentric coordinates.
-        spokes: h arrays of the places around the face.
-    """
-
-    face: Integers
-    vertex: Integers
-    corners: Integers
-    weights: Floats
-    spokes: tuple[Integers, ...]
+    face: Integers  # (h,) the face
+    vertex: Integers  # (h,) the source's vertex at each point
+    corners: Integers  # (h, 3) the corners of the target's triangle that contains it
+    weights: Floats  # (h, 3) its barycentric coordinates
+    spokes: tuple[Integers, ...]  # h arrays of the places around the face
 
 
 def _meetings(cut: CutSurface, mapped: MappedTarget, around: _Around) -> _Meetings:
@@ -311,26 +260,20 @@ def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integ
     Returns:
         (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.
     """
-    target = mapped.target
-    order = np.argsort(target.triangle_face, kind="stable")
-    start, end = (np.searchsorted(target.triangle_face[order], face, side) for side in ("left", "right"))
-    owner, triangle = expand_ranges(np.arange(len(face)), start, end, order)
-    corners = target.triangles[triangle]
-    a, b, c = mapped.points[corners].transpose(1, 0, 2)
-    weights, off = closest_on_triangles(points[owner], a, b, c)
-    best = np.lexsort((np.linalg.norm(off, axis=1), owner))
-    best = best[np.flatnonzero(np.diff(owner[best], prepend=-1))]
+    owner, triangle = triangles_of_faces(mapped.target, face)
+    corners = mapped.target.triangles[triangle]
+    weights, off = closest_on_triangles(points[owner], *mapped.points[corners].transpose(1, 0, 2))
+    best = first_of_each(owner, np.linalg.norm(off, axis=1))
     return corners[best], weights[best]
 
 
 def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay inside the face."""
     target = mapped.target
-    start, end = target.face_start[face], target.face_start[face + 1]
-    owner, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
-    here = target.vertices[target.corner_vertex[corner]] - point[owner]
-    there = target.vertices[target.corner_vertex[_next_corner(corner, mapped)]] - point[owner]
+    owner, corner = corners_of_faces(target, face)
+    ends = target.vertices[target.corner_vertex[face_edges(target)[corner]]]
+    here, there = ends[:, 0] - point[owner], ends[:, 1] - point[owner]
     normal = np.cross(here, there)
     sums = segment_sum(normal, owner)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
-    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > MIN_SPOKE_AREA)
+    return np.asarray(np.minimum.reduceat(share, group_starts(owner)) > MIN_SPOKE_AREA)

@@ -14,7 +14,8 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.cut_mesh import CutSurface, expand_ranges
+from zoomout_core.transfer.cut_mesh import CutSurface, corners_of_faces
+from zoomout_core.transfer.groups import group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import Candidates
 from zoomout_core.transfer.uv.chart import Chart
@@ -28,21 +29,13 @@ INWARD_SHIFT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The sheets that each face of the target might be on, and its corners there.
+    """The sheets that each face of the target might be on, and its corners there."""
 
-    Attributes:
-        candidates: the k candidates.
-        seed: (k,) a triangle of the source on each.
-        row: (k,) where the corners of each begin in the rows.
-        uv: (rows, 2) UVs of each corner of each candidate's face.
-        gap: (rows,) distance in space of the corner beyond the sheet's border.
-    """
-
-    candidates: Candidates
-    seed: Integers
-    row: Integers
-    uv: Floats
-    gap: Floats
+    candidates: Candidates  # the k candidates
+    seed: Integers  # (k,) a triangle of the source on each
+    row: Integers  # (k,) where the corners of each begin in the rows
+    uv: Floats  # (rows, 2) UVs of each corner of each candidate's face
+    gap: Floats  # (rows,) distance in space of the corner beyond the sheet's border
 
     @cached_property
     def size(self) -> Floats:
@@ -74,8 +67,7 @@ def _read(
 ) -> Sheets:
     """The corners of each candidate's face on its sheet; they are searched only for faces near a border."""
     target, cut, face = mapped.target, chart.cut, candidates.face
-    start, end = target.face_start[face], target.face_start[face + 1]
-    candidate, corner = expand_ranges(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
+    candidate, corner = corners_of_faces(target, face)
     vertex = target.corner_vertex[corner]
     triangle, barycentric = mapped.surface_map.triangle[vertex], mapped.surface_map.barycentric[vertex]
     gap = np.zeros(len(vertex))
@@ -87,7 +79,7 @@ def _read(
     uv = chart.at(triangle, barycentric)
     over = np.flatnonzero(gap > 0)
     uv[over] = chart.beyond(triangle[over], barycentric[over], mapped.points[vertex[over]])
-    return Sheets(candidates, seed, np.cumsum(end - start) - (end - start), uv, gap)
+    return Sheets(candidates, seed, group_starts(candidate), uv, gap)
 
 
 def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tuple[Integers, Integers, Floats, Floats]:
@@ -110,7 +102,7 @@ def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tu
         unclaimed = order[seed_of[order] < 0]
         if len(unclaimed) == 0:
             break
-        begin = np.flatnonzero(np.diff(samples.face[unclaimed], prepend=-1))
+        begin = group_starts(samples.face[unclaimed])
         seed = np.repeat(unclaimed[begin], np.diff(begin, append=len(unclaimed)))
         _, _, left = cut.walk(samples.triangle[seed], points[unclaimed])
         reached = (left == 0) | (seed == unclaimed)

@@ -10,15 +10,17 @@ that agree about a corner share it, so the target has seams only where the sourc
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, label_groups
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE
+from zoomout_core.transfer.groups import first_of_each, label_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.potts import VOTE_WEIGHT, elect
+from zoomout_core.transfer.potts import elect_for_faces
 from zoomout_core.transfer.uv.chart import Chart, chart_of
 from zoomout_core.transfer.uv.faults import fault_notes
 from zoomout_core.transfer.uv.sheets import Sheets, sheets_of
@@ -34,47 +36,18 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     target = mapped.target
     chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
     sheets = sheets_of(chart, mapped)
+    chosen = elect_for_faces(sheets.candidates, mapped, partial(_agree, sheets, chart, target))
+    of_corner = chosen[target.corner_face]
+    row = sheets.rows(of_corner, np.arange(len(of_corner)), target)
     first, second = mapped.adjacent
-    chosen = _elect(sheets, chart, mapped)
-    corner = np.arange(len(target.corner_vertex))
-    row = sheets.rows(chosen[target.corner_face], corner, target)
-    agree = _agree(
-        sheets,
-        chart,
-        target,
-        chosen[target.corner_face[first[:, 0]]],
-        chosen[target.corner_face[second[:, 0]]],
-        first,
-        second,
-    )
+    agree = _agree(sheets, chart, target, of_corner[first[:, 0]], of_corner[second[:, 0]], first, second)
     uv = _share_corners(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
     notes = fault_notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
     return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
 
 
-def _elect(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
-    """(f,) the candidate of each face, chosen so that the seams on the target are short."""
-    target = mapped.target
-    first, second = sheets.candidates.contested_edges(*mapped.adjacent, target.corner_face)
-    edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
-    return elect(
-        sheets.candidates,
-        VOTE_WEIGHT * mapped.circumference,
-        one,
-        other,
-        edge_lengths(target.vertices[target.corner_vertex], first)[edge],
-        _agree(sheets, chart, target, one, other, first[edge], second[edge]),
-    )
-
-
 def _agree(
-    sheets: Sheets,
-    chart: Chart,
-    target: Surface,
-    one: Integers,
-    other: Integers,
-    first: Integers,
-    second: Integers,
+    sheets: Sheets, chart: Chart, target: Surface, one: Integers, other: Integers, first: Integers, second: Integers
 ) -> Booleans:
     """(e,) whether two candidates are continuous across their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
@@ -93,8 +66,7 @@ def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -
     nearest = np.empty(group.max() + 1, dtype=np.int64)
     nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each group, which is the nearest if it has no gap
     others = np.flatnonzero(gap[nearest[group]] > 0)
-    others = others[np.lexsort((gap[others], group[others]))]
-    others = others[np.flatnonzero(np.diff(group[others], prepend=-1))]
+    others = others[first_of_each(group[others], gap[others])]
     nearest[group[others]] = others
     of_nearest = uv[nearest[group]]
     rounding = SAME_CORNER * float(np.ptp(uv, axis=0).max())

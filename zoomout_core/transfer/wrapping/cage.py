@@ -9,9 +9,8 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.wrapping.elastic import PinnedSystem, Pins
+from zoomout_core.transfer.wrapping.elastic import PinnedSystem, Pins, neighbour_means
 from zoomout_core.transfer.wrapping.subdivision import limit_points
 
 # Rounds of projecting the limit surface onto the source.
@@ -53,9 +52,6 @@ def cage_of(
 
 def _differences(cage: Surface) -> csr_array:
     """(n, n) quadratic form of the sum of squared differences between vertices and the means of their neighbours."""
-    graph = edge_graph(cage.vertices, cage.triangles)
-    graph.data[:] = 1
-    count = np.asarray(graph.sum(axis=1)).ravel()
-    means = diags_array(1 / np.maximum(count, 1)) @ graph
-    differences = diags_array((count > 0).astype(np.float64)) - means
+    means = neighbour_means(cage.triangles, len(cage.vertices))
+    differences = diags_array((np.diff(means.indptr) > 0).astype(np.float64)) - means
     return csr_array(differences.T @ differences)

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import SuperLU
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import rotations_of_blends
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
-from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.mesh.triangles import unique_edges, vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
 # Minimum weight of a goal: parts without any goal would make the system singular.
@@ -25,15 +25,10 @@ MIN_PULL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Pins:
-    """Places of the working mesh that must reach given positions.
+    """Places of the working mesh that must reach given positions."""
 
-    Attributes:
-        matrix: (p, n) barycentric coordinates of the places.
-        positions: (p, 3) positions to reach.
-    """
-
-    matrix: csr_array
-    positions: Floats
+    matrix: csr_array  # (p, n) barycentric coordinates of the places
+    positions: Floats  # (p, 3) positions to reach
 
     @property
     def vertices(self) -> Integers:
@@ -49,43 +44,29 @@ class Pins:
         return np.asarray(positions + self.matrix.T @ (compliance @ missing))
 
 
-def no_pins(n: int) -> Pins:
-    """Empty pins of a working mesh of n vertices."""
-    return Pins(csr_array((0, n)), np.zeros((0, 3)))
+def neighbour_means(triangles: Integers, n: int) -> csr_array:
+    """(n, n) matrix of the means over the neighbours of each of n vertices; zero without neighbours."""
+    edges, _ = unique_edges(triangles)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    return csr_array((1 / np.bincount(rows, minlength=n)[rows], (rows, columns)), shape=(n, n))
 
 
 @dataclass(frozen=True, eq=False)
 class RestMesh:
-    """The target's working mesh at rest, and its scales.
+    """The target's working mesh at rest, and its scales."""
 
-    Attributes:
-        rest: (n, 3) its vertices.
-        normals: (n, 3) their normals.
-        corners: (m, 3) its triangles, wound outwards.
-        stiffness: (n, n) stiffness of its edges.
-        areas: (n,) areas of its vertices.
-        scales: (n,) target length of its edges, relative to rest.
-        handedness: (n,) -1 where the map mirrors it, else 1.
-        averaging: averages values along the surface by area, over a length at unit area.
-    """
-
-    rest: Floats
-    normals: Floats
-    corners: Integers
-    stiffness: csc_array
-    areas: Floats
-    scales: Floats
-    handedness: Floats
-    averaging: ScreenedSmoothing
+    rest: Floats  # (n, 3) its vertices
+    normals: Floats  # (n, 3) their normals
+    corners: Integers  # (m, 3) its triangles, wound outwards
+    stiffness: csc_array  # (n, n) stiffness of its edges
+    areas: Floats  # (n,) areas of its vertices
+    scales: Floats  # (n,) target length of its edges, relative to rest
+    handedness: Floats  # (n,) -1 where the map mirrors it, else 1
+    averaging: ScreenedSmoothing  # averages values along the surface by area, over a length at unit area
 
     @classmethod
     def of(cls, frames: Frames, averaged_over: float) -> RestMesh:
-        """Make the rest mesh of a target with frames at all vertices.
-
-        Args:
-            frames: frames of the target's working mesh.
-            averaged_over: length over which values are averaged, at unit area.
-        """
+        """Make the rest mesh of a target with frames at all vertices, which averages over a length at unit area."""
         working, areas, stiffness = frames.mapped.target.working, frames.areas, frames.stiffness
         turns = np.linalg.det(frames.turns)
         scales = working.scale / np.sqrt(frames.mapped.source.area) / np.cbrt(np.abs(turns))
@@ -104,12 +85,7 @@ class RestMesh:
 
 
 class PinnedSystem:
-    """A sparse symmetric positive definite system whose solutions satisfy pins.
-
-    Args:
-        factors: factors of its (n, n) matrix.
-        pins: hard constraints of the solutions.
-    """
+    """A sparse symmetric positive definite system, given by its factors, whose solutions satisfy pins."""
 
     def __init__(self, factors: SuperLU, pins: Pins) -> None:
         self._factors, self._pins = factors, pins
@@ -131,11 +107,7 @@ class PinnedSystem:
 class Elastic:
     """The linear system of an elastic mesh whose vertices are attracted by goals.
 
-    Args:
-        rest_mesh: the mesh at rest.
-        pull: (n,) the weight of each vertex's goal, in [0, 1].
-        length: length over which edges resist the goals, at unit area.
-        pins: hard constraints.
+    The goals have weights `pull` (n,) in [0, 1]; edges resist them over a length, at unit area.
     """
 
     def __init__(self, rest_mesh: RestMesh, pull: Floats, length: float, pins: Pins) -> None:

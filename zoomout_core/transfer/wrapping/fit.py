@@ -13,14 +13,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, segment_sum
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.cut_mesh import edge_lengths
 from zoomout_core.transfer.frames import frames_of, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh, no_pins
+from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh
 from zoomout_core.transfer.wrapping.projections import Projections
 from zoomout_core.tuning import Tuning, tuned
 
@@ -57,8 +59,6 @@ class FitTuning(Tuning, set_by="wrap"):
 
 
 FIT = FitTuning()
-# Guard against division by zero.
-SMALLEST = 1e-300
 # Weight of a vertex whose surroundings are wrongly mapped.
 MIN_SOUNDNESS = 1e-4
 
@@ -75,10 +75,7 @@ class Fit:
 
     Attributes:
         weight: (n,) the same for the working mesh's vertices.
-        rest_mesh: the target at rest.
-        projections: projections of its vertices onto the source.
         turns: (n, 3, 3) rotations of its vertices.
-        pins: the given pins.
         trust: (n,) how far the map is followed.
         length: length over which edges resist in the last stage, at unit area.
     """
@@ -89,23 +86,26 @@ class Fit:
         self.weight = on_working_mesh(self.working, weight)
         self.turns = np.swapaxes(frames.rotations, 1, 2)
         self.rest_mesh = RestMesh.of(frames, FIT.averaged_over)
-        self.projections = Projections(mapped, given, self.turn_normals(self.working.vertex_normals, self.turns))
+        self.projections = Projections(mapped, given, turn_normals(self.working.vertex_normals, self.turns))
         self.trust = frames.trust * self._soundness()
         self.rest_mesh = replace(self.rest_mesh, scales=self._smooth_scales())
         self.length = FIT.softest * (FIT.stiffest / FIT.softest) ** smoothness
         self._image_pull = FIT.image_pull * (1 - smoothness) ** 2 * self.trust
 
-    def run(self) -> Floats:
-        """(n, 3) positions near the source, after stages from stiff to soft."""
+    def run(self) -> None:
+        """Move the target near the source, in stages from stiff to soft."""
         lengths = np.geomspace(FIT.coarse, self.length, FIT.stages)
         positions, done, rounds = self.projections.images, 0, FIT.stages * FIT.rounds + FIT.last_rounds
         for stage, length in enumerate(lengths):
             elastic = Elastic(self.rest_mesh, self.weight if stage else self.trust, length, self.pins)
             for number in range(FIT.rounds):
-                drawn_to = self._project(positions) if stage else self.projections.images
+                goals = self.projections.images
+                if stage:
+                    self.projections.jump(positions)
+                    goals = self.projections.goals(positions, self._image_pull)
                 if stage or number:
                     self.turns = elastic.turns(positions)
-                positions = elastic.solve(drawn_to, self.rest_mesh.loads(self.turns))
+                positions = elastic.solve(goals, self.rest_mesh.loads(self.turns))
                 done += 1
                 advance(done / rounds)
         self.projections.jump(positions)
@@ -117,7 +117,6 @@ class Fit:
             advance(done / rounds)
         self.turns = elastic.turns(positions)
         self.projections.walk(positions)
-        return positions
 
     def form(self) -> Floats:
         """(n, 3) positions of the target's own form, fitted to its projections over long distances only."""
@@ -125,21 +124,10 @@ class Fit:
             self.projections.places, self.rest_mesh.loads(self.turns)
         )
 
-    def turn_normals(self, normals: Floats, turns: Floats) -> Floats:
-        """(q, 3) normals (q, 3) of the working mesh, rotated by (q, 3, 3)."""
-        return np.asarray(np.linalg.det(turns)[:, None] * np.einsum("qij,qj->qi", turns, normals))
-
-    def _project(self, positions: Floats) -> Floats:
-        self.projections.jump(positions)
-        return self.projections.goals(positions, self._image_pull)
-
     def _soundness(self) -> Floats:
         """(n,) soundness of the map around each vertex, in (0, 1]: the share of area of sound faces."""
-        corners, images, scale = (
-            self.working.oriented_triangles,
-            self.projections.images,
-            float(np.median(self.rest_mesh.scales)),
-        )
+        corners, images = self.working.oriented_triangles, self.projections.images
+        scale = float(np.median(self.rest_mesh.scales))
         area = triangle_areas(self.working.vertices, corners)
         normals = area_normals(images, corners)
         outwards = (self.projections.outwards[:, None] * self.projections.normals)[corners].sum(axis=1)
@@ -149,14 +137,20 @@ class Fit:
         wrong = np.einsum("mx,mx->m", normals, outwards) < 0
         wrong |= np.abs(np.log(np.maximum(growth, SMALLEST))) > 2 * np.log(FIT.max_growth)
         wrong |= stretch.max(axis=1) > FIT.max_stretch * stretch.min(axis=1)
-        of_vertex = segment_sum(np.repeat(wrong * area, 3), corners.ravel(), len(images))
-        share = of_vertex / np.maximum(segment_sum(np.repeat(area, 3), corners.ravel(), len(images)), SMALLEST)
+        of_wrong, whole = (segment_sum(np.repeat(x, 3), corners.ravel(), len(images)) for x in (wrong * area, area))
+        share = of_wrong / np.maximum(whole, SMALLEST)
         return np.asarray(np.clip(1 - 2 * self.rest_mesh.averaging.smooth(share[:, None])[:, 0], MIN_SOUNDNESS, 1) ** 2)
 
     def _smooth_scales(self) -> Floats:
         """(n,) scales of the mesh, averaged over long distances where the map is trusted."""
         middle = float(np.median(self.rest_mesh.scales))
         scales = np.log(np.clip(self.rest_mesh.scales / middle, 1 / FIT.max_stretch, FIT.max_stretch))
-        elastic = Elastic(self.rest_mesh, self.trust, FIT.scales_over, no_pins(len(scales)))
+        no_pins = Pins(csr_array((0, len(scales))), np.zeros((0, 3)))
+        elastic = Elastic(self.rest_mesh, self.trust, FIT.scales_over, no_pins)
         sums = elastic.smooth(np.column_stack([scales, np.ones(len(scales))]))
         return np.asarray(middle * np.exp(sums[:, 0] / sums[:, 1]))
+
+
+def turn_normals(normals: Floats, turns: Floats) -> Floats:
+    """(q, 3) normals (q, 3), rotated or reflected by (q, 3, 3), still on the outer side."""
+    return np.asarray(np.linalg.det(turns)[:, None] * np.einsum("qij,qj->qi", turns, normals))

@@ -8,9 +8,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import Moments, Similarities, procrustes
-from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.transfer.inpaint import SMALL_PART
+from zoomout_core.transfer.inpaint import are_small
 from zoomout_core.transfer.wrapping.fit import Fit
 
 # Number of vertices of larger parts near each vertex of a loose part that determine its motion.
@@ -21,9 +20,7 @@ MIN_TRUSTED_SHARE = 0.5
 
 def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
     """(n,) vertices of parts that are small, or without any weight (n,)."""
-    areas = triangle_areas(working.vertices, working.triangles)
-    small = np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
-    return np.asarray((small | (np.bincount(working.component, weight) == 0))[working.component])
+    return np.asarray((are_small(working) | (np.bincount(working.component, weight) == 0))[working.component])
 
 
 def with_loose_parts(fit: Fit, positions: Floats) -> Floats:

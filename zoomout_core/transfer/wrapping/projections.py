@@ -55,18 +55,17 @@ class Projections:
     """
 
     def __init__(self, mapped: MappedTarget, given: Booleans, turned_normals: Floats) -> None:
-        working, self._surface = mapped.target.working, mapped.whole
-        source = mapped.source
+        working, source, self._surface = mapped.target.working, mapped.source, mapped.whole
         self._unit = float(np.sqrt(source.area))
         self._vertices = source.vertices / self._unit
         self._triangles, self._corners = source.triangles, working.oriented_triangles
         self._normals = source.working.vertex_normals[source.working.vertex_of]
-        self._given = np.flatnonzero(given & (source.working.vertex_of >= 0))
-        step = max(1, -(-len(self._given) // max(1, PROJECTION.max_points)))
-        self._given = self._given[::step]
-        flipped = np.zeros(len(source.triangles), dtype=bool)
-        flipped[source.working.triangle_of[source.working.flipped]] = True
-        self._flipped = flipped
+        attracting = np.flatnonzero(given & (source.working.vertex_of >= 0))
+        attracting = attracting[:: max(1, -(-len(attracting) // max(1, PROJECTION.max_points)))]
+        # Vertices of the source that attract the nearest vertex of the target, and their normals.
+        self._attractors = self._vertices[attracting], self._normals[attracting]
+        self._flipped = np.zeros(len(source.triangles), dtype=bool)
+        self._flipped[source.working.triangle_of[source.working.flipped]] = True
         self.triangle, self._barycentric = (
             on_working_mesh(working, each) for each in (mapped.surface_map.triangle, mapped.surface_map.barycentric)
         )
@@ -90,20 +89,16 @@ class Projections:
         self._place(*self._search.closest(positions, self._outward_normals(positions))[:2])
 
     def goals(self, positions: Floats, image_pull: Floats) -> Floats:
-        """(n, 3) goals of vertices at positions (n, 3).
+        """(n, 3) goals of vertices at positions (n, 3), whose images have weights (n,).
 
         A goal is a weighted mean of the vertex's projection, of the source vertices to which it is the nearest, and of
         its image. Weights of projections and source vertices decrease with distance and difference of normals.
-
-        Args:
-            positions: (n, 3) of the vertices.
-            image_pull: (n,) weights of the images.
         """
         normals = self._outward_normals(positions)
         motion = self.places - positions
         weight = _agreement(motion, normals, self.normals)
         total, count = weight[:, None] * motion, np.ones(len(positions))
-        if len(self._given):
+        if len(self._attractors[0]):
             rows = [np.hstack([x, PROJECTION.normal_weight * n]) for x, n in ((positions, normals), self._attractors)]
             near = np.asarray(cKDTree(rows[0], balanced_tree=False, compact_nodes=False).query(rows[1])[1])
             motion = self._attractors[0] - positions[near]
@@ -123,11 +118,6 @@ class Projections:
 
     def _outward_normals(self, positions: Floats) -> Floats:
         return self.outwards[:, None] * vertex_normals(positions, self._corners)
-
-    @cached_property
-    def _attractors(self) -> tuple[Floats, Floats]:
-        """(g, 3) vertices of the source that attract the nearest vertex of the target, and (g, 3) their normals."""
-        return self._vertices[self._given], self._normals[self._given]
 
     @cached_property
     def _search(self) -> OrientedSurface:

@@ -18,17 +18,11 @@ from zoomout_core.transfer.cut_mesh import face_edges
 
 
 class LimitPoints(NamedTuple):
-    """Points of the limit surface of a cage with n vertices, e edges of faces and f faces: one at each of these.
+    """Points of the limit surface of a cage with n vertices, e edges of faces and f faces: one at each of these."""
 
-    Attributes:
-        limit: (n + e + f, n) the points, as mixtures of the cage's vertices; rows sum to one.
-        flat: (n + e + f, n) the vertices, the middles of edges, and those of faces.
-        near: (n + e + f,) a vertex next to each.
-    """
-
-    limit: csr_array
-    flat: csr_array
-    near: Integers
+    limit: csr_array  # (n + e + f, n) the points, as mixtures of the cage's vertices; rows sum to one
+    flat: csr_array  # (n + e + f, n) the vertices, the middles of edges, and those of faces
+    near: Integers  # (n + e + f,) a vertex next to each
 
 
 def limit_points(cage: Surface) -> LimitPoints:
@@ -50,35 +44,30 @@ def _subdivide(cage: Surface) -> tuple[csr_array, csr_array, Integers]:
         corner.
     """
     n, corners, f = len(cage.vertices), cage.corner_vertex, len(cage.face_start) - 1
-    count = len(corners)
     following = face_edges(cage)[:, 1]
-    ends = np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
+    ends = np.sort(corners[face_edges(cage)], axis=1)
     edges, edge_of = np.unique(ends, axis=0, return_inverse=True)
     edge_of, e = edge_of.ravel(), len(edges)
-    sides = np.bincount(edge_of, minlength=e)
+    sides, of_edge = np.bincount(edge_of, minlength=e), np.repeat(np.arange(e), 2)
 
-    to_vertex = csr_array((np.ones(count), (np.arange(count), corners)), shape=(count, n))
-    face_points = _means(
-        csr_array((np.ones(count), (cage.corner_face, np.arange(count))), shape=(f, count)) @ to_vertex
-    )
-    middles = csr_array((np.full(2 * e, 0.5), (np.repeat(np.arange(e), 2), edges.ravel())), shape=(e, n))
-    at_edge = _means(csr_array((np.ones(count), (edge_of, cage.corner_face)), shape=(e, f)))
+    each = np.arange(len(corners))
+    face_points = _means(_counts(cage.corner_face, each, (f, len(each))) @ _counts(each, corners, (len(each), n)))
+    middles = 0.5 * _counts(of_edge, edges.ravel(), (e, n))
+    at_edge = _means(_counts(edge_of, cage.corner_face, (e, f)))
     inner = diags_array((sides == 2).astype(np.float64))
     edge_points = middles - 0.5 * (inner @ middles) + 0.5 * (inner @ at_edge @ face_points)
 
     valence = np.bincount(corners, minlength=n)
-    of_border = csr_array((np.ones(2 * e), (edges.ravel(), np.repeat(np.arange(e), 2))), shape=(n, e)) @ diags_array(
-        (sides != 2).astype(np.float64)
-    )
+    around = _counts(edges.ravel(), of_edge, (n, e))
+    of_border = around @ diags_array((sides != 2).astype(np.float64))
     border_edges = np.asarray(of_border.sum(axis=1)).ravel()
     is_inner, on_border = (border_edges == 0) & (valence > 0), border_edges == 2
     k = np.maximum(valence, 1)
-    around_faces = _means(csr_array((np.ones(count), (corners, cage.corner_face)), shape=(n, f))) @ face_points
-    around_edges = _means(csr_array((np.ones(2 * e), (edges.ravel(), np.repeat(np.arange(e), 2))), shape=(n, e)))
+    around_faces = _means(_counts(corners, cage.corner_face, (n, f))) @ face_points
     own = np.where(is_inner, (k - 3) / k, np.where(on_border, 0.5, 1.0))
     vertex_points = (
         diags_array(own)
-        + diags_array(is_inner / k) @ (around_faces + 2 * (around_edges @ middles))
+        + diags_array(is_inner / k) @ (around_faces + 2 * (_means(around) @ middles))
         + diags_array(0.25 * on_border) @ of_border @ middles
     )
     quads = np.stack([corners, n + edge_of, n + e + cage.corner_face, n + edge_of[_previous(following)]], axis=1)
@@ -96,16 +85,13 @@ def _limit(quads: Integers, count: int) -> csr_array:
     inner, border = (valence > 0) & (borders == 0), borders == 2
     k = np.maximum(valence, 1)
 
-    rows = quads.ravel()
-    beside = [np.roll(quads, step, axis=1).ravel() for step in (1, -1)]
-    across = np.roll(quads, 2, axis=1).ravel()
-    shape = count, count
-    whole = np.ones(len(rows))
-    doubled = np.tile(2 * whole, 2)  # each edge is a side of two quads
-    edge_sums = csr_array((doubled, (np.tile(rows, 2), np.concatenate(beside))), shape=shape)
-    face_sums = csr_array((whole, (rows, across)), shape=shape)
-    both = np.concatenate([on_border, on_border[:, ::-1]]).T
-    along = csr_array((np.ones(both.shape[1]), (both[0], both[1])), shape=shape)
+    rows, shape = quads.ravel(), (count, count)
+    before, across, after = (np.roll(quads, step, axis=1).ravel() for step in (1, 2, -1))
+    # Each edge is a side of two quads.
+    edge_sums = 2 * _counts(np.tile(rows, 2), np.concatenate([before, after]), shape)
+    face_sums = _counts(rows, across, shape)
+    both = np.concatenate([on_border, on_border[:, ::-1]])
+    along = _counts(both[:, 0], both[:, 1], shape)
     own = np.where(inner, k / (k + 5), np.where(border, 2 / 3, 1.0))
     share: Floats = inner / (k * (k + 5))
     return csr_array(diags_array(own) + diags_array(share) @ (edge_sums + face_sums) + diags_array(border / 6) @ along)
@@ -116,6 +102,11 @@ def _previous(following: Integers) -> Integers:
     before = np.empty_like(following)
     before[following] = np.arange(len(following))
     return before
+
+
+def _counts(rows: Integers, columns: Integers, shape: tuple[int, int]) -> csr_array:
+    """A matrix of how often each pair of a row (q,) and a column (q,) occurs."""
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=shape)
 
 
 def _means(matrix: csr_array) -> csr_array:

@@ -6,13 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.mesh.triangles import area_normals, triangle_normals, unique_edges
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import area_normals, triangle_normals
 from zoomout_core.runtime.progress import advance
-from zoomout_core.transfer.wrapping.elastic import MIN_PULL, Elastic
-from zoomout_core.transfer.wrapping.fit import Fit
+from zoomout_core.transfer.wrapping.elastic import MIN_PULL, Elastic, neighbour_means
+from zoomout_core.transfer.wrapping.fit import Fit, turn_normals
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -51,21 +50,17 @@ class Unfolding:
     def __init__(self, fit: Fit) -> None:
         self._fit, self._corners = fit, fit.working.oriented_triangles
         n = len(fit.weight)
-        edges, _ = unique_edges(self._corners)
-        rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-        self._means = csr_array((1 / np.bincount(rows, minlength=n)[rows], (rows, columns)), shape=(n, n))
+        self._means = neighbour_means(self._corners, n)
         self._normals = triangle_normals(fit.working.vertices, self._corners)
         self._expected = self._turn_normals(fit.turns)
         scales = fit.rest_mesh.scales[self._corners].mean(axis=1)
         self._area = scales**2 * np.linalg.norm(area_normals(fit.working.vertices, self._corners), axis=1)
-        self._free = np.ones(n, dtype=bool)
-        self._free[fit.pins.vertices] = False
+        self._free = ~np.isin(np.arange(n), fit.pins.vertices)
 
     def run(self) -> Floats:
         """(n, 3) positions on the source, except where faces would fold."""
-        fit = self._fit
-        turns = fit.turns
-        normals = fit.turn_normals(fit.working.vertex_normals, fit.turns)
+        fit, turns = self._fit, self._fit.turns
+        normals = turn_normals(fit.working.vertex_normals, fit.turns)
         pull, onto = fit.weight, fit.weight * fit.projections.facing(fit.projections.outwards[:, None] * normals)
         for release in range(UNFOLD.releases):
             elastic = Elastic(fit.rest_mesh, pull, fit.length, fit.pins)
@@ -97,10 +92,7 @@ class Unfolding:
                 best, least = positions, int(turned.sum())
             if not turned.any():
                 break
-            around = self._at(turned)
-            for _ in range(1 + number // 2):
-                around |= self._means @ around > 0
-            some = np.flatnonzero(around & self._free)
+            some = self._free_around(turned, 1 + number // 2)
             means, positions = self._means[some], positions.copy()
             for _ in range(UNFOLD.averagings):
                 positions[some] = means @ positions
@@ -113,7 +105,7 @@ class Unfolding:
 
     def _turn_normals(self, turns: Floats) -> Floats:
         """(m, 3) normals of the triangles, rotated by the mean of the rotations (n, 3, 3) of their corners."""
-        return self._fit.turn_normals(self._normals, turns[self._corners].mean(axis=1))
+        return turn_normals(self._normals, turns[self._corners].mean(axis=1))
 
     def _relax(self, elastic_positions: Floats, onto: Floats) -> tuple[Floats, Floats]:
         """(n, 3) positions between elastic positions (n, 3) and projections, and (n,) the fraction of the way.
@@ -126,24 +118,26 @@ class Unfolding:
             turned = self.turned_triangles(positions)
             if not turned.any():
                 break
-            around = self._at(turned)
             if number < UNFOLD.relaxations:
-                for _ in range(1 + number // 2):
-                    around |= self._means @ around > 0
-                some = np.flatnonzero(around & self._free)
+                some = self._free_around(turned, 1 + number // 2)
                 means, weight = self._means[some], onto[some, None]
                 for _ in range(UNFOLD.averagings):
                     positions[some] = means @ positions
                     projections.walk(positions[some], some)
                     positions[some] += weight * (projections.places[some] - positions[some])
             else:
-                back = around.astype(np.float64)
+                back = self._at(turned).astype(np.float64)
                 onto = onto * (1 - np.maximum(back, self._means @ back) / 2)
             positions = elastic_positions + onto[:, None] * (projections.places - elastic_positions)
         return positions, onto
 
     def _at(self, triangles: Booleans) -> Booleans:
         """(n,) which vertices are corners of some triangles (m,)."""
-        chosen = np.zeros(len(self._free), dtype=bool)
-        chosen[self._corners[triangles]] = True
-        return chosen
+        return np.isin(np.arange(len(self._free)), self._corners[triangles])
+
+    def _free_around(self, triangles: Booleans, rings: int) -> Integers:
+        """The vertices within some rings of some triangles (m,) that are not pinned."""
+        around = self._at(triangles)
+        for _ in range(rings):
+            around |= self._means @ around > 0
+        return np.flatnonzero(around & self._free)

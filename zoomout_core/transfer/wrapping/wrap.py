@@ -22,6 +22,7 @@ from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
+from zoomout_core.transfer.blend import mask_of
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.transfer.wrapping.cage import cage_of
 from zoomout_core.transfer.wrapping.elastic import Pins
@@ -34,7 +35,6 @@ from zoomout_core.transfer.wrapping.unfold import Unfolding
 READ, FITTED, UNFOLDED = 0.15, 0.75, 0.97
 # Fraction of the progress of `reverse_match` at the end of wrapping.
 TURNED_ROUND = 0.9
-STAGE = "Wrapping"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def wrap(
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
     source, target = as_surface(source), as_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
-    weight = _check_mask(mask, len(target.vertices))
+    weight = mask_of(mask, target)
     mapped = replace(mapped, confidence=mapped.confidence * weight)
     if mapped.has_partner is not None:
         weight = weight * mapped.has_partner
@@ -119,7 +119,7 @@ def wrap(
     places = _places_of_landmarks(landmarks, source, target)
     pins = _pins(places, target.working.vertex_of[places[0]], len(target.working.vertices), unit)
 
-    with listening(progress), stage(STAGE):
+    with listening(progress), stage("Wrapping"):
         with portion(0, READ):
             fit = Fit(mapped, weight, given, pins, smoothness)
         with portion(READ, FITTED):
@@ -191,15 +191,6 @@ def _vertex_normals(surface: Surface) -> Floats:
     return surface.working.vertex_normals[surface.working.vertex_of]
 
 
-def _check_mask(mask: ArrayLike | None, count: int) -> Floats:
-    if mask is None:
-        return np.ones(count)
-    weight = np.asarray(mask, dtype=np.float64)
-    if weight.shape != (count,) or not ((weight >= 0) & (weight <= 1)).all():
-        raise ValueError(f"A mask has a number from 0 to 1 for each of the {count} vertices of the target.")
-    return weight
-
-
 # Landmarks: (m, 3) vertices of the target and (m, 3) their weights, and (m, 3) where they are on the source.
 Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
 
@@ -207,10 +198,8 @@ Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
 def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Landmarks:
     if given is None:
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
-    (corners, weights), on_target = (
-        _places(role, surface, each)
-        for role, surface, each in zip(("source", "target"), (source, target), given, strict=True)
-    )
+    of_source, of_target = given
+    (corners, weights), on_target = _places("source", source, of_source), _places("target", target, of_target)
     if len(corners) != len(on_target[0]):
         raise ValueError(
             f"There are {len(corners)} source and {len(on_target[0])} target landmarks: give one on each side for "

@@ -14,7 +14,7 @@ from zoomout_core.matching.partial.part_candidates import (
     PartCandidate,
     _differing,
     _Found,
-    _register_coarsely,
+    _register,
     images_apart,
     landmark_sets,
     part_candidates,
@@ -39,7 +39,7 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
     shaken = np.where(np.random.default_rng(0).random(len(true)) < 0.2, np.roll(true, 1), true)
     found = [_Found(0.0, region, places) for places in (true, shaken)]
     assert images_apart(*found) > PART_CANDIDATES.same_map
-    bent = [_register_coarsely(each) for each in found]
+    bent = [_register(each) for each in found]
     assert images_apart(*bent) < PART_CANDIDATES.same_map
     assert _differing(bent, 2) == bent[:1]
     assert _differing(found, 2) == found
@@ -49,7 +49,7 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
 def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
     with retune(PART_CANDIDATES, regions=1, registered=4, compared=1):
         (alone,) = part_candidates([lower.everywhere])
-    roughly = _register_coarsely(_Found(0.0, alone.region, alone.places)).registered
+    roughly = _register(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
 
 

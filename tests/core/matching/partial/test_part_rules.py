@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.part_candidates import (
     _fit,
     _Found,
     _promise,
-    _register_coarsely,
+    _register,
     part_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
@@ -166,8 +166,10 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
 def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: list[Integers]) -> list[Integers]:
     """Maps that remain for bending when the given maps are found, in descending order of promise."""
 
-    def sifted(one: _Found) -> PartCandidate:
+    def registered(one: _Found | PartCandidate) -> PartCandidate:
         nothing: Any = None
+        if isinstance(one, PartCandidate):
+            return one
         return PartCandidate(one.region, one.places, nothing, {"promise": one.promise, "fit": one.promise})
 
     def promised(places: Integers, _: Region) -> float:
@@ -175,8 +177,7 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
 
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[::-1])
     monkeypatch.setattr(candidates_module, "_promise", promised)
-    monkeypatch.setattr(candidates_module, "_register_coarsely", sifted)
-    monkeypatch.setattr(candidates_module, "_register_finely", lambda one: one)
+    monkeypatch.setattr(candidates_module, "_register", registered)
     with retune(PART_CANDIDATES, regions=0, registered=3, compared=3):
         result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
     fractions = [0.0, *(report.fraction for report in reports), 1.0]
@@ -209,13 +210,13 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
 
     there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
-    def from_landmarks(search: object, *_: object) -> list[PartCandidate]:
+    def fine_candidates(*_: object, backwards: bool = False) -> list[PartCandidate]:
         for fraction in (0.0, 0.5, 1.0):
             advance(fraction)
-        return there if search is candidates_module._search else back
+        return back if backwards else there
 
     monkeypatch.setattr(candidates_module, "landmark_sets", lambda *_: [])
-    monkeypatch.setattr(candidates_module, "_from_landmarks", from_landmarks)
+    monkeypatch.setattr(candidates_module, "_fine_candidates", fine_candidates)
     result, reports = reports_of(lambda: part_candidates([region]))
     assert [report.fraction for report in reports] == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
     assert [one.scores["fit"] for one in result] == [1.0, 2.0, 4.0]
@@ -302,7 +303,7 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
 def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the_whole(
     lower: PartAndWhole, part_is_target: bool
 ) -> None:
-    one = _register_coarsely(_Found(0.0, lower.everywhere, lower.true_places()))
+    one = _register(_Found(0.0, lower.everywhere, lower.true_places()))
     pair = surface_and_shapes(lower, part_is_target)
     found = _candidate(one, pair, lambda *_: {})
     assert not found.mirrored
@@ -338,7 +339,7 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
 
 def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = at_mirror_images(lower), lower.true_places()
-    made = [_register_coarsely(_Found(0.0, lower.everywhere, places)) for places in maps]
+    made = [_register(_Found(0.0, lower.everywhere, places)) for places in maps]
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     pair = surface_and_shapes(lower)
     first, second = match_part(pair)

@@ -30,7 +30,7 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.registration.nonrigid_icp import min_vertices
+from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
@@ -165,11 +165,11 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
 def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
-    assert n < min_vertices()
+    assert n < MIN_VERTICES
     with retune(REGION, max_count=1):
         (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
-        assert len(shape.mesh.vertices) >= min_vertices()
+        assert len(shape.mesh.vertices) >= MIN_VERTICES
     np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
     assert len(region.carry(bent_onto(region)).positions) == n
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""With --quiet, commands print errors alone, and JSON where it is asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from doors import add_colors, run
+
+from zoomout_core.cli import main as zoomout
+
+pytestmark = pytest.mark.usefixtures("quick_search")
+
+FAST = ("--detail", "fast")
+
+
+def arguments(name: str, meshes: tuple[Path, Path], folder: Path) -> tuple[str | Path, ...]:
+    start = (*FAST, "--initial", "proximity", "--force")
+    return {
+        "match": ("match", *meshes, "-o", folder / "map.npz", *start[:-1]),
+        "nearest": ("match", *meshes, "-o", folder / "map.npz", "--initial", "nearest"),
+        "transfer": ("transfer", *meshes, "-o", folder / "out.ply", *start),
+        "transfer to a folder": ("transfer", *meshes, "-o", folder / "out", *start),
+        "symmetry": ("symmetry", meshes[0], "-o", folder / "map.npz", *FAST),
+        "collection": ("collection", *meshes, "-o", folder / "all", "--workers", "1", "--no-pictures", *FAST),
+        "info": ("info", meshes[0]),
+        "sample": ("sample", folder / "samples"),
+    }[name]
+
+
+NAMES = ("match", "nearest", "transfer", "transfer to a folder", "symmetry", "collection", "info", "sample")
+
+
+@pytest.fixture
+def colored(meshes: tuple[Path, Path]) -> tuple[Path, Path]:
+    """The meshes, with colours to transfer."""
+    for path in meshes:
+        add_colors(path)
+    return meshes
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_printed(name: str, colored: tuple[Path, Path], tmp_path: Path) -> None:
+    given = arguments(name, colored, tmp_path)
+    ran = run(zoomout, *given, "--quiet")
+    assert (ran.exit_code, ran.output) == (0, "")
+    ran = run(zoomout, "-q", *given[:1], *given[1:], "--json")
+    assert ran.exit_code == 0
+    assert json.loads(ran.output)
+
+
+@pytest.mark.parametrize("name", ["match", "transfer", "symmetry", "collection", "info"])
+def test_errors_are(name: str, tmp_path: Path) -> None:
+    missing = tmp_path / "none.ply", tmp_path / "nothing.ply"
+    ran = run(zoomout, "--quiet", *arguments(name, missing, tmp_path))
+    assert ran.exit_code == 1
+    (line,) = ran.output.splitlines()
+    assert line.startswith("Error: There is no file")
+
+
+def test_help_names_the_start_that_only_a_match_has() -> None:
+    assert "proximity, nearest, or" in " ".join(run(zoomout, "match", "--help").output.split())
+    assert "proximity, or" in " ".join(run(zoomout, "transfer", "--help").output.split())
+
+
+def test_so_does_the_sentence_on_another_start(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    ran = run(zoomout, "match", *meshes, "-o", tmp_path / "map.npz", "--initial", "neares")
+    assert "--initial is 'neares': give auto, landmarks, proximity, nearest, or the file" in ran.output

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Open mesh files and the files that they name, with a sentence where that is not possible."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import read_whole
+
+# Characters of a name in a message.
+SHOWN = 60
+
+
+def existing(path: str | PathLike[str]) -> Path:
+    """The path of an existing file, else a MeshError."""
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
+    path = Path(path)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise MeshError("{path} is a folder: give a file.", path=path)
+    if path.exists():
+        raise MeshError("{path} is a pipe, a device or a socket: save its content to a file.", path=path)
+    raise MeshError("There is no file {path}: check the path.", path=path)
+
+
+def file_bytes(path: Path) -> bytes:
+    """The content of a file, else a MeshError."""
+    try:
+        return read_whole(path)
+    except OSError as error:
+        raise MeshError(f"{path} could not be opened ({error.strerror}): check its permissions.") from error
+
+
+def outside(path: Path, name: str) -> MeshError:
+    """The error that a file names another one outside its folder, see `runtime.input_files.beside`."""
+    return MeshError(
+        "{path} refers to {name}, which is outside its folder, and is not read: move it beside the file.",
+        path=path,
+        name=shown(name),
+    )
+
+
+def shown(name: str) -> str:
+    """A name of a file as a message quotes it: on one line, and of bounded length."""
+    return repr(name if len(name) <= SHOWN else f"{name[: SHOWN - 3]}...")
