@@ -99,9 +99,9 @@ def plan(
         OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
     named = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
-    once: dict[Path, Path] = {}  # a file that is named twice is one target
+    once: dict[str, Path] = {}  # a file that is named twice is one target
     for path in named:
-        once.setdefault(path.resolve(), path)
+        once.setdefault(os.path.realpath(path), path)
     paths = list(once.values())
     place = Path(output)
     if not is_folder(output):

@@ -168,7 +168,7 @@ def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
     if folder == NO_CACHE:
         store_shapes(None)
         return
-    place = Path(folder).resolve()
+    place = Path(os.path.realpath(folder))
     first = next(each for each in (place, *place.parents) if each.exists())
     chosen = context.get_parameter_source("cache") is not ParameterSource.DEFAULT
     if chosen and not (first.is_dir() and os.access(first, os.W_OK)):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -113,6 +114,7 @@ def test_the_extra_that_a_format_needs_is_named(
     for ending in ("dae", "zae", "3mf"):
         monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, ending, missing)
     path = tmp_path / name
-    path.write_bytes(b"something")
+    with ZipFile(path, "w"):
+        pass
     ran = run(main, "info", path)
     assert_refused(ran, "requires a package that is not installed: in the checkout, pip install '.[formats]'")
