@@ -41,7 +41,8 @@ test-blender-versions: setup  ## install the extension into each version of Blen
 mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/matching"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
-extension: setup  ## build the Blender extension into dist, a zip for each platform (ARGS: some of them)
+extension: ROOMS := extension
+extension: setup  ## build the Blender extension into dist, for this machine (ARGS: other platforms, or --all)
 	$(BIN)/python tools/extension.py $(ARGS)
 
 docs: ROOMS := docs

@@ -72,7 +72,7 @@ class Job(Generic[Result]):
     result: Result
 
     def __init__(self, coroutine: Work[Result]) -> None:
-        self.progress = Progress(0.0, "Beginning")
+        self.progress = Progress(0.0, "Starting")
         self._given, self._running = coroutine, _run_reporting(coroutine, WeakMethod(self._listen))
         self._context = copy_context()
         self._background: Background[Any] | None = None

@@ -88,7 +88,8 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
         zo.Verdict(**report["verdict"]).line,
-        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are doubtful "
+        f"(below {LOW}).",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
         *report["notes"],

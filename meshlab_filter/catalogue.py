@@ -49,8 +49,13 @@ class Filter:
 
         Raises:
             ValueError: a parameter does not exist, or a value has the wrong type; nothing has been computed.
+            MeshError: source and target are the same mesh.
         """
-        return self.function(ms, **self._complete(given))
+        values = self._complete(given)
+        source, target = (values.get(name) for name in PAIR)
+        if source is not None and source == target:
+            raise MeshError(f"A mesh cannot be its own source: give another id than {target} for one of the two.")
+        return self.function(ms, **values)
 
     def _complete(self, given: dict[str, Any]) -> dict[str, Any]:
         rows = {row.name: row for row in self.parameters}
@@ -64,6 +69,10 @@ class Filter:
 
 
 CATALOGUE: dict[str, Filter] = {}
+# The parameters of filters that take two meshes.
+PAIR = ("sourcemesh", "targetmesh")
+# Number of ids of meshes that a sentence lists.
+LISTED = 8
 CALLBACK = (
     "Called with the fraction completed and the name of the stage; raising an exception in it cancels the filter "
     "without changes."
@@ -199,9 +208,15 @@ def check_mesh(ms: MeshSet, mesh_id: int) -> None:
         MeshError: there is none.
     """
     if not ms.mesh_id_exists(mesh_id):
-        raise MeshError(
-            f"There is no mesh with id {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id."
-        )
+        raise MeshError(f"There is no mesh {mesh_id}: {_meshes_in_words(ms)}. Load it first, or give another id.")
+
+
+def _meshes_in_words(ms: MeshSet) -> str:
+    ids = [mesh.id() for mesh in ms]
+    if len(ids) < 2:
+        return f"the MeshSet has only mesh {ids[0]}" if ids else "the MeshSet is empty"
+    listed = ids if len(ids) <= LISTED else [*ids[: LISTED - 1], "…", ids[-1]]
+    return f"the MeshSet has the meshes {', '.join(map(str, listed))}"
 
 
 def current_id(ms: MeshSet) -> int:

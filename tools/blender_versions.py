@@ -46,7 +46,7 @@ def main() -> None:
         sys.exit(f"There is no Blender {', '.join(sorted(unknown))} here: choose from {', '.join(VERSIONS)}.")
     names = list(VERSIONS)
     chosen = list(filter(has_python, [names[0], names[-1]])) if arguments.ends else arguments.versions or names
-    (archive,) = extension.build([this_platform()])
+    (archive,) = extension.build([extension.this_platform()])
     failed = [name for name in chosen if not passes(name, archive)]
     if failed:
         sys.exit(f"The installed extension failed in Blender {', '.join(failed)}.")
@@ -60,15 +60,6 @@ def has_python(name: str) -> bool:
         print(f"Blender {name} is left out. {error}")
         return False
     return True
-
-
-def this_platform() -> str:
-    systems = {"linux": "linux-x64", "win32": "windows-x64", "darwin": f"macos-{_mac_machine()}"}
-    return systems[sys.platform]
-
-
-def _mac_machine() -> str:
-    return "arm64" if os.uname().machine == "arm64" else "x64"
 
 
 def passes(name: str, archive: Path) -> bool:

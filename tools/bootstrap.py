@@ -8,8 +8,9 @@ exist for these two only). It uses the standard library alone, and does what is 
 2. create `.venv`, or replace one that is not usable;
 3. install the project into it, editable and with the extra `dev`, and check that both hosts load.
 
-With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `docs` it skips them, too,
-and installs the tools that build the documentation. With `release` it also installs those that check packages.
+With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `extension` it installs
+nothing, because building the extension needs pip alone. With `docs` it skips the hosts, too, and installs the tools
+that build the documentation. With `release` it installs everything, and the tools that build and check packages.
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a setup that was killed half-way is recognised and repeated.
@@ -46,6 +47,7 @@ LARGE_DOWNLOAD = 30  # MB; larger downloads are shown
 
 # By argument: the extras, and their description.
 EXTRAS = {
+    "extension": ("", "pip"),
     "core": ("core-tests", "the core and its tests (up to 60 MB to download, 200 MB on disk)"),
     "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
     "docs": ("core-tests,docs", "the core and Sphinx (up to 125 MB to download)"),
@@ -58,13 +60,15 @@ EXTRAS = {
 
 # The environments that serve each argument.
 SERVED_BY = {
+    "extension": tuple(EXTRAS),
     "core": tuple(EXTRAS),
     "docs": ("docs", "all and docs", "release"),
     "all": ("all", "all and docs", "release"),
     "all and docs": ("all and docs", "release"),
     "release": ("release",),
 }
-WITHOUT_HOSTS = ("core", "docs")
+# The arguments that need neither Blender nor MeshLab.
+WITHOUT_HOSTS = ("extension", "core", "docs")
 
 # The modules that the core finds the extension by, see `zoomout_core/mesh/blender_files.py`.
 EXTENSION_ENTRY_POINTS = """[zoomout.extension]
@@ -123,18 +127,21 @@ def set_up(wanted: str) -> None:
     present = next((each for each in EXTRAS if keep and stamp() == finished_stamp(EXTRAS[each][0])), None)
     if {present, wanted} == {"all", "docs"}:
         wanted = "all and docs"
+    extra, content = EXTRAS[wanted]
+    hosts = wanted not in WITHOUT_HOSTS
     finished = present in SERVED_BY[wanted]
     if not finished:
         LOG.unlink(missing_ok=True)
-    provide_system_packages(needs_venv=not keep, hosts=wanted not in WITHOUT_HOSTS)
+    provide_system_packages(needs_venv=not keep, hosts=hosts)
     if finished:
         return
     if not keep:
         create_environment()
-    install_project(*EXTRAS[wanted])
-    if wanted not in WITHOUT_HOSTS:
+    if extra:
+        install_project(extra, content)
+    if hosts:
         check_hosts()
-    STAMP.write_text(finished_stamp(EXTRAS[wanted][0]))
+    STAMP.write_text(finished_stamp(extra))
     say("done")
 
 

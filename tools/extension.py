@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: one zip per platform, with the wheels of the core's dependencies except numpy.
 
-`make extension` writes `dist/ID-VERSION-PLATFORM.zip` for every platform, or for those given as arguments. Wheels are
-those of the package index, unchanged, with the versions and hashes of `tools/wheels/`: a file for each Python
-of Blender, and one for the tools that build the core's own wheel and the documentation. To change a version,
+`make extension` writes `dist/ID-VERSION-PLATFORM.zip` for this machine's platform, or for those given as arguments;
+`--all` stands for every platform. It needs Python 3.11 or newer with pip alone, so it also runs where make is missing.
+Wheels are those of the package index, unchanged, with the versions and hashes of `tools/wheels/`: a file for each
+Python of Blender, and one for the tools that build the core's own wheel and the documentation. To change a version,
 edit it there, then run `python tools/extension.py --lock`, which updates the hashes.
 
 A zip contains only the files that `SHIPPED` and `DOCUMENTS` name; its bytes depend only on the tree and the wheels.
@@ -13,6 +14,7 @@ import argparse
 import hashlib
 import importlib.util
 import os
+import platform as machine
 import re
 import shutil
 import subprocess
@@ -80,6 +82,9 @@ PLATFORMS = {
     "macos-x64": ("macosx_12_0_x86_64",),
     "windows-x64": ("win_amd64",),
 }
+# Blender's names for what Python calls systems and processors.
+SYSTEMS = {"darwin": "macos", "win32": "windows"}
+PROCESSORS = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
 # Blender runs here, but not all wheels exist.
 UNSUPPORTED = {"windows-arm64": "robust-laplacian and fast-simplification have no wheels for it"}
 
@@ -90,21 +95,29 @@ EPOCH_DATE = (1980, 1, 1, 0, 0, 0)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Build the Blender extension, one zip a platform.")
-    parser.add_argument("platforms", nargs="*", metavar="PLATFORM", help=f"of {', '.join(PLATFORMS)} (default: all)")
+    parser.add_argument(
+        "platforms", nargs="*", metavar="PLATFORM", help=f"of {', '.join(PLATFORMS)} (default: this one)"
+    )
+    parser.add_argument("--all", action="store_true", help="build for every platform")
     parser.add_argument("--lock", action="store_true", help="write the hashes of the pinned versions anew instead")
     arguments = parser.parse_args()
     if arguments.lock:
         for lock in sorted(LOCKS.glob("*.txt")):
             write_lock(lock)
         return
-    for platform in arguments.platforms:
+    platforms = list(PLATFORMS) if arguments.all else arguments.platforms or [this_platform()]
+    for platform in platforms:
         check_platform(platform)
-    archives = build(arguments.platforms or list(PLATFORMS))
-    for archive in archives:
-        validate(archive)
+    for archive in build(platforms):
+        if importlib.util.find_spec("bpy"):  # Blender's tool comes with it; a release has it
+            validate(archive)
         report(archive)
-    for platform, reason in UNSUPPORTED.items():
-        print(f"No zip for {platform}: {reason}.")
+
+
+def this_platform() -> str:
+    """The platform of this machine, by Blender's names; there may be no zip for it."""
+    system, processor = sys.platform, machine.machine().lower()
+    return f"{SYSTEMS.get(system, system)}-{PROCESSORS.get(processor, processor)}"
 
 
 def check_platform(platform: str) -> None:
@@ -121,7 +134,7 @@ def build(platforms: Sequence[str], folder: Path = DIST) -> list[Path]:
         ValueError: a file is neither shipped nor excluded, or versions differ.
         OSError, CalledProcessError: a wheel cannot be downloaded.
     """
-    manifest = (ADDON / MANIFEST).read_text()
+    manifest = (ADDON / MANIFEST).read_text(encoding="utf-8")
     fields = tomllib.loads(manifest)
     check_version(fields["version"])
     folder.mkdir(parents=True, exist_ok=True)
@@ -143,7 +156,7 @@ def build(platforms: Sequence[str], folder: Path = DIST) -> list[Path]:
 
 
 def check_version(version: str) -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     if version != project:
         raise ValueError(f"{MANIFEST} says version {version}, pyproject.toml {project}: let them agree.")
 
@@ -214,7 +227,7 @@ def build_environment(folder: Path) -> dict[str, str]:
     backend = folder / "backend"
     if not backend.exists():
         pip("install", "--require-hashes", "--only-binary=:all:", "--target", backend, "-r", LOCKS / "build.txt")
-    return {**os.environ, "PYTHONPATH": str(backend), "SOURCE_DATE_EPOCH": str(EPOCH)}
+    return {**os.environ, "PYTHONPATH": str(backend), "PYTHONUTF8": "1", "SOURCE_DATE_EPOCH": str(EPOCH)}
 
 
 def locked_wheels(python: str, platform: str) -> list[Path]:

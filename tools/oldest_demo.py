@@ -45,7 +45,7 @@ def main() -> None:
 def unpack(version: str) -> None:
     """Unpack the wheels of this platform's zip for a Python, such as 3.11, replacing earlier ones."""
     shutil.rmtree(LIBRARIES, ignore_errors=True)
-    for wheel in extension.locked_wheels(f"cp{version.replace('.', '')}", blender_versions.this_platform()):
+    for wheel in extension.locked_wheels(f"cp{version.replace('.', '')}", extension.this_platform()):
         with zipfile.ZipFile(wheel) as opened:
             opened.extractall(LIBRARIES)
 

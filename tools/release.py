@@ -51,7 +51,7 @@ def main() -> None:
     check_commands(wheel)
     check_source(source, arguments.tests)
     if not arguments.without_extension:
-        run(sys.executable, "tools/extension.py")
+        run(sys.executable, "tools/extension.py", "--all")
         run(sys.executable, "tools/blender_versions.py", "--ends")
     print("release:", *(path.name for path in sorted(DIST.iterdir()) if path.is_file()))
 

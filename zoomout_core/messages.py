@@ -67,6 +67,13 @@ def plural(count: int, one: str, several: str) -> Message:
     return Message(one if count == 1 else several, {"count": count})
 
 
+def probability(value: float) -> Message:
+    """An estimated probability as a percentage, never rounded to 0% or 100%, of which no estimate is capable."""
+    if value > 0.99:
+        return message("over 99%")
+    return message("under 1%") if value < 0.01 else message("{share:.0%}", share=value)
+
+
 def as_message(text: str) -> Message:
     """Text as a Message: unchanged if it is one, else without values, for translation as a whole."""
     return text if isinstance(text, Message) else Message(text.replace("{", "{{").replace("}", "}}"), {})

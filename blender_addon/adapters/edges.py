@@ -47,18 +47,20 @@ class SeamAdapter:
 
     Attributes:
         uv_map: its name.
+        replaces: whether the source marks seams, which these replace; otherwise they do not count as transferred.
         present: the seams that the target already has, if any.
         marks: the target's, once they are computed.
     """
 
     uv_map: str
+    replaces: bool
     present: Attribute | None
     marks: Attribute | None = None
     kind: str = "edges"
 
     @property
     def names(self) -> list[str]:
-        return [mesh_data.SEAMS]
+        return [mesh_data.SEAMS] if self.replaces else []
 
     def transfer(self, job: TransferJob) -> None:
         with stage("Marking seams"):
@@ -82,7 +84,5 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     active = mesh_data.read_joined_active_layers(request.sources).uv
     if "uv_maps" not in request.data or active is None:
         return found
-    return [
-        SeamAdapter(active, present.get(mesh_data.SEAMS)),
-        *(adapter for adapter in found if mesh_data.SEAMS not in adapter.names),
-    ]
+    others = [adapter for adapter in found if mesh_data.SEAMS not in adapter.names]
+    return [SeamAdapter(active, len(others) < len(found), present.get(mesh_data.SEAMS)), *others]

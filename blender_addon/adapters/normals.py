@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from bpy.types import Object
 
 import zoomout_core as zo
@@ -13,6 +14,11 @@ from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
+
+# Vertices of the target on each face of the source, from which on the source's facets would show as streaks. A closed
+# triangle mesh has half as many vertices as faces, so eight faces lie on each: the facets of the target itself, whose
+# angles shrink with the square root of the number of faces, are about a third of the source's.
+MUCH_FINER = 4
 
 
 @dataclass
@@ -23,24 +29,36 @@ class NormalAdapter:
         normals: the source's in world space, after the transfer the target's in the space of its mesh.
         target: surface of the target's own mesh, at rest, for which normals are stored.
         present: the normals that it has.
+        alone: whether nothing else was requested, so that they are transferred to any target.
     """
 
     normals: Attribute
     target: zo.Surface
     present: Attribute
+    alone: bool
+    omitted: bool = False
     kind: str = "custom_normals"
 
     @property
     def names(self) -> list[str]:
-        return [self.normals.name]
+        return [] if self.omitted else [self.normals.name]
 
     def transfer(self, job: TransferJob) -> None:
+        triangle = job.match.surface_map.triangle
+        if not self.alone and len(triangle) >= MUCH_FINER * len(np.unique(triangle)):
+            self.omitted = True
+            job.remarks.skipped[message("custom normals")] = (
+                "the target is much finer, and the source's facets would show as streaks; transfer nothing but Custom "
+                "Normals to have them all the same"
+            )
+            return
         job.note_replaced(message("custom normals"))
         self.normals = job.transfer(self.normals, message("custom normals"), target=self.target)
         self.normals = job.keep_values(self.normals, self.present)
 
     def write(self, target: Object) -> None:
-        mesh_data.write_custom_normals(target.data, self.normals)
+        if not self.omitted:
+            mesh_data.write_custom_normals(target.data, self.normals)
 
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
@@ -57,4 +75,5 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     if normals is None:
         return []
     present = mesh_data.read_own_normals(request.target.data)
-    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present)]
+    alone = set(request.data) == {"custom_normals"}
+    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present, alone)]

@@ -111,7 +111,7 @@ def _verdict(report: dict[str, Any], kind: str, ours: bool) -> str:
     whose = "zoomout" if ours else "data_transfer"
     error = report["errors"][kind]
     better = f", {error['times_better_on_average']:.1f} times less" if ours else ""
-    bare = ", none where black" if kind == "weights" and report["unweighted_vertices"][whose] else ""
+    bare = "; black: no weights" if kind == "weights" and report["unweighted_vertices"][whose] else ""
     return f"mean error {error[whose]['mean']:.3f}{better}{bare}"
 
 

@@ -126,8 +126,6 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
     for name, role, reason in _list_attributes(mesh):
         if reason is None:
             layers.append(read_layer(mesh, name, role, name in turning))
-        elif name.startswith(EDITING_STATES):
-            skipped[message("selection and hiding")] = reason  # of all kinds of elements
         elif name.startswith(SYMMETRY_ATTRIBUTES):
             skipped[message("symmetry")] = reason  # of all candidates
         else:
@@ -141,12 +139,15 @@ def count_layers(mesh: Mesh) -> dict[Role, int]:
 
 
 def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
-    """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so."""
+    """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so.
+
+    Selection and hiding are states of editing, which nobody misses.
+    """
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
         attribute = mesh.attributes[name]
-        if not attribute.is_required and name not in READ_ELSEWHERE:
+        if not (attribute.is_required or name in READ_ELSEWHERE or name.startswith(EDITING_STATES)):
             role = roles.get(name, Role.GENERIC)
             yield name, role, _obstacle(attribute, role)
 
@@ -178,8 +179,6 @@ def _kind(attribute: bpy.types.Attribute, role: Role, turning: bool) -> Kind:
 
 def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
     name = attribute.name
-    if name.startswith(EDITING_STATES):
-        return "they belong to the editing state of the source mesh"
     if name.startswith(SYMMETRY_ATTRIBUTES):
         return "it maps the source mesh onto itself"
     if name in MATCH_ATTRIBUTES or name == HAS_PARTNER:

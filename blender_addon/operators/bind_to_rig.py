@@ -14,7 +14,7 @@ from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, Blend
 from ..scene.selection import sources_of_targets
 from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
-from ..services.transfer import prepare_transfer, summary
+from ..services.transfer import done, prepare_transfer
 from ..viewport import preview
 from .modal_operator import ModalOperator
 
@@ -55,8 +55,8 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
             )
 
         outcome = await each_target(list(source_of), work)
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         if self.hide_source:
             hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
-        return "; ".join(summary(report) for report in outcome.done.values())
+        return done(outcome.done.values(), self.hide_source)

@@ -34,7 +34,7 @@ class CandidateOperator(ModalOperator):
         result = await use_candidate_async(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
         return message(
-            "'{target}' uses candidate {number}; {doubtful} of {vertices} vertices are of low confidence",
+            "'{target}' uses candidate {number}; {doubtful:,} of {vertices:,} vertices are doubtful",
             target=target.name,
             number=place + 1,
             doubtful=doubtful,

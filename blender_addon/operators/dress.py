@@ -56,5 +56,5 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
         with stage(WRITING, 1):
             await pause()
         report = write()
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         return summary(report)

@@ -57,7 +57,7 @@ def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> st
     what = f"'{names[0]}'" if len(names) == 1 else message("{count} meshes", count=len(names))
     others = message(" and others") if len(set(sources)) > 1 else ""
     text = message(
-        "Matched {meshes} with '{source}'{others}; {doubtful} of {vertices} vertices are of low confidence",
+        "Matched {meshes} with '{source}'{others}; {doubtful:,} of {vertices:,} vertices are doubtful",
         meshes=what,
         source=sources[0],
         others=others,

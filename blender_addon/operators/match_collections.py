@@ -50,7 +50,7 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
         return message(
-            "Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence",
+            "Matched {pairs}; {doubtful:,} of {vertices:,} vertices are doubtful",
             pairs=pairs,
             doubtful=doubtful,
             vertices=vertices,

@@ -36,7 +36,9 @@ class SelectOperator(MatchedOperator):
 class ZOOMOUT_OT_select_doubtful(SelectOperator):
     bl_idname = "zoomout.select_doubtful"
     bl_label = "Select Doubtful"
-    bl_description = "Select the vertices of the active mesh with low match confidence, to check them in Edit Mode"
+    bl_description = (
+        "Select the doubtful vertices of the active mesh, whose confidence is below 0.5, to check them in Edit Mode"
+    )
     what = DOUBTFUL
 
 

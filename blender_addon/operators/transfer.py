@@ -16,7 +16,7 @@ from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, Bin
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.binding import hide_sources
 from ..services.targets import Write, each_target
-from ..services.transfer import prepare_transfer, summary
+from ..services.transfer import done, prepare_transfer
 from ..storage import stored_match
 from ..viewport import preview
 from .modal_operator import ModalOperator
@@ -37,8 +37,7 @@ class ZOOMOUT_OT_transfer(
     bl_label = "Transfer"
     bl_description = (
         "Transfer data from the source to the active mesh, and to the other selected ones, through their matches. "
-        "Meshes without a match are matched first. The source is chosen as for matching, otherwise it is the one "
-        "that was matched"
+        "Meshes without a match are matched first. The source is the one chosen above, or the one of the last match"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -74,11 +73,11 @@ class ZOOMOUT_OT_transfer(
             )
 
         outcome = await each_target(list(source_of), work)
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         if self.hide_source:
             hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
-        return "; ".join(summary(report) for report in outcome.done.values())
+        return done(outcome.done.values(), self.hide_source)
 
 
 def _own_sources(context: Context) -> dict[str, str]:

@@ -44,6 +44,6 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
             return prepare_wrap(context, source_of[target], target, wrapping, repeated, **options)
 
         outcome = await each_target(list(source_of), work)
-        preview.clear_passing()
+        preview.clear()  # it would hide the result
         self.report_failed(outcome)
         return " ".join(summary(report) for report in outcome.done.values())

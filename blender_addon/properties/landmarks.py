@@ -86,7 +86,7 @@ class ImportOptions:
         name="Import From",
         description="Objects or groups that mark the points",
         items=(
-            ("GROUPS", "Vertex Groups", "At the centre of small vertex groups that both objects have"),
+            ("GROUPS", "Vertex Groups", "At the center of small vertex groups that both objects have"),
             ("EMPTIES", "Empties", "At empties that are children of the objects or near them"),
         ),
         default="GROUPS",

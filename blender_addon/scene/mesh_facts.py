@@ -15,8 +15,9 @@ from .redraw import redraw_views
 # Seconds from a request to the inspection of meshes, and between two slices of that.
 PAUSE, TICK = 0.3, 0.02
 
-# Known facts, requested facts and number of edits, by the `session_uid` of meshes.
+# Known facts, those before the latest edits, requested facts and number of edits, by the `session_uid` of meshes.
 _known: dict[int, MeshFacts] = {}
+_latest: dict[int, MeshFacts] = {}
 _wanted: dict[int, None] = {}
 _edits: dict[int, int] = {}
 _job: Job[None] | None = None
@@ -30,6 +31,11 @@ def facts(obj: Object) -> MeshFacts | None:
         if not (bpy.app.background or bpy.app.timers.is_registered(_tick)):
             bpy.app.timers.register(_tick, first_interval=PAUSE)
     return _known.get(number)
+
+
+def latest_facts(obj: Object) -> MeshFacts | None:
+    """The facts about an object's mesh; until they are known those before its last edit, so that no text flickers."""
+    return facts(obj) or _latest.get(obj.data.session_uid)
 
 
 def forget(meshes: Iterable[Mesh]) -> None:
@@ -48,7 +54,7 @@ def forget_all() -> None:
     if _job is not None:
         _job.cancel()
         _job = None
-    for cache in (_known, _wanted, _edits):
+    for cache in (_known, _latest, _wanted, _edits):
         cache.clear()
 
 
@@ -77,4 +83,4 @@ async def _inspections() -> None:
         before = _edits.get(number, 0)
         found = await inspect_mesh(mesh)
         if _edits.get(number, 0) == before:
-            _known[number] = found
+            _known[number] = _latest[number] = found

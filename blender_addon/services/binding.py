@@ -191,7 +191,7 @@ async def prepare_binding(
     if rest.smoothed:
         notes.append(
             message(
-                "Unposing: {count} vertices that the bones would tear follow their surroundings.", count=rest.smoothed
+                "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
             )
         )
     return Bound("rest_pose", pair.target.vertices, rest, (*notes, *of_check), stretched)
@@ -213,14 +213,14 @@ def _check_weights(
         weights.smooth(target, checked.smoothed, job.settings.limit)
         notes.append(
             message(
-                "The weights of {count} vertices would tear the mesh when bones turn: they were smoothed.",
+                "The weights of {count:,} vertices would have torn the mesh when bones turn: they were smoothed.",
                 count=int(checked.smoothed.sum()),
             )
         )
     if checked.stretched.any():
         notes.append(
             warning(
-                "{count} vertices stretch far more than the source does when bones turn: Select Stretched shows them.",
+                "{count:,} vertices stretch far more than on the source when bones turn: Select Stretched shows them.",
                 count=int(checked.stretched.sum()),
             )
         )

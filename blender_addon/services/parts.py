@@ -3,40 +3,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from bpy.types import Context
 
 from ..mesh_data import EvaluatedObject, ObjectPair
+from ..mesh_data.arrays import read_array
 from ..scene.pair import evaluated_sources
 
 
 def name_components(context: Context, pair: ObjectPair) -> list[str]:
     """The name of each connected component of a pair's joined source.
 
-    It is the object's name, and, where components of the object have several materials, that of the component's own.
+    It is the object's name, and, where components of the object have several materials, that of the material on most of
+    the component's area.
     """
     component = pair.source.components
     with evaluated_sources(context, pair) as sources:
-        names = np.concatenate([_vertex_names(source) for source in sources])
-    first = np.full(component.max() + 1, -1)
-    used = np.flatnonzero(component >= 0)[::-1]
-    first[component[used]] = used
-    return names[first].tolist()
+        labels, label, vertex, area = _labelled_faces(sources)
+    shares = np.zeros((component.max() + 1, len(labels)))
+    # A component without area has a name, too.
+    np.add.at(shares, (component[vertex], label), area + np.finfo(float).tiny)
+    return [labels[largest] for largest in shares.argmax(axis=1)]
 
 
-def _vertex_names(source: EvaluatedObject) -> np.ndarray:
-    """(n,) the name of the part that each vertex of an object belongs to, as objects."""
-    mesh, obj = source.mesh, source.original
-    n = len(mesh.vertices)
-    names = [slot.material.name if slot.material else "" for slot in obj.material_slots]
-    if len({name for name in names if name}) < 2:
-        return np.full(n, obj.name, dtype=object)
-    material, corner = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.loops), np.int32)
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("material_index", material)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    mesh.loops.foreach_get("vertex_index", corner)
-    of_vertex = np.zeros(n, np.int32)
-    of_vertex[corner] = np.repeat(np.clip(material, 0, len(names) - 1), sizes)
-    labels = np.array([f"{obj.name}: {name}" if name else obj.name for name in names], dtype=object)
-    return labels[of_vertex]
+def _labelled_faces(sources: Sequence[EvaluatedObject]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+    """The labels of all parts, and the number of the label, a vertex and the area of each face of joined sources."""
+    labels: list[str] = []
+    faces, before = [], 0
+    for source in sources:
+        mesh, obj = source.mesh, source.original
+        names = [slot.material.name if slot.material else "" for slot in obj.material_slots]
+        material = read_array(mesh.polygons, "material_index", np.int32)
+        if len({name for name in names if name}) < 2:
+            names, material = [""], np.zeros_like(material)
+        corner = read_array(mesh.polygons, "loop_start", np.int32)
+        vertex = read_array(mesh.loops, "vertex_index", np.int32)[corner]
+        label = len(labels) + np.clip(material, 0, len(names) - 1)
+        faces.append((label, before + vertex, read_array(mesh.polygons, "area", np.float32)))
+        labels += [f"{obj.name}: {name}" if name else obj.name for name in names]
+        before += len(mesh.vertices)
+    label, vertex, area = map(np.concatenate, zip(*faces, strict=True))
+    return labels, label, vertex, area

@@ -17,7 +17,7 @@ from zoomout_core.messages import as_message, enumeration, message
 
 from .. import mesh_data
 from ..scene.landmarks import landmarks_fingerprint
-from ..scene.mesh_facts import facts
+from ..scene.mesh_facts import facts, latest_facts
 from ..scene.pair import check_distinct, check_writable, users_of_mesh
 from ..scene.selection import choose_source, chosen_targets, match_source, own_sources
 from ..storage import stored_match
@@ -200,7 +200,7 @@ def _reason(context: Context, source: Object, target: Object) -> str:
 def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]:
     both = source, target
     for obj in both:
-        count, known = len(obj.data.vertices), facts(obj)
+        count, known = len(obj.data.vertices), latest_facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
             yield message(
                 "'{name}' has only {count} vertices, too few for automatic matching: subdivide it, or "
@@ -215,8 +215,8 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
                 name=obj.name,
                 count=known.non_manifold_edges,
             )
-    parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
-    if max(parts.values(), default=1) > 1:
+    parts = {obj.name: known.parts for obj in both if (known := latest_facts(obj))}
+    if len(parts) == len(both) and max(parts.values()) > 1:
         counts = enumeration(message("{count} in '{name}'", count=number, name=name) for name, number in parts.items())
         yield message(
             "Loose parts ({counts}) are paired by position and size: check eyes, teeth and clothes after the match.",

@@ -63,7 +63,7 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
     """The preview of a match on the target, and for some kinds on the source.
 
     Raises:
-        MeshError: the source has no UV map for a checker.
+        MeshError: the source has no UV map for a checker, or one of a single point.
     """
     with stage("Coloring"):
         await pause()
@@ -80,6 +80,8 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
         else:
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
+            if not np.ptp(uv.values, axis=0).any():
+                raise zo.MeshError("All UVs of '{uv_map}' are at one point: there is nothing to show.", uv_map=uv.name)
             with stage("Applying the checker", 0.1, 1):
                 carried, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
             on_source, on_target = uv.values, carried.values
@@ -188,7 +190,9 @@ def of_binding(obj: Object) -> Preview:
     Raises:
         MeshError: the object was not bound, or its vertices were edited since.
     """
-    return _of_mesh(obj, STRETCHED).with_colors(stretched_colors(read_stretched(obj)))
+    stretched = read_stretched(obj)
+    made = _of_mesh(obj, STRETCHED).with_colors(stretched_colors(stretched))
+    return made if stretched.any() else replace(made, legend=preview.NOTHING_STRETCHES)
 
 
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
@@ -196,9 +200,17 @@ def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Previ
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
 
 
-def follow_symmetry(context: Context, obj: Object) -> None:
-    """Update the preview of an object's symmetry, after another one was stored or chosen."""
+def follow_symmetry(context: Context, obj: Object, seen: bool = False) -> None:
+    """Update the preview of an object's symmetry, after another one was stored or chosen.
+
+    Args:
+        context: Blender's.
+        obj: the object.
+        seen: whether to show a passing preview of pairs if there is no other preview.
+    """
     before = preview.preview_of(obj)
+    if seen and preview.current() is None:
+        preview.show(replace(run(of_symmetry(context, obj.name, PAIRS)), passing=True))
     if before is None or before.kind not in OF_SYMMETRY:
         return
     if before.kind == ASYMMETRY:
@@ -206,7 +218,8 @@ def follow_symmetry(context: Context, obj: Object) -> None:
         return
     sided = stored_symmetry.has_sides(obj.data)
     try:
-        preview.show(run(of_symmetry(context, obj.name, before.kind if sided else PAIRS)))
+        after = run(of_symmetry(context, obj.name, before.kind if sided else PAIRS))
+        preview.show(replace(after, passing=before.passing))
     except zo.MeshError:  # the mesh was reshaped since
         preview.clear()
 

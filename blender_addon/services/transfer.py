@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.matching.part_report import without_shares
 from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
@@ -262,7 +263,7 @@ def _write_report(
         "target": pair.target_name,
         "written": written,
         "skipped": remarks.skipped,
-        "notes": [*match.notes, *remarks.notes, *([shared] if users > 1 else [])],
+        "notes": [*without_shares(match.notes), *remarks.notes, *([shared] if users > 1 else [])],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
@@ -298,11 +299,31 @@ def summary(report: dict[str, Any]) -> str:
     if report["skipped"]:
         done = message("{done}; {count} skipped", done=done, count=len(report["skipped"]))
     return message(
-        "{done}; {doubtful} of {vertices} vertices are of low confidence",
+        "{done}; {doubtful:,} of {vertices:,} vertices are doubtful",
         done=done,
         doubtful=report["low_confidence"],
         vertices=report["vertices"],
     )
+
+
+def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
+    """Reports on several targets in one sentence, which says where bound targets are now: they seem to vanish.
+
+    Args:
+        reports: of transfers.
+        hidden: whether the sources of bound targets were hidden.
+    """
+    return enumeration((_place(report, hidden) if report["bound"] else summary(report) for report in reports), "; ")
+
+
+def _place(report: dict[str, Any], hidden: bool) -> str:
+    """Where a bound target is."""
+    place = message(
+        "'{target}' is bound to '{armature}', in rest pose at the source's place",
+        target=report["target"],
+        armature=report["bound"]["armature"],
+    )
+    return message("{done}; the source is hidden", done=place) if hidden else place
 
 
 def and_others(names: Sequence[str]) -> str:

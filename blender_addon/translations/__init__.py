@@ -8,7 +8,8 @@ display: they look up the template, and the Messages among its values. Names of 
 the values, and are not translated.
 
 To add a language, copy `de.po`, change the code in its header, and translate each `msgstr`. It has the fields of its
-`msgid`, such as `{name}` or `{share:.0%}`, in any order. `tests/blender/test_translations.py` lists missing and
+`msgid`, such as `{name}` or `{share:.0%}`, in any order, and may drop the comma of `{count:,}`.
+`tests/blender/test_translations.py` lists missing and
 obsolete entries.
 """
 

@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The preview of an object by colours in the 3D views; `services.previews` computes the colours.
 
-There is one preview at a time. It belongs to one object, may colour others as well, and does not change the file.
+There is one preview at a time. It belongs to one object, may colour others as well, and does not change the file. A
+caption in the views names it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import blf
 import bpy
 from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Floats
+from zoomout_core.messages import as_message, message
 
+from ..translations import translated
 from . import overlay
 from .overlay import Overlay
 
@@ -22,8 +26,13 @@ CONFIDENCE, PLACES, CHECKER, CUT = "CONFIDENCE", "PLACES", "CHECKER", "CUT"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
 STRETCHED = "STRETCHED"
 OUTDATED = "Hidden: a mesh was changed"
+NOTHING_STRETCHES = "No vertex stretches far more than on the source"
 LOST = "Hidden: the modifiers leave no faces to color"
 HIDDEN = "Hidden in this mode; shown in Object Mode"
+# Size of the caption, and its distance from the lower border of a view, in pixels at an interface scale of 1.
+TEXT, BORDER = 13, 24
+# White with a dark shadow (its blur in pixels, and its colour) is legible on every background.
+TEXT_COLOR, SHADOW = (1.0, 1.0, 1.0, 1.0), (3, 0.0, 0.0, 0.0, 0.8)
 
 
 class Kind(NamedTuple):
@@ -43,8 +52,8 @@ class Kind(NamedTuple):
 OF_MATCH = {
     CONFIDENCE: Kind(
         "Confidence",
-        "Confidence of the match at each vertex: blue is high, red is low, and violet has no partner",
-        "Blue is high, red is low, violet has no partner",
+        "Confidence of the match at each vertex: blue is certain, red is guessed, and violet has no partner",
+        "Blue: certain. Red: guessed. Violet: no partner",
     ),
     PLACES: Kind(
         "Matching Colors",
@@ -63,7 +72,7 @@ OF_BINDING = {
     STRETCHED: Kind(
         "Stretched",
         "Show where the bones of the rig stretch the mesh far more than the source",
-        "Red stretches far more than the source",
+        "Red stretches far more than on the source",
     )
 }
 OF_SYMMETRY = {
@@ -91,7 +100,7 @@ class Preview:
         legend: the meaning of the colours.
         overlays: the colours to draw.
         stored_hash: hash of the match or symmetry stored on the object's mesh, to detect a later one.
-        passing: whether it was shown unasked, so that it ends when other objects are selected or data is transferred.
+        passing: whether it was shown unasked, so that it ends when other objects are selected.
     """
 
     kind: str
@@ -108,6 +117,7 @@ class Preview:
 
 
 _shown: Preview | None = None
+_caption_handler: Any = None
 # `session_uid` of the active and the selected objects when the preview was shown.
 _selected: tuple[int, ...] = ()
 
@@ -133,28 +143,50 @@ def current() -> Preview | None:
 
 def show(preview: Preview) -> None:
     """Show a preview, and no other."""
-    global _shown, _selected
+    global _shown, _selected, _caption_handler
     _shown, _selected = preview, _selection()
     overlay.show(preview.overlays)
+    if _caption_handler is None:
+        _caption_handler = bpy.types.SpaceView3D.draw_handler_add(_draw_caption, (), "WINDOW", "POST_PIXEL")
 
 
 def clear() -> None:
     """Remove the preview."""
-    global _shown
+    global _shown, _caption_handler
     _shown = None
     overlay.clear()
+    if _caption_handler is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_caption_handler, "WINDOW")
+        _caption_handler = None
 
 
-def clear_passing() -> None:
-    """Remove a passing preview."""
-    if _shown is not None and _shown.passing:
-        clear()
+def caption() -> str:
+    """The name of the current preview and the way to end it; empty if none is drawn."""
+    if _shown is None or not overlay.visible():
+        return ""
+    kind = (OF_MATCH | OF_BINDING | OF_SYMMETRY)[_shown.kind]
+    return translated(message("{preview}: the X in the tab ZoomOut hides the colors", preview=as_message(kind.label)))
 
 
 def follow_selection() -> None:
     """Remove a passing preview once other objects are selected."""
     if _shown is not None and _shown.passing and _selection() != _selected:
         clear()
+
+
+def _draw_caption() -> None:
+    context, font = bpy.context, 0
+    text = caption() if context.space_data.overlay.show_overlays else ""
+    if not text:
+        return
+    scale = context.preferences.system.ui_scale
+    blf.size(font, TEXT * scale)
+    blf.color(font, *TEXT_COLOR)
+    blf.enable(font, blf.SHADOW)
+    blf.shadow(font, *SHADOW)
+    blf.position(font, (context.region.width - blf.dimensions(font, text)[0]) / 2, BORDER * scale, 0)
+    blf.draw(font, text)
+    blf.disable(font, blf.SHADOW)
 
 
 def _selection() -> tuple[int, ...]:

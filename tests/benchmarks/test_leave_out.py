@@ -27,6 +27,7 @@ def _cases(data: Path, most: int | None) -> Iterator[Case]:
     yield Case("creatures", "one", source.surface, target.surface, error)
 
 
+@pytest.mark.slow
 def _reverse(candidates: list[object], *_: object) -> list[object]:
     """A replacement of `with_turned` that puts the least likely candidate first."""
     return candidates[::-1]

@@ -115,6 +115,7 @@ def test_the_nearest_orthonormal_rows_of_a_stretched_map() -> None:
     np.testing.assert_allclose(orthonormal_rows(np.diag([2.0, 5]) @ rows), rows, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_closest_points_turn_a_circle_into_place() -> None:
     angles = np.arange(8) * np.pi / 4
     points = np.column_stack([np.cos(angles), np.sin(angles)]) / 2  # orthonormal with areas of one

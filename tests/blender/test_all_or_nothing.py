@@ -232,6 +232,7 @@ def test_binding_to_a_rig_with_what_is_worn():
     assert target.parent == armature
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
 def test_wrapping(result):
     ellipsoid("Source", 3)
@@ -260,6 +261,7 @@ def test_dressing_anew():
     assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
 
 
+@pytest.mark.slow
 def test_symmetry(body):
     count = len(body.data.vertices)
     add_uv_map(body.data, "UV")

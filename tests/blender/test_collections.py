@@ -86,7 +86,7 @@ def test_each_part_is_matched_with_its_counterpart(hero, scan):
         kept = stored_match.read(obj.data, jobs.run(read_pair(bpy.context, source.name, obj.name)))
         image = kept.surface_map.interpolate(positions(source.data))
         assert np.linalg.norm(image - positions(obj.data), axis=1).mean() < 0.03
-        assert kept.verdict.sentence.endswith("certain.")
+        assert kept.verdict.level == "green"
     report = transfer_objects(bpy.context, bpy.data.objects["Eye.L"], left, ["vertex_groups"])
     assert report["written"]["vertex_groups"] == ["eye_bone.L"]
     np.testing.assert_allclose(weight_array(left, "eye_bone.L"), 1)
@@ -112,6 +112,7 @@ def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
     np.testing.assert_allclose(weight_array(whole, "spine"), ~eye, atol=1e-3)
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("fault", "sentence"), [("empty", "no mesh in"), ("shared", "is in both collections")])
 def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, sentence):
     other = gather("Other", [hero.objects[0]] if fault == "shared" else [from_pydata("Nothing", [], [])])

@@ -101,7 +101,7 @@ def test_it_says_that_it_begins_until_there_is_more_to_say():
         await pause()
 
     job = Job(quiet())
-    assert [job.progress, *turns(job)] == [zo.Progress(fraction, "Beginning") for fraction in (0, 0, 0.5)]
+    assert [job.progress, *turns(job)] == [zo.Progress(fraction, "Starting") for fraction in (0, 0, 0.5)]
 
 
 @pytest.mark.parametrize("through", [run, lambda coroutine: finish(Job(coroutine))])

@@ -303,6 +303,20 @@ def test_what_is_not_blended_says_so(source, target):
         assert sum("instead of blending" in note for note in notes) == expected
 
 
+def test_a_much_finer_target_keeps_its_normals_unless_these_are_all_that_is_wanted():
+    coarse, fine = ellipsoid("Coarse", 3), ellipsoid("Fine", 5)
+    give_normals(coarse, bulging(positions(coarse.data))[corner_vertices(coarse.data)])
+    coarse.data.edges[3].use_seam = True
+    activate(fine, coarse)
+    report = transfer_objects(bpy.context, coarse, fine, ["edges", "custom_normals"], initial="nearest")
+    assert "much finer" in report["skipped"]["custom normals"]
+    assert report["written"]["custom_normals"] == []
+    assert not fine.data.has_custom_normals
+    report = transfer(coarse, fine, "custom_normals")
+    assert report["written"]["custom_normals"] == ["custom_normal"]
+    assert fine.data.has_custom_normals
+
+
 def test_without_custom_normals_the_target_keeps_its_own(source, target):
     source.data.edges[3].use_seam = True
     report = transfer(source, target, "edges", "custom_normals")
@@ -431,6 +445,8 @@ def test_seams_are_marked_where_the_islands_of_a_transferred_uv_map_meet(source,
     uv = positions(source.data)[corner_vertices(source.data), :2] / 10
     upper = np.repeat(face_heights(source.data) > 0, [len(polygon.vertices) for polygon in source.data.polygons])
     layer.data.foreach_set("uv", np.ascontiguousarray(uv + 0.5 * upper[:, None], np.float32).ravel())
+    report = transfer(source, target, "uv_maps", "edges")
+    assert report["written"]["edges"] == []  # no mark of the source
     source.data.edges[0].use_seam = True  # anywhere: borders of islands need no marks
     report = transfer(source, target, "uv_maps", "edges")
     assert report["written"]["edges"] == ["seams"]

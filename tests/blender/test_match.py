@@ -182,6 +182,7 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     assert stored_match.description(target.data)["notes"][0] == result.notes[0]
 
 
+@pytest.mark.slow
 def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, target):
     for obj, sign in ((source, 1), (target, -1)):
         name_a_region(obj, (sign, 0, 0), "Nose")
@@ -304,6 +305,7 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
     assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Hero", "Target"))) is not None
 
 
+@pytest.mark.slow
 def folding_pose(source):
     """Convert a mesh to quads, and add a shape key of value 0 that folds one of them."""
     activate(source)

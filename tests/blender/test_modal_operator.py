@@ -105,7 +105,7 @@ def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkey
     monkeypatch.setattr("blender_addon.operators.modal_operator.REDRAWN", 1000.0)
     work = Work(count=5)
     run(work, window, [TICK] * 4)
-    assert drawn == [zo.Progress(0.0, "Beginning")]
+    assert drawn == [zo.Progress(0.0, "Starting")]
     assert activity.running == zo.Progress(3 / 5, "Working")
     work.modal(window, ESCAPE)
     assert drawn[1:] == [None]

@@ -73,6 +73,24 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert names == ["Match", *of_match, "Transfer", *below, "Symmetry"]
 
 
+def place_of_button():
+    """The number of elements that are drawn above the button of the match."""
+    return next(place for place, (kind, text, _) in enumerate(drawn()) if (kind, text) == ("operator", "Match"))
+
+
+def test_doubts_that_arrive_late_do_not_move_the_button(source, target):
+    before = place_of_button()
+    bpy.ops.mesh.primitive_ico_sphere_add(location=(0, 0, 3))
+    activate(source, bpy.context.active_object)
+    bpy.ops.object.join()
+    activate(target, source)
+    bpy.context.view_layer.update()
+    drawn()
+    mesh_facts.inspect_now()
+    assert "Loose parts" in texts()
+    assert place_of_button() == before
+
+
 def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
     drawn()
     mesh_facts.inspect_now()
@@ -194,7 +212,7 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
         "Next",
     ):
         assert shown[name], name
-    assert "Matched with 'Source', 0% doubtful" in texts()
+    assert "Matched with 'Source'; 0% of the vertices are doubtful" in texts()
     assert "Without a partner" not in texts()
     kept = stored_match.description(target.data)
     target.data[stored_match.PROPERTY] = json.dumps(kept | {"without_partner": [0.0, 0.58]})

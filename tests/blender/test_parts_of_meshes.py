@@ -98,7 +98,7 @@ def test_confidence_shows_what_has_no_partner_in_a_colour_of_its_own_on_both(sou
     np.testing.assert_allclose(shown["Source"], np.where(alone(source)[:, None], LONELY, MET))
     scale = np.vstack([confidence_colors(np.linspace(0, 1, 20)), [MET]])
     assert np.linalg.norm(scale - LONELY, axis=1).min() > 0.4
-    assert "violet has no partner" in preview.legend(preview.preview_of(target))
+    assert "Violet: no partner" in preview.legend(preview.preview_of(target))
 
 
 def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):

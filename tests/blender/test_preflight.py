@@ -147,6 +147,25 @@ def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect
     assert sentence.startswith(expected)
 
 
+def test_parts_are_counted_once_both_meshes_are_known_and_the_count_stays_after_an_edit(source, target):
+    eye = ellipsoid("Eye", 2)
+    eye.location.z = 2
+    bpy.context.view_layer.update()
+    activate(source, eye)
+    bpy.ops.object.join()
+    activate(target, source)
+    bpy.context.view_layer.update()
+    mesh_facts.facts(source)
+    mesh_facts.inspect_now()
+    assert preflight.findings(bpy.context) == []  # the target is not known yet
+    _, doubtful = found()
+    assert doubtful[0].startswith("Loose parts (2 in 'Source', 1 in 'Target') are paired")
+    target.data.vertices[0].co.x += 0.01
+    bpy.context.view_layer.update()
+    assert mesh_facts.facts(target) is None
+    assert [one.text for one in preflight.findings(bpy.context)] == doubtful
+
+
 def test_parts_that_only_lie_open_at_a_seam_are_one(source):
     """Some exporters give every face its own vertices."""
     points = positions(source.data)[np.array([polygon.vertices for polygon in source.data.polygons])].reshape(-1, 3)

@@ -69,15 +69,20 @@ def test_a_new_match_is_seen_at_once_until_something_else_is_selected(source, ta
     assert preview.current() is None
 
 
-def test_what_was_asked_for_stays_and_what_was_not_goes_with_a_transfer(source, target):
+@pytest.mark.parametrize("kind", ["PLACES", "CHECKER"])
+def test_a_transfer_ends_a_preview_that_would_hide_its_result(target, kind):
+    assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+    assert preview.current() is None
+
+
+def test_what_was_asked_for_stays_when_something_else_is_selected(source, target):
     for asked in (False, True):
         preview.clear()
         activate(target, source)
         assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
         if asked:
             assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
-        assert bpy.ops.zoomout.transfer() == {"FINISHED"}
-        assert (preview.current() is not None) == asked
         activate(source)
         watch._after_update(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
         assert (preview.current() is not None) == asked
@@ -85,6 +90,23 @@ def test_what_was_asked_for_stays_and_what_was_not_goes_with_a_transfer(source, 
     preview.clear()
     match_objects(bpy.context, source, target, k_final=30)
     assert preview.current() is None
+
+
+def test_collapsed_uvs_are_not_shown_in_silence(source, target):
+    layer = source.data.uv_layers["UVMap"]
+    layer.data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3))
+    for kind in ("CHECKER", "CUT"):
+        with pytest.raises(RuntimeError, match="All UVs of 'UVMap' are at one point: there is nothing to show"):
+            bpy.ops.zoomout.preview(kind=kind)
+    assert preview.current() is None
+
+
+def test_a_caption_names_the_preview_until_it_is_hidden(target):
+    assert preview.caption() == ""
+    assert bpy.ops.zoomout.preview(kind="CONFIDENCE") == {"FINISHED"}
+    assert preview.caption() == "Confidence: the X in the tab ZoomOut hides the colors"
+    assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
+    assert preview.caption() == ""
 
 
 def test_places_have_the_same_colours_on_both(source, target):

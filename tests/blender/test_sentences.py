@@ -53,7 +53,10 @@ COMPOSED = {
     detect.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",
     transfer.summary(REPORT): (
         "1 Form, 1 Art von Kantenmarkierung übertragen, von 'A' und 1 weiteren auf 'B'; 2 ausgelassen; "
-        "3 von 9 Vertices sind unsicher"
+        "3 von 9 Vertices sind zweifelhaft"
+    ),
+    transfer.done([REPORT | {"bound": {"armature": "Rig", "shape": "rest_pose"}}], hidden=True): (
+        "'B' ist an 'Rig' gebunden, in der Ruheposition am Ort der Quelle; die Quelle ist ausgeblendet"
     ),
     sentences(NOT_A_MESH, "Make a mesh active.", "Unknown words follow."): (
         "'Body' ist kein Mesh: ein Mesh-Objekt wählen. Ein Mesh aktiv machen. Unknown words follow."

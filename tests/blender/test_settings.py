@@ -80,15 +80,15 @@ def test_weights_colours_and_numbers_of_low_confidence_are_filled_in_and_said_to
     there = doubtful(target)
     everything = "vertex_groups", "color_attributes", "attributes"
     plain = transfer(source, target, *everything, fill_below=0)
-    assert not any("filled in" in note for note in plain["notes"])
+    assert not any("usable match" in note for note in plain["notes"])
     wrong = np.abs(weight_array(target, "Arm.R") - ramp(target))[there].mean()
     report = transfer(source, target, *everything)
     for found in (weight_array(target, "Arm.R"), values(target.data, "Paint")[:, 0], values(target.data, "side")):
         assert np.abs(found - ramp(target))[there].mean() < 0.3 * wrong
         np.testing.assert_allclose(found[~there], ramp(target)[~there], atol=1e-4)
     np.testing.assert_allclose(weight_array(target, "Arm.L") + weight_array(target, "Arm.R"), 1, atol=1e-6)
-    assert [note for note in report["notes"] if "filled in" in note] == [
-        f"{there.sum()} vertices of low confidence were filled in from their surroundings."
+    assert [note for note in report["notes"] if "usable match" in note] == [
+        f"{there.sum():,} vertices without a usable match took their neighbors' values."
     ]
 
 
@@ -280,5 +280,5 @@ def test_clothes_move_with_the_leg_that_they_are_on():
     assert np.abs(moved() - 0.5 * of_left).max() < 1e-4
     notes = transfer_report(cloth)["notes"]
     assert any("faces another way" in note for note in notes)
-    assert any("filled in" in note for note in notes)
+    assert any("usable match" in note for note in notes)
     assert not any("existing match" in note for note in notes)

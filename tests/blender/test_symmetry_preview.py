@@ -57,6 +57,18 @@ def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     assert (snapshot(body), overlay.overlays()) == (before, ())
 
 
+def test_a_new_symmetry_is_seen_at_once_until_something_else_is_selected(body):
+    assert bpy.ops.zoomout.detect_symmetry() == {"FINISHED"}
+    assert preview.preview_of(body).kind == "PAIRS"
+    assert bpy.ops.zoomout.swap_sides() == {"FINISHED"}
+    assert preview.current().passing
+    bpy.context.view_layer.objects.active = None
+    preview.follow_selection()
+    assert preview.current() is None
+    detect_symmetry(bpy.context, body)  # a script shows nothing
+    assert preview.current() is None
+
+
 def test_red_stands_for_the_same_from_one_check_to_the_next(body):
     for slope in (0.1, 0.4):
         set_weights(body, "Arm.L", 0.5 + slope * X)

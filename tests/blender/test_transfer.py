@@ -516,7 +516,7 @@ def test_the_report_says_what_was_written_and_what_was_not(source, target):
         "vertex_groups": ["Left", "Right"],
         "shape_keys": ["Smile"],
         "materials": ["red"],
-        "edges": ["seams"],
+        "edges": [],
         "custom_normals": [],
         "shape": [],
     }

@@ -171,7 +171,9 @@ def shown() -> set[str]:
 
 
 def fields_of(text: str) -> list[tuple[str | None, str | None]]:
-    return sorted((name, form) for _, name, form, _ in string.Formatter().parse(text) if name is not None)
+    """Fields with their formats, except the comma that separates thousands in English but not everywhere."""
+    parsed = string.Formatter().parse(text)
+    return sorted((name, (form or "").removesuffix(",")) for _, name, form, _ in parsed if name is not None)
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)

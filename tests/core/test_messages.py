@@ -21,6 +21,7 @@ from zoomout_core.messages import (
     is_warning,
     message,
     plural,
+    probability,
     sentences,
     to_json,
     warning,
@@ -99,6 +100,13 @@ def test_what_is_joined_keeps_its_parts() -> None:
     assert enumeration(["Target", message("seams")]) == "Target, seams"
     assert [is_message(value) for value in enumeration(["Target", message("seams")]).values.values()] == [False, True]
     assert enumeration([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0, "under 1%"), (0.42, "42%"), (0.99, "99%"), (0.9979, "over 99%"), (1.0, "over 99%")]
+)
+def test_a_probability_is_never_rounded_to_certainty(value: float, text: str) -> None:
+    assert probability(value) == text
 
 
 @pytest.mark.parametrize(("count", "text"), [(0, "0 meshes"), (1, "1 mesh"), (2, "2 meshes")])

@@ -201,7 +201,7 @@ def test_a_target_that_meshlab_would_thin_out_is_refused_beforehand(broken):
 
 
 def test_a_missing_mesh_and_a_missing_attribute_are_named(rich):
-    with pytest.raises(MeshError, match="no mesh with id 7 among the 1"):
+    with pytest.raises(MeshError, match="no mesh 7: the MeshSet has only mesh 0"):
         read_layer(rich, 7)
     with pytest.raises(MeshError, match=r"'creature.obj' has no custom attribute 'mine'"):
         read_layer(rich, 0, ["heat", "mine"])

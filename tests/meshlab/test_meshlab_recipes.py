@@ -21,7 +21,8 @@ from meshlab_filter.project import read_project
 pytestmark = [pytest.mark.usefixtures("remember_matches"), pytest.mark.slow]
 
 SIZE = 14.2**0.5
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "meshlab.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+DOCUMENT = (ROOT / "docs" / "meshlab.md").read_text(encoding="utf-8")
 RECIPES = dict(re.findall(r"^### (.*?)$.*?```python\n(.*?)```", DOCUMENT, re.MULTILINE | re.DOTALL))
 
 
@@ -55,9 +56,9 @@ def folder(sample_files, tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(title):
+def run(title, recipes=RECIPES):
     names = {}
-    exec(compile(RECIPES[title], title, "exec"), names)
+    exec(compile(recipes[title], title, "exec"), names)
     return names  # to be kept while its meshes are used
 
 
@@ -78,6 +79,14 @@ def test_texture_a_retopologised_scan(folder, target):
     ms.load_new_mesh(str(folder / "textured.obj"))
     assert texture_error(ms.current_mesh(), target).mean() < 0.02
     assert sorted(ms.current_mesh().textures()) == ["back.png", "front.png"]
+
+
+def test_the_recipe_of_the_readme(folder, target):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    run("MeshLab", dict(re.findall(r"^### (.*?)$.*?```python\n(.*?)```", readme, re.MULTILINE | re.DOTALL)))
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "textured.obj"))
+    assert texture_error(ms.current_mesh(), target).mean() < 0.02
 
 
 def place_error(colors, places):

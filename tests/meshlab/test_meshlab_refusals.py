@@ -72,7 +72,7 @@ def check_refusal(ms, sentence, name, /, **parameters):
     ("name", "parameters", "sentence"),
     [
         ("nothing", {}, "no filter 'nothing'"),
-        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh with id 9 among the 2"),
+        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh 9: the MeshSet has the meshes 0, 1"),
         ("create_sphere", {"radios": 1}, "radios"),
         ("create_sphere", {"radius": "wide"}, "create_sphere does not accept"),
         ("transfer_attributes_by_zoomout", {"colours": True}, "no parameter 'colours'"),
@@ -104,8 +104,8 @@ def test_a_value_of_another_type_is_refused_and_the_parameter_named(pair, name, 
 @pytest.mark.parametrize(
     ("mesh_id", "sentence"),
     [
-        (7, "no mesh with id 7 among the 5"),
-        (-1, "no mesh with id -1"),
+        (7, "no mesh 7: the MeshSet has the meshes 0, 1, 2, 3, 4"),
+        (-1, "no mesh -1"),
         (2, "'points': .*3 points is too small"),
         (3, "'empty': It is empty"),
     ],
@@ -135,6 +135,24 @@ def test_what_only_faces_have_finds_no_place_on_points(pair, shapes):
     pair.add_mesh(pymeshlab.Mesh(target.vertices), "points")
     sentence = "'points' has no faces to receive face_scalar of 'by face'"
     check_refusal(pair, sentence, "transfer_attributes_by_zoomout", sourcemesh=2, targetmesh=3)
+
+
+@pytest.mark.parametrize("name", BY_PAIR)
+def test_a_mesh_is_not_its_own_source(pair, name):
+    check_refusal(pair, "A mesh cannot be its own source", name, sourcemesh=0, targetmesh=0)
+
+
+def test_a_mesh_that_was_not_loaded_is_named_beside_those_that_were(pair):
+    pair.set_current_mesh(1)
+    pair.delete_current_mesh()
+    check_refusal(
+        pair, "There is no mesh 1: the MeshSet has only mesh 0. Load it first", "transfer_attributes_by_zoomout"
+    )
+    for _ in range(20):
+        pair.add_mesh(pymeshlab.Mesh(np.eye(3)))
+    listed = "the MeshSet has the meshes 0, 2, 3, 4, 5, 6, 7, …, 21"
+    check_refusal(pair, f"There is no mesh 1: {listed}", "transfer_attributes_by_zoomout")
+    check_refusal(pymeshlab.MeshSet(), "There is no mesh 0: the MeshSet is empty", "transfer_attributes_by_zoomout")
 
 
 @pytest.mark.parametrize("name", BY_STORED)

@@ -166,7 +166,7 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
         ('<filter name="Sphere">\n <Param name="radius" type="RichFloat"/></filter>', "Line 4 of .*has no value"),
         (
             '<filter name="Vertex Attribute Transfer">\n' + param("SourceMesh", "RichMesh", 5) + "</filter>",
-            "Line 3 of .*no mesh with id 5 among the 2",
+            "Line 3 of .*no mesh 5: the MeshSet has the meshes 0, 1",
         ),
         (
             '<filter name="Delete ALL Faces"/>\n<filter name="Simplification: Quadric Edge Collapse Decimation"/>',
@@ -186,7 +186,7 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
         ),
         (
             '<filter name="transfer_attributes_by_zoomout">\n' + param("targetmesh", "RichMesh", 9) + "</filter>",
-            "Line 3 of .*no mesh with id 9 among the 2",
+            "Line 3 of .*no mesh 9: the MeshSet has the meshes 0, 1",
         ),
         ('<filter name="transfer_attribute_by_zoomout"/>', "is 'transfer_attributes_by_zoomout' meant"),
         ('<filter name="something_entirely_different"/>', "Line 3 of .*no filter 'something_entirely_different'"),

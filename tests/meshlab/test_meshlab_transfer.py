@@ -207,7 +207,7 @@ def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"sourcemesh": 5}, "no mesh with id 5"),
+        ({"sourcemesh": 5}, "no mesh 5"),
         ({"sourcemesh": 1, "targetmesh": 0}, "'target' has none of the attributes"),
         ({"customattributes": ["nothing"]}, "no custom attribute 'nothing'"),
         ({"customattributes": "height, nothing"}, "no custom attribute 'nothing'"),

@@ -55,6 +55,19 @@ def test_the_output_of_pip_goes_to_the_log_and_large_downloads_are_shown(
     assert output == lines
 
 
+def test_building_the_extension_needs_neither_hosts_nor_the_core(
+    environment: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_python(environment, "echo 3 11")
+    (environment / "pyproject.toml").touch()
+    asked = []
+    monkeypatch.setattr(bootstrap, "provide_system_packages", lambda needs_venv, hosts: asked.append(hosts))
+    monkeypatch.setattr(bootstrap, "run_logged", lambda command: pytest.fail(f"ran {command}"))
+    bootstrap.set_up("extension")
+    assert asked == [False]
+    assert bootstrap.STAMP.read_text() == bootstrap.finished_stamp("")
+
+
 def test_the_extension_beside_the_core_is_found_by_its_entry_points(environment: Path) -> None:
     write_python(environment, "true")
     bootstrap.install_project("dev", "Blender")

@@ -2,6 +2,7 @@
 """The content of the extension's zips, and its reproducibility."""
 
 import re
+import sys
 import tomllib
 import zipfile
 
@@ -95,6 +96,39 @@ def test_an_archive_depends_on_names_and_content_alone(tmp_path):
     extension.write_archive(tmp_path / "one.zip", content)
     extension.write_archive(tmp_path / "two.zip", dict(sorted(content.items())))
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("system", "processor", "name"),
+    [
+        ("linux", "x86_64", "linux-x64"),
+        ("darwin", "arm64", "macos-arm64"),
+        ("darwin", "x86_64", "macos-x64"),
+        ("win32", "AMD64", "windows-x64"),
+        ("win32", "ARM64", "windows-arm64"),
+    ],
+)
+def test_the_zip_for_this_machine_is_built_by_default(monkeypatch, system, processor, name):
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(extension.machine, "machine", lambda: processor)
+    monkeypatch.setattr(sys, "argv", ["extension.py"])
+    built = []
+    monkeypatch.setattr(extension, "build", lambda platforms: built.extend(platforms) or [])
+    assert name in extension.PLATFORMS or name in extension.UNSUPPORTED
+    if name in extension.UNSUPPORTED:
+        with pytest.raises(SystemExit, match="There is no zip for windows-arm64"):
+            extension.main()
+    else:
+        extension.main()
+        assert built == [name]
+
+
+def test_every_zip_is_built_on_request(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["extension.py", "--all"])
+    built = []
+    monkeypatch.setattr(extension, "build", lambda platforms: built.extend(platforms) or [])
+    extension.main()
+    assert built == list(extension.PLATFORMS)
 
 
 @pytest.mark.slow

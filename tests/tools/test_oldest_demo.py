@@ -23,4 +23,4 @@ def test_it_runs_on_the_wheels_of_the_zip_and_on_nothing_from_before(tmp_path, m
     (tmp_path / "libraries" / "former").mkdir(parents=True)
     oldest_demo.unpack("3.11")
     assert [path.name for path in (tmp_path / "libraries").iterdir()] == ["one"]
-    assert asked == [("cp311", oldest_demo.blender_versions.this_platform())]
+    assert asked == [("cp311", extension.this_platform())]

@@ -75,7 +75,7 @@ def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
         result.verdict.line,
         *_ways_out(result),
         *notes_on_parts(result, [part.label for part in parts]),
-        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]

@@ -15,6 +15,7 @@ from zoomout_core.command_options import check_axis, mesh_options, progress_bar
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import probability
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 
 
@@ -87,7 +88,7 @@ def describe(symmetry: Symmetry) -> str:
     if symmetry.order == 2 and not symmetry.reverses_orientation:
         kind = "half turn"
     return (
-        f"A {kind}{order}, with a probability of {symmetry.certainty:.0%}; mean confidence "
+        f"A {kind}{order}, with a probability of {probability(symmetry.certainty)}; mean confidence "
         f"{symmetry.confidence.mean():.2f}; round-trip error of {1000 * symmetry.return_error:.1f} thousandths of "
         "the square root of the area."
     )

@@ -19,6 +19,7 @@ from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.matching.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
+from zoomout_core.messages import probability
 from zoomout_core.runtime.outputs import atomic_write
 
 REPORT, PAGE = "report.json", "report.html"
@@ -187,8 +188,8 @@ def _row(result: CollectionResult, pair: PairName) -> str:
         pair.source,
         pair.target,
         result.verdict(pair).level,
-        f"{result.trust(pair):.0%}",
-        f"{record.certainty:.0%}",
+        probability(result.trust(pair)),
+        probability(record.certainty),
         f"{record.mean_confidence:.2f}",
         f"{record.low_confidence:.1%}",
         cycle,

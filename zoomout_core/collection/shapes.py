@@ -144,7 +144,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
     cached_working_mesh(surface)
     with stage("Finding the body", 0.0, 0.1):
         bodies = find_bodies(surface, surface, options.seed)
-    with stage("Analysing the shape", 0.1, 1.0):
+    with stage("Analyzing the shape", 0.1, 1.0):
         size = options.k_final, options.samples, options.seed, options.proxy_vertices
         shape = prepare_shape(bodies[0].source, *size, ahead=())
     return summary_of(surface, shape, key)

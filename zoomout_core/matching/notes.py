@@ -13,22 +13,23 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.messages import warning
+from zoomout_core.messages import probability, warning
 
 UNSURE = (
-    "This map is correct with a probability of only {certainty:.0%}: check whether sides are swapped, and if so, "
+    "This map is correct with a probability of only {certainty}: check whether sides are swapped, and if so, "
     "try another candidate or add landmarks."
 )
 NOT_RECOGNISED = (
-    "No reliable match was found (a probability of {certainty:.0%}): add a few landmarks, or align the two meshes in "
+    "No reliable match was found (a probability of {certainty}): add a few landmarks, or align the two meshes in "
     "the same pose and start from nearest points."
 )
 TURNED = (
     "The shape looks the same when rotated: at least {turns} maps fit as well as this one, which is correct with a "
-    "probability of only {certainty:.0%}; try another candidate, or add landmarks that tell them apart."
+    "probability of only {certainty}; try another candidate, or add landmarks that tell them apart."
 )
 FOLDED = (
-    "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+    "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: its vertices are "
+    "doubtful there."
 )
 OTHER_UNITS = "The two meshes differ greatly in size: if one is a part of the other, scale both to the same unit."
 RESCALED = "The two meshes seem to use different units: the target was scaled by {times:.3g} for the match."
@@ -36,7 +37,7 @@ MISSED_LANDMARKS = (
     "The map contradicts {count} of the {total} landmarks: check that each pair is the same place on both shapes, with "
     "the source first."
 )
-TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: confidence is low there."
+TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
 SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
 TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
@@ -97,9 +98,9 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         return notes
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
-        return (warning(TURNED, turns=turns, certainty=certainty), *notes)
+        return (warning(TURNED, turns=turns, certainty=probability(certainty)), *notes)
     doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
-    return (warning(doubt, certainty=certainty), *notes)
+    return (warning(doubt, certainty=probability(certainty)), *notes)
 
 
 def notes_on_landmarks(errors: Floats) -> tuple[str, ...]:

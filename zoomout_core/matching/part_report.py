@@ -14,6 +14,7 @@ from zoomout_core.messages import enumeration, message, warning
 PartShare: TypeAlias = tuple[str, float, float]
 # Number of parts that a sentence lists, the largest first; and the share of the outside below which none is listed.
 LISTED, MIN_VISIBLE = 8, 0.001
+SHARES = "Share of the target's area by part of the source: {parts}."
 
 
 def part_shares(result: MatchResult, names: Sequence[str]) -> list[PartShare]:
@@ -35,20 +36,22 @@ def part_shares(result: MatchResult, names: Sequence[str]) -> list[PartShare]:
 
 
 def notes_on_parts(result: MatchResult, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences about the parts that the target receives from, and about those that provide almost nothing."""
+    """Sentences about the parts that provide almost nothing, and the shares of the others; none if there are none."""
     parts = part_shares(result, names)
     if len(parts) < 2:
         return ()
-    listed = [
-        message("'{name}' {share:.1%}", name=name, share=arrived) for name, _, arrived in parts[:LISTED] if arrived
-    ]
     silent = sorted({names[number] for number in result.silent} - {name for name, _, arrived in parts if arrived})
-    notes = (
-        [message("Share of the target's area by part of the source: {parts}.", parts=enumeration(listed))]
-        if listed
-        else []
-    )
-    if silent:
-        quoted = enumeration(f"'{name}'" for name in silent[:LISTED])
-        notes.append(warning("Nothing arrives from {parts}.", parts=quoted))
-    return tuple(notes)
+    if not silent:
+        return ()
+    notes: list[str] = []
+    arrived = sorted(((share, name) for name, _, share in parts if share), reverse=True)[:LISTED]
+    if arrived:
+        listed = enumeration(message("'{name}' {share:.1%}", name=name, share=share) for share, name in arrived)
+        notes.append(message(SHARES, parts=listed))
+    quoted = enumeration(f"'{name}'" for name in silent[:LISTED])
+    return (*notes, warning("Nothing arrives from {parts}.", parts=quoted))
+
+
+def without_shares(notes: Sequence[str]) -> list[str]:
+    """Notes on a match without the shares of parts, which only the match's own result lists."""
+    return [note for note in notes if getattr(note, "template", None) != SHARES]

@@ -124,7 +124,7 @@ def _attempt(
     """Match one body of the source with one of the target."""
     automatic = options.initial in ("auto", "landmarks")
     size = options.k_final, options.samples, options.seed, options.proxy_vertices, AHEAD if automatic else ()
-    with stage("Analysing the shapes", 0.0, ANALYSING):
+    with stage("Analyzing the shapes", 0.0, ANALYSING):
         shapes = side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
     exact = options.landmarks if options.exact_landmarks else None
     pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)

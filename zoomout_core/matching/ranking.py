@@ -26,6 +26,7 @@ from zoomout_core.matching.scores import (
     scores_of,
     total_score,
 )
+from zoomout_core.messages import probability
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import for_each
@@ -107,7 +108,7 @@ class Candidate(Summary):
     def _summary(self) -> dict[str, str]:
         return {
             "origin": self.origin,
-            "certainty": f"{self.certainty:.0%}",
+            "certainty": probability(self.certainty),
             "orientation": "reversed" if self.reverses_orientation else "kept",
             "size": " x ".join(map(str, self.functional_map.shape)),
         }

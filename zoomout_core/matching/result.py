@@ -30,6 +30,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.messages import probability
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.object_files import fields_of, load_object, save_object
 from zoomout_core.runtime.progress import stage
@@ -142,8 +143,8 @@ class MatchResult(Summary):
             "source": f"{len(self.pair.source.vertices):,} vertices",
             "target": f"{len(self.pair.target.vertices):,} vertices, {without:.1%} of its area without a partner",
             "verdict": self.verdict.line,
-            "certainty": f"{self.certainty:.0%}",
-            "confidence": f"{mean:.2f} on average, below {LOW} at {low:.1%} of the vertices",
+            "certainty": probability(self.certainty),
+            "confidence": f"{mean:.2f} on average; {low:.1%} of the vertices are doubtful (below {LOW})",
             "candidate": f"{self.chosen} of {len(self.candidates)}, from {candidate.origin}",
             "notes": " ".join(self.notes) or "none",
         }

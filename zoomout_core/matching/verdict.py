@@ -11,19 +11,23 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import message
+from zoomout_core.messages import message, probability
 from zoomout_core.tuning import Tuning, tuned
 
 GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
 
-RIGHT = "The match is {certainty:.0%} certain."
-WRONG = "The match is probably wrong: it is only {certainty:.0%} certain."
-UNSURE = "The match may be wrong: it is {certainty:.0%} certain."
+RIGHT = "The match is right as a whole ({certainty} certain)."
+RIGHT_BUT_FOR_DOUBTS = (
+    "The match is right as a whole ({certainty} certain). It may be off by a little at the {share:.0%} of the vertices "
+    "that are doubtful."
+)
+WRONG = "The match is probably wrong: it is {certainty} certain."
+UNSURE = "The match may be wrong: it is {certainty} certain."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = "{share:.0%} of the source's visible surface is on parts from which the target receives almost nothing."
 MIRRORED = "This match is a mirror image: it maps left to right."
-DOUBTFUL = "The match is uncertain at {share:.0%} of the target's vertices."
+DOUBTFUL = "{share:.0%} of the target's vertices are doubtful."
 ALONE = "{share:.0%} of the target has no counterpart on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
@@ -32,6 +36,10 @@ ONLY_IF_MIRRORED = "Use it only if the target is a mirror image of the source."
 LOOK_AT_DOUBTFUL = "Select the doubtful vertices to see where, and add landmarks there, or transfer the rest only."
 LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missing, or transfer their data separately."
 LOOK_AT_ALONE = "Select the vertices without a partner, and check that the target shows more than the source there."
+
+
+# Share of doubtful vertices from which a green verdict mentions them, so that it does not round to 0%.
+MENTIONED_DOUBTS = 0.005
 
 
 @dataclass(frozen=True)
@@ -61,8 +69,8 @@ class Verdict(NamedTuple):
         advice: what to do; empty when green.
 
     Example:
-        >>> zo.Verdict("green", "The match is 99% certain.", "").line
-        'Green: The match is 99% certain.'
+        >>> zo.Verdict("green", "The match is right as a whole (98% certain).", "").line
+        'Green: The match is right as a whole (98% certain).'
     """
 
     level: str
@@ -100,9 +108,9 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
     torn, silent, doubtful, alone, mirrored = faults
     cases = (
-        (certainty < VERDICT.wrong, RED, message(WRONG, certainty=certainty), TRY_CANDIDATES),
+        (certainty < VERDICT.wrong, RED, message(WRONG, certainty=probability(certainty)), TRY_CANDIDATES),
         (torn > VERDICT.shattered, RED, message(SHATTERED, share=torn), TRY_CANDIDATES),
-        (certainty < VERDICT.sure, AMBER, message(UNSURE, certainty=certainty), LOOK_AT_SIDES),
+        (certainty < VERDICT.sure, AMBER, message(UNSURE, certainty=probability(certainty)), LOOK_AT_SIDES),
         (mirrored, AMBER, message(MIRRORED), ONLY_IF_MIRRORED),
         (silent > VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),
         (torn > VERDICT.torn, AMBER, message(TORN, share=torn), LOOK_AT_TORN),
@@ -112,7 +120,9 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     for is_present, level, sentence, advice in cases:
         if is_present:
             return Verdict(level, sentence, message(advice))
-    return Verdict(GREEN, message(RIGHT, certainty=certainty), "")
+    if doubtful >= MENTIONED_DOUBTS:
+        return Verdict(GREEN, message(RIGHT_BUT_FOR_DOUBTS, certainty=probability(certainty), share=doubtful), "")
+    return Verdict(GREEN, message(RIGHT, certainty=probability(certainty)), "")
 
 
 class RefusedMatchError(MeshError):

@@ -34,6 +34,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.messages import probability
 from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 from zoomout_core.symmetry.hypotheses import GUESSES
@@ -90,7 +91,7 @@ class Symmetry(SelfMap):
 
     def _summary(self) -> dict[str, str]:
         return super()._summary() | {
-            "certainty": f"{self.certainty:.0%}",
+            "certainty": probability(self.certainty),
             "order": str(self.order or "no small one"),
             "origin": self.origin,
             "notes": " ".join(self.notes) or "none",

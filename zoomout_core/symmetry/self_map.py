@@ -125,5 +125,5 @@ def body_shape(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
 ) -> ShapeAnalysis:
     """Prepare a surface's body for finding symmetries; arguments as for `detect_symmetry`."""
-    with stage("Analysing the shape"):
+    with stage("Analyzing the shape"):
         return prepare_shape(body, k_final, samples, seed, proxy_vertices)

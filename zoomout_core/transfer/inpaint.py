@@ -93,15 +93,15 @@ class Filling:
         """Sentences for the user; `following` as for `fill`."""
         left = self.left + (0 if following else len(self.follower))
         told = (
-            (len(self.filled), "{count} vertices of low confidence were filled in from their surroundings."),
+            (len(self.filled), "{count:,} vertices without a usable match took their neighbors' values."),
             (
                 len(self.follower) * following,
-                "{count} vertices of small parts of low confidence follow the nearest part.",
+                "{count:,} vertices of small parts without a usable match follow the nearest part.",
             ),
             (
                 left,
-                "{count} vertices of low confidence were left as mapped, because no vertex of their part has higher "
-                "confidence.",
+                "{count:,} vertices without a usable match were left as mapped, because no vertex of their part "
+                "has one.",
             ),
         )
         return tuple(message(text, count=count) for count, text in told if count)

@@ -60,13 +60,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:
-        notes += (
-            message(
-                "{layer}: {count} vertices of low confidence follow their surroundings.",
-                layer=attribute.name,
-                count=filled,
-            ),
-        )
+        notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
     return replace(attribute, values=carried, notes=notes)
 
 

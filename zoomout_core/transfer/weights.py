@@ -188,8 +188,8 @@ def _fill_islands(
     count = int(on_island.sum())
     note = plural(
         count,
-        "{count} vertex on an island of a bone was filled in from its surroundings.",
-        "{count} vertices on islands of bones were filled in from their surroundings.",
+        "{count} stray weight, far from the rest of its bone, was replaced.",
+        "{count:,} stray weights, far from the rest of their bone, were replaced.",
     )
     here = diags_array(on_island.astype(np.float64))
     places = csr_array((np.ones(len(columns)), (np.arange(len(columns)), columns)), shape=(len(columns), len(shared)))

@@ -13,7 +13,7 @@ from .base import SymmetryOperator
 
 class ZOOMOUT_OT_symmetrise_weights(DirectionOptions, WeightOptions, SymmetryOperator):
     bl_idname = "zoomout.symmetrise_weights"
-    bl_label = "Symmetrise Weights"
+    bl_label = "Symmetrize Weights"
     bl_description = (
         "Copy weights from one side to the other, or exchange them, with Arm.L becoming Arm.R. Missing partner "
         "groups are created, and locked groups are not changed"

@@ -10,7 +10,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, message, plural
+from zoomout_core.messages import as_message, message, plural, probability
 from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
@@ -41,8 +41,13 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
     return run(detect_symmetry_async(context, obj.name, left))
 
 
-async def detect_symmetry_async(context: Context, name: str, left: str = "X") -> tuple[zo.Symmetry, ...]:
-    """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`."""
+async def detect_symmetry_async(
+    context: Context, name: str, left: str = "X", seen: bool = False
+) -> tuple[zo.Symmetry, ...]:
+    """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`.
+
+    With `seen`, pairs are shown if there is no preview.
+    """
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:
@@ -51,7 +56,7 @@ async def detect_symmetry_async(context: Context, name: str, left: str = "X") ->
         await pause()
     with writing(context, name, surface) as obj:
         stored_symmetry.write(obj, found, left)
-    previews.follow_symmetry(context, obj)
+    previews.follow_symmetry(context, obj, seen)
     return found
 
 
@@ -95,7 +100,9 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
 
 def summary(candidate: dict[str, Any]) -> str:
     """A candidate of `stored_symmetry.description` in a few words."""
-    return message("{name}, {certainty:.0%}", name=as_message(candidate["name"]), certainty=candidate["certainty"])
+    return message(
+        "{name}, {certainty}", name=as_message(candidate["name"]), certainty=probability(candidate["certainty"])
+    )
 
 
 def _count(number: int) -> str:

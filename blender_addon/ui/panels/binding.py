@@ -41,4 +41,4 @@ class ZOOMOUT_PT_binding_check(SidebarPanel, Panel):
         layout.operator(ZOOMOUT_OT_test_poses.bl_idname, icon="POSE_HLT")
         layout.operator(ZOOMOUT_OT_select_stretched.bl_idname, icon="RESTRICT_SELECT_OFF")
         enabled = ZOOMOUT_OT_select_stretched.poll(context)
-        preview_buttons(context, layout, OF_BINDING, enabled)
+        preview_buttons(context, layout, OF_BINDING, "No preview of the binding", enabled)

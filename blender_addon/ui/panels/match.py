@@ -52,11 +52,13 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
         if settings.initial not in ("NEAREST", "SAME_ORDER"):
-            row = layout.row(align=True)
+            detail = layout.column(align=True)
+            detail.label(text="Detail")
+            row = detail.row(align=True)
             row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
         found = findings(context)
-        show_findings(context, layout, found)
+        show_findings(context, layout, [finding for finding in found if finding.blocks])
         stored = stored_match.description(target.data) if is_mesh else None
         main_button(
             layout,
@@ -69,6 +71,8 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         )
         if stored is not None:
             _draw_verdict(context, layout, stored)
+        # Doubts are known only after an inspection of the meshes: they are below the button, which does not move then.
+        show_findings(context, layout, [finding for finding in found if not finding.blocks])
 
 
 def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
@@ -106,4 +110,4 @@ def _object_row(layout: UILayout, label: str, text: str) -> None:
     name = split.row()
     name.alignment = "RIGHT"
     name.label(text=label)
-    split.label(text=text or "None", icon="OUTLINER_OB_MESH" if text else "BLANK1")
+    split.label(text=text or translated("None selected"), icon="OUTLINER_OB_MESH" if text else "BLANK1")

@@ -49,7 +49,7 @@ DIFFERENCES = {
 }
 # Words for the probability of a candidate, from a probability on.
 WORDS = ((VERDICT.sure, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
-# Labels of the buttons that select elements, short enough for one row.
+# Labels of the buttons that select elements.
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
     ZOOMOUT_OT_select_flipped: "Flipped",
@@ -85,16 +85,18 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             doubtful = stored["low_confidence"] / stored["vertices"]
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
-            matched = message("Matched with {sources}, {doubtful:.0%} doubtful", sources=names, doubtful=doubtful)
+            matched = message(
+                "Matched with {sources}; {doubtful:.0%} of the vertices are doubtful", sources=names, doubtful=doubtful
+            )
             mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
             sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
-        preview_buttons(context, layout, PREVIEWS, enabled=not reason)
+        preview_buttons(context, layout, PREVIEWS, "No preview of the match", enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
-        row = usable.row(align=True)
-        row.label(text="", icon="RESTRICT_SELECT_OFF")
+        # In two rows: side by side the labels would be cut off.
+        grid = usable.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         for operator, text in SELECTED.items():
-            row.operator(operator.bl_idname, text=text)
+            grid.operator(operator.bl_idname, text=text, icon="RESTRICT_SELECT_OFF")
         if listing is not None:
             _draw_candidates(layout, listing, enabled=not reason)
         # Content that changes with the candidate is below the buttons, so that these do not move.

@@ -26,7 +26,6 @@ LETTER, BORDER = 6.5, 60
 BUTTON = 1.5
 # Letters of a label that fits beside two others; number of lines of the longest legend.
 NARROW, LEGEND = 12, 2
-NOTHING_SHOWN = "No preview is shown"
 # Icons of verdicts on a match.
 VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
 # Size of the thumbnails of candidates, in icons.
@@ -63,7 +62,7 @@ def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
-    """Draw obstacles and doubts, above the button that they concern."""
+    """Draw obstacles or doubts."""
     for finding in found:
         if finding.begins:
             sentences(context, layout, [finding.text], "INFO")
@@ -74,9 +73,9 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
 
 
 def preview_buttons(
-    context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], enabled: bool = True
+    context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], nothing: str, enabled: bool = True
 ) -> None:
-    """Draw a button for each preview of the active object, and below them the legend.
+    """Draw a button for each preview of the active object, and below them the legend, or that there is `nothing`.
 
     The button that removes a preview is always enabled. The height is constant, so that no button moves.
     """
@@ -96,7 +95,7 @@ def preview_buttons(
         else:
             row.operator(ZOOMOUT_OT_preview.bl_idname, text=kind.label, depress=pressed).kind = name
     whole.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
-    sentences(context, layout, [preview.legend(shown) if shown else NOTHING_SHOWN], lines=LEGEND)
+    sentences(context, layout, [preview.legend(shown) if shown else nothing], lines=LEGEND)
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:

@@ -65,7 +65,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         if is_reshaped(target, stored):
             show_findings(context, layout, [RESHAPED])
         _draw_candidates(context, layout, stored)
-        preview_buttons(context, layout, preview.OF_SYMMETRY)
+        preview_buttons(context, layout, preview.OF_SYMMETRY, "No preview of the symmetry")
         layout.prop(settings, "check", text="Compare")
         layout.prop(settings, "red_weight" if settings.check == "WEIGHTS" else "red_length")
         layout.prop(settings, "direction")

@@ -89,7 +89,7 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
 
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:
-    """Draw a check box for each kind of data with the source's count; kinds that it lacks are disabled."""
+    """Draw a check box for each kind of data with the source's count; kinds that have no effect are disabled."""
     settings, counts = context.scene.zoomout, inventory(context, source) if source else {}
     row = layout.row(align=True)
     for text, every in (("All", True), ("None", False)):
@@ -97,7 +97,8 @@ def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> N
     column = layout.column(align=True)
     for name in TransferOptions.__annotations__:
         row = column.row()
-        row.enabled = counts.get(name) != 0
+        # Seams are marked between islands of UVs, too.
+        row.enabled = counts.get(name) != 0 or (name == "edges" and settings.uv_maps and counts.get("uv_maps") != 0)
         row.prop(settings, name)
         number = row.row()
         number.alignment = "RIGHT"

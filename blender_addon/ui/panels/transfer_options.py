@@ -47,5 +47,5 @@ class ZOOMOUT_PT_topology(SidebarPanel, Panel):
     bl_order = 30
 
     def draw(self, context: Context) -> None:
-        preview_buttons(context, self.layout, {preview.CUT: preview.OF_MATCH[preview.CUT]})
+        preview_buttons(context, self.layout, {preview.CUT: preview.OF_MATCH[preview.CUT]}, "No preview of the cut")
         self.layout.operator(ZOOMOUT_OT_cut_seams.bl_idname)

@@ -158,6 +158,7 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
     assert np.array_equal(one["barycentric"], two["barycentric"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("others", [True, False])
 def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     folder: Path, matched: zo.CollectionResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool

@@ -72,7 +72,7 @@ def test_too_little_memory_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch
         raise MemoryError
 
     monkeypatch.setattr(analysis, "_distances", exhausted)
-    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 300 vertices"):
+    with pytest.raises(MeshError, match="not enough memory to analyze a mesh of 300 vertices"):
         analyse(part_of(COUNT), 20, 100, 0)
 
 

@@ -96,6 +96,7 @@ def error_along(found: zo.SurfaceMap, number: int) -> float:
     return float(np.abs(share[found.vertex[here]] - along[here]).mean())
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("permutation", [{4: 5}, {3: 2, 4: 3, 5: 4}, {2: 3, 3: 2}])
 def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dict[int, int]) -> None:
     torn = send(permutation)

@@ -156,7 +156,7 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
     assert result.source_has_partner.mean() > 0.97
 
 
-@pytest.mark.slow(but=1)
+@pytest.mark.slow
 @pytest.mark.parametrize("limb", [ARM, LEG])
 def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
     source, target = creature(2500, seed=0), creature(2000, seed=1, bend=0.6, without=limb)
@@ -296,6 +296,7 @@ def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creat
     assert len(result.surface_map.triangle) == len(soup.vertices)
 
 
+@pytest.mark.slow
 def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[Surface, list[np.ndarray]]:
     """A body with small copies of a creature floating above some of its vertices, and their vertex numbers."""
     eye = creature(80, seed=5).surface
@@ -378,7 +379,7 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
     monkeypatch.setattr(eigenbasis, "factorise", without_memory)
     fine = creature(3000).surface
     zo.forget_shapes()
-    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 3000 vertices: match a smaller"):
+    with pytest.raises(MeshError, match="not enough memory to analyze a mesh of 3000 vertices: match a smaller"):
         zo.match(fine, fine, proxy_vertices=None)
 
 

@@ -130,7 +130,7 @@ def test_a_cancelled_computation_is_no_failure_that_could_be_caught_as_one() -> 
 
 @pytest.mark.parametrize("error", [zo.Cancelled, KeyError])
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("at", ["Reading the meshes", "Analysing the shapes", "Guessing", "Refining"])
+@pytest.mark.parametrize("at", ["Reading the meshes", "Analyzing the shapes", "Guessing", "Refining"])
 def test_what_a_listener_raises_ends_a_match_and_reaches_the_caller(
     error: type[BaseException], threads: int, at: str
 ) -> None:

@@ -110,7 +110,7 @@ def test_a_vase_has_its_three_symmetries_first() -> None:
     assert diagonals == {(-1, 1, 1), (1, -1, 1), (-1, -1, 1)}
 
 
-@pytest.mark.slow(but=1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("figure", "orders"), [(TABLE, [2, 2, 2, 2, 2, 4, 4]), (STARFISH, [2, 2, 2, 2, 2, 5, 5, 5, 5])]
 )
@@ -199,7 +199,7 @@ def test_detection_tells_how_far_it_is_and_can_be_cancelled(bent: Creature) -> N
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
     stages = {report.stage for report in reports}
-    assert {"Reading the mesh", "Analysing the shape", "Comparing candidates", "Refining"} <= stages
+    assert {"Reading the mesh", "Analyzing the shape", "Comparing candidates", "Refining"} <= stages
 
     def cancel(_: zo.Progress) -> None:
         raise zo.Cancelled

@@ -150,7 +150,7 @@ def test_small_parts_without_trust_move_as_what_is_nearest_and_large_ones_are_le
         else:
             assert abs(filled[second] - weights[second]).max() == 0
         np.testing.assert_array_equal(whole.fill(surface.vertices)[second], surface.vertices[second])
-        assert f"{second.sum()} vertices of low confidence were left as mapped" in whole.notes()[1]
+        assert f"{second.sum():,} vertices without a usable match were left as mapped" in whole.notes()[1]
 
 
 def test_where_nothing_is_trusted_all_is_left_as_mapped(mesh: Sheet) -> None:
@@ -159,8 +159,8 @@ def test_where_nothing_is_trusted_all_is_left_as_mapped(mesh: Sheet) -> None:
     np.testing.assert_array_equal(none.fill(values), values)
     assert abs(none.fill_weights(csr_array(values)) - csr_array(values)).max() == 0
     assert none.notes() == (
-        f"{len(values)} vertices of low confidence were left as mapped, because no vertex of their part "
-        "has higher confidence.",
+        f"{len(values):,} vertices without a usable match were left as mapped, because no vertex of their part "
+        "has one.",
     )
 
 
@@ -197,7 +197,7 @@ def test_numbers_and_colours_of_low_confidence_are_filled_in(mesh: Sheet, kind: 
     assert np.abs(mapped.values - values[at]).max() > 0.3
     assert np.abs(filled.values - values[at]).max() < 0.05
     assert mapped.notes == ()
-    assert filled.notes == (f"{holes.sum()} vertices of low confidence were filled in from their surroundings.",)
+    assert filled.notes == (f"{holes.sum():,} vertices without a usable match took their neighbors' values.",)
     # No confidence is below the threshold, so nothing changes or is reported.
     untouched = transfer(attribute, result, surface, surface, fill_below=0.05)
     np.testing.assert_array_equal(untouched.values, mapped.values)
@@ -225,7 +225,7 @@ def test_filled_weights_still_sum_to_one_within_the_limit(mesh: Sheet) -> None:
     assert filled.values.data.min() > 0
     error = [np.abs((one.values - weights).toarray()).sum(axis=1).max() for one in (mapped, filled)]
     assert error[1] < 0.1 * error[0]
-    assert filled.notes == (f"{holes.sum()} vertices of low confidence were filled in from their surroundings.",)
+    assert filled.notes == (f"{holes.sum():,} vertices without a usable match took their neighbors' values.",)
     limited = transfer(attribute, result, mesh.surface, mesh.surface, fill_below=0.5, limit=3).values
     assert np.diff(limited.indptr).max() == 3
     assert np.abs(limited.sum(axis=1) - 1).max() < 1e-12

@@ -436,7 +436,7 @@ def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_no
         assert found.notes == ()
     else:
         assert confidence > 0 or heights.min() > 0.05
-        assert f"{wrong.sum()} vertices of low confidence" in found.notes[0]
+        assert f" {wrong.sum():,} doubtful vertices" in found.notes[0]
     np.testing.assert_allclose(found.values[away > 0.25, 0, 2], 0.1, atol=0.01)
 
 

@@ -78,4 +78,4 @@ def test_transferred_weights_are_filled_in_there() -> None:
     weights = Attribute("w", Domain.POINT, Kind.WEIGHT, weights_of(SOURCE.vertices), labels=("A", "B", "C"))
     made = mix_weights(weights, mapped)
     assert np.abs(made.values.toarray() - weights_of(TARGET.vertices).toarray()).max() < 0.1
-    assert made.notes == (f"{patch.sum()} vertices on islands of bones were filled in from their surroundings.",)
+    assert made.notes == (f"{patch.sum():,} stray weights, far from the rest of their bone, were replaced.",)

@@ -30,7 +30,7 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
     told = (
         (flipped, faces, "{layer}: {count} of {total} faces have flipped UVs."),
-        (degenerate, faces, "{layer}: {count} of {total} faces have UVs without an area."),
+        (degenerate, faces, "{layer}: {count} of {total} faces have collapsed UVs."),
         (stretched, faces, "{layer}: {count} of {total} faces have strongly stretched UVs."),
         (missing, islands, "{layer}: {count} of {total} UV islands of the source received no face."),
     )

@@ -117,6 +117,7 @@ def test_pieces_of_what_the_source_has_in_one_lie_on_it(torn: Match) -> None:
     assert any(note.startswith("3 loose parts of the target mapped to other parts") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_parts_that_only_one_side_has_are_reported(torn: Match) -> None:
     result, source, target = torn
     hat = target.parts["hat"]

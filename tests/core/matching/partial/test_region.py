@@ -106,6 +106,7 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
 
+@pytest.mark.slow
 def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
@@ -138,6 +139,7 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     assert np.median(by_whole[on_hand]) < 0.3
 
 
+@pytest.mark.slow
 def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
