@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Integers
 from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 
 # Distance below which two vertices coincide, relative to the size of the mesh: rounding to single precision.
 SAME_PLACE = 1e-5
@@ -36,22 +37,17 @@ class PartName(NamedTuple):
 
 
 def name_parts(asset: Asset) -> list[PartName]:
-    """The names of the connected components of an asset's surface."""
-    surface = asset.surface
-    component = surface.components
-    first = _first_of_each(component)
+    """The names of the connected components of an asset's surface; the material is that on most of the area."""
+    first = _first_of_each(asset.surface.components)
     objects = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
-    materials = asset.find(MATERIALS)
-    of_vertex = np.full(len(surface.vertices), -1)
-    if materials is not None:
-        of_vertex[surface.corner_vertex] = np.repeat(materials.values, np.diff(surface.face_start))
+    materials = _material_of_each(asset, len(first)).tolist()
     return [
         PartName(
             number,
             asset.objects[objects[vertex]][0] if len(objects) else "",
-            asset.materials[of_vertex[vertex]].name if of_vertex[vertex] >= 0 else "",
+            asset.materials[material].name if material < len(asset.materials) else "",
         )
-        for number, vertex in enumerate(first.tolist())
+        for number, (vertex, material) in enumerate(zip(first.tolist(), materials, strict=True))
     ]
 
 
@@ -72,6 +68,21 @@ def name_parts_of(surface: Surface, asset: Asset) -> list[PartName]:
         PartName(number) if name < 0 else names[name]._replace(number=number)
         for number, name in enumerate(other.tolist())
     ]
+
+
+def _material_of_each(asset: Asset, count: int) -> Integers:
+    """(c,) the material on most of the area of each connected component; the number of all materials for none."""
+    surface, materials = asset.surface, asset.find(MATERIALS)
+    shares = np.zeros((count, len(asset.materials) + 1))
+    shares[:, -1] = np.finfo(float).tiny
+    if materials is not None:
+        area = np.bincount(
+            surface.triangle_face, triangle_areas(surface.vertices, surface.triangles), len(surface.face_start) - 1
+        )
+        component = surface.components[surface.corner_vertex[surface.face_start[:-1]]]
+        used = component >= 0
+        np.add.at(shares, (component[used], materials.values[used]), area[used])  # -1, without one, is the last column
+    return shares.argmax(axis=1)
 
 
 def _first_of_each(component: Integers) -> Integers:
