@@ -305,5 +305,5 @@ def _parts(scene: Any) -> Iterator[Faces]:
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]
             mirrored = np.linalg.det(transform[:3, :3]) < 0
-            corners = (triangles[:, ::-1] if mirrored else triangles).ravel()
+            corners = (triangles[:, [0, 2, 1]] if mirrored else triangles).ravel()
             yield points @ transform[:3, :3].T + transform[:3, 3], corners, np.full(len(triangles), 3)
