@@ -59,7 +59,7 @@ SECTIONS = (
         "Refinement",
         "It is more exact than ICP, Deblur, RHM, PMF and BCICP from the same initial maps, 19 times as fast as "
         "BCICP, and 170 times with samples.",
-        "It is the most exact here, too, wherever the start is no failure; where limbs are exchanged in the start (a "
+        "It is the most exact here, too, if the start is right; where limbs are exchanged in the start (a "
         "pair of FAUST, of TOSCA, of the independent meshes each) no method recovers, and means say little. Errors are "
         "larger than published, as these meshes are remeshed one by one and starts are worse. It is 1.7 times as fast "
         "as BCICP, and 16 times with samples: the program of BCICP's authors takes 184 s, ours 2 s, for both spend "
@@ -249,8 +249,8 @@ def _page(made: Mapping[Section, Record], folder: Path) -> str:
         "`python -m benchmarks paper --data FOLDER --pairs N`, which writes this page. Errors are mean geodesic "
         "distances between a point's image and its true place, at unit area of the source, times 1000. A pair failed "
         "above 80 (130, where shapes are far from isometric). *ZoomOut* is the paper's, from the same initial map as "
-        "the methods beside it, *ZoomOut\\** the same with 500 samples; `zo.match` is what this project makes of the "
-        "two shapes alone, with nothing given.",
+        "the methods beside it, *ZoomOut\\** the same with 500 samples; `zo.match` is our match of the two "
+        "shapes alone, without an initial map.",
         "",
         f"The run took {minutes:.0f} minutes.",
     ]

@@ -3,11 +3,14 @@
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 # The code of tutorials is timed on what it computes, not on what an earlier build has kept.
 os.environ["ZOOMOUT_CACHE"] = "off"
+
+from sphinx.util.inspect import TypeAliasForwardRef
 
 from zoomout_core import __version__
 
@@ -25,6 +28,10 @@ extensions = [
 ]
 # The page on Blender's site is entered there; that of the paper is written by the benchmarks.
 exclude_patterns = ["extension_page.md"]
+# The reference of Blender's functions needs Blender as a module, which `make docs` alone does not install.
+if find_spec("bpy") is None:
+    exclude_patterns.append("api/blender.md")
+    suppress_warnings = ["toc.excluded", "toc.not_readable"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
@@ -40,10 +47,14 @@ autodoc_typehints = "signature"
 autodoc_type_aliases = {
     "ArrayLike": "ArrayLike",
     "ShapeLike": "ShapeLike",
+    "Landmarks": "Landmarks",
+    "Regions": "Regions",
     "Floats": "Floats",
     "Integers": "Integers",
     "Booleans": "Booleans",
 }
+# Signatures show the names of these aliases; Sphinx 9 shows its placeholder for them in unions.
+TypeAliasForwardRef.__repr__ = lambda alias: alias.name
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

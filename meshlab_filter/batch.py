@@ -11,7 +11,7 @@ from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, 
 from meshlab_filter.filters import transfer_attributes_by_zoomout
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job, Outcome, run_jobs
-from zoomout_core.matching.verdict import check_verdict
+from zoomout_core.matching.verdict import GREEN, check_verdict
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -42,15 +42,17 @@ def transfer_files(
     brought: dict[str, bytes] = {}
     kept = inputs_of(source, *(job.target for job in jobs))
 
-    def transfer_one(job: Job) -> tuple[dict[str, Any], list[str]]:
+    def transfer_one(job: Job, figures: dict[str, Any]) -> list[str]:
         try:
             target_id = load_mesh(ms, job.target)
             textures = inputs | texture_files(ms.mesh(target_id), job.target)
             report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
+            figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
             job.output.parent.mkdir(exist_ok=True)
             save_beside(ms, job.output, textures, brought, in_place, kept)
-            return _figures(report), _lines(report, job.output.suffix.lower())
+            figures |= {"transferred": report["transferred"]}
+            return _lines(report, job.output.suffix.lower())
         finally:
             _keep_only(ms, source_id)
 
@@ -67,7 +69,7 @@ def _keep_only(ms: MeshSet, mesh_id: int) -> None:
 
 
 def _figures(report: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a transfer that a program may sort by."""
+    """The figures of a match that a program may sort by."""
     return {
         "verdict": report["verdict"],
         "certainty": float(report["certainty"]),
@@ -76,7 +78,6 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
         "share_without_partner": report["share_without_partner"],
         "source_share_without_partner": report["source_share_without_partner"],
         "candidates": len(report["candidates"]),
-        "transferred": report["transferred"],
         "notes": report["notes"],
     }
 
@@ -91,9 +92,10 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
         f"(below {LOW}).",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
-        f"{len(report['candidates'])} correspondences were found; if sides are swapped, try --candidate 1.",
         *report["notes"],
     ]
+    if report["verdict"]["level"] != GREEN and len(report["candidates"]) > 1:
+        lines.append(f"{len(report['candidates'])} correspondences were found: try --candidate 1.")
     lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
     if lost:
         lines.append(f"{ending[1:].upper()} files cannot store {' and '.join(lost)}: write PLY to keep them.")

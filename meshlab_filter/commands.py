@@ -25,7 +25,7 @@ from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
 from zoomout_core.assets.files import inputs_of
-from zoomout_core.batch import FAILED, PARTLY, is_folder, plan, say_outcomes, write_report
+from zoomout_core.batch import FAILED, PARTLY, figures_of, is_folder, plan, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
     in_place_option,
@@ -123,7 +123,8 @@ def transfer(
         with progress_bar():
             outcomes = transfer_files(source, jobs, in_place, force, candidate=candidate, **matching)
         if is_folder(output):
-            write_report(source, outcomes, Path(output))
+            given = {"candidate": candidate, "force": force, **options}
+            write_report(figures_of(source, outcomes, given), Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     say_outcomes(outcomes, output)

@@ -17,6 +17,7 @@ from zoomout_core.mesh.files import read_polygons
 from zoomout_core.mesh.named_files import check_named_files
 from zoomout_core.mesh.opening import outside
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import OutsideError, beside
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file
 
@@ -43,7 +44,7 @@ def new_mesh_set() -> MeshSet:
     try:
         import pymeshlab
     except ImportError as error:
-        raise ImportError("This command requires pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
+        raise ImportError(f"This command requires pymeshlab: {install_hint('meshlab')}.") from error
     return pymeshlab.MeshSet()
 
 

@@ -9,8 +9,8 @@ exist for these two only). It uses the standard library alone, and does what is 
 3. install the project into it, editable and with the extra `dev`, and check that both hosts load.
 
 With the argument `core` it skips the hosts and installs only the extra `core-tests`; with `extension` it installs
-nothing, because building the extension needs pip alone. With `docs` it also installs the tools that build the
-documentation, and with `release` those that build and check packages.
+nothing, because building the extension needs pip alone. With `docs` it skips the hosts, too, and installs the tools
+that build the documentation. With `release` it installs everything, and the tools that build and check packages.
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a setup that was killed half-way is recognised and repeated.
@@ -45,20 +45,30 @@ LOCK = ROOT / "build" / "setup.lock"
 LOG_TAIL = 20  # lines that are shown after a failure
 LARGE_DOWNLOAD = 30  # MB; larger downloads are shown
 
-# By argument: the extras, and their description. An environment for a later one also serves the earlier ones.
+# By argument: the extras, and their description.
 EXTRAS = {
     "extension": ("", "pip"),
-    "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
+    "core": ("core-tests", "the core and its tests (up to 60 MB to download, 200 MB on disk)"),
     "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
-    "docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
+    "docs": ("core-tests,docs", "the core and Sphinx (up to 125 MB to download)"),
+    "all and docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
     "release": (
         "dev,docs,release",
         "Blender, MeshLab, Sphinx and twine as Python modules (up to 695 MB to download)",
     ),
 }
 
+# The environments that serve each argument.
+SERVED_BY = {
+    "extension": tuple(EXTRAS),
+    "core": tuple(EXTRAS),
+    "docs": ("docs", "all and docs", "release"),
+    "all": ("all", "all and docs", "release"),
+    "all and docs": ("all and docs", "release"),
+    "release": ("release",),
+}
 # The arguments that need neither Blender nor MeshLab.
-WITHOUT_HOSTS = ("extension", "core")
+WITHOUT_HOSTS = ("extension", "core", "docs")
 
 # The modules that the core finds the extension by, see `zoomout_core/mesh/blender_files.py`.
 EXTENSION_ENTRY_POINTS = """[zoomout.extension]
@@ -113,10 +123,13 @@ def lock() -> Iterator[None]:
 
 
 def set_up(wanted: str) -> None:
-    keep, hosts = environment_is_usable(), wanted not in WITHOUT_HOSTS
+    keep = environment_is_usable()
+    present = next((each for each in EXTRAS if keep and stamp() == finished_stamp(EXTRAS[each][0])), None)
+    if {present, wanted} == {"all", "docs"}:
+        wanted = "all and docs"
     extra, content = EXTRAS[wanted]
-    enough = list(EXTRAS)[list(EXTRAS).index(wanted) :]
-    finished = keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]
+    hosts = wanted not in WITHOUT_HOSTS
+    finished = present in SERVED_BY[wanted]
     if not finished:
         LOG.unlink(missing_ok=True)
     provide_system_packages(needs_venv=not keep, hosts=hosts)

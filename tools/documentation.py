@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,6 +37,8 @@ def main() -> None:
     status = subprocess.run([sys.executable, *command], cwd=ROOT, env=beside, check=False).returncode
     if status:
         sys.exit("The documentation has faults: see the warnings above.")
+    if find_spec("bpy") is None:
+        print("Without the reference of blender_addon.api: run `make setup` first to include it.")
     print(f"Open {(OUTPUT / 'index.html').relative_to(ROOT)} in a browser.")
 
 

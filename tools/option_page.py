@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from zoomout_core.matching.option_table import ACCURACY, MATCHING, NEAREST, RESULT, Door, Kind, Option
+from zoomout_core.matching.presets import DETAIL, sizes_in_words
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "options.md"
 BEGIN, END = "<!-- Written by tools/option_page.py. -->", "<!-- Up to here. -->"
@@ -48,6 +49,9 @@ def _choices(options: Sequence[Option]) -> str:
                 for choice in option.choices
             )
             found += f"\nValues of `{option.name}`:\n\n{_table(['Value', 'Offered by', 'Meaning'], rows)}\n"
+        if option.name == "detail":
+            rows = ([f"`{word}`", f"`{sizes_in_words(word)}`"] for word in DETAIL)
+            found += f"\nIn Python, sizes replace `detail`:\n\n{_table(['Value', 'Arguments of `zo.match`'], rows)}\n"
     return found
 
 

@@ -125,7 +125,7 @@ def check_bare(wheel: Path) -> None:
     run(str(python), "-c", "import zoomout_core as zo; zo.match, zo.Surface, zo.transfer")
     for module, extra in (("zoomout_core", "cli"), ("meshlab_filter", "meshlab")):
         done = subprocess.run([python, "-m", module, "--help"], capture_output=True, text=True, check=False, cwd=BUILD)
-        if done.returncode != 1 or not re.fullmatch(rf"[^\n]* pip install 'zoomout-core\[{extra}\]'\.\n", done.stderr):
+        if done.returncode != 1 or not re.fullmatch(rf"[^\n]* pip install '\.\[{extra}\]'\.\n", done.stderr):
             sys.exit(f"python -m {module} without its extra says: {done.stderr}")
     (installed,) = python.parents[1].glob("lib/python3*/site-packages/zoomout_core-*.dist-info/RECORD")
     top = {line.split(",")[0].split("/")[0] for line in installed.read_text(encoding="utf-8").splitlines()}

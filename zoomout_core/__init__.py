@@ -190,4 +190,5 @@ if not TYPE_CHECKING:  # so that type checkers report unknown names
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    dunders = {name for name in globals() if name.startswith("__")}
+    return sorted({*dunders, *__all__, *_MODULES, "__version__"})

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from zoomout_core.runtime.child_process import leave_out_working_folder
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 from zoomout_core.runtime.terminal import drop_output, print_any_character
 
@@ -30,7 +31,7 @@ def run(commands: str, name: str, extra: str) -> None:
         own = __package__, commands.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] in own:
             raise
-        sys.exit(f"{name} needs the package {error.name}, which is missing: pip install 'zoomout-core[{extra}]'.")
+        sys.exit(f"{name} needs the package {error.name}, which is missing: {install_hint(extra)}.")
 
 
 def _run(commands: str, name: str) -> NoReturn:

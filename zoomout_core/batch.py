@@ -6,14 +6,18 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 
 from zoomout_core.command_options import tell
+from zoomout_core.matching.verdict import RefusedMatchError
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
@@ -24,6 +28,14 @@ REPORT = "report.json"
 FAILED, PARTLY = 1, 3
 
 
+class Status(StrEnum):
+    """How the job of a target ended."""
+
+    WRITTEN = "written"
+    REFUSED = "refused"  # its match is probably wrong
+    ERROR = "failed"
+
+
 @dataclass(frozen=True)
 class Job:
     """A target, and the file to write for it."""
@@ -32,18 +44,25 @@ class Job:
     output: Path
 
 
+# Runs a job, and returns sentences about its outcome. Figures that it knows go into the dictionary as it goes on, so
+# that those of a job that fails are kept.
+Run: TypeAlias = Callable[[Job, dict[str, Any]], list[str]]
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """The outcome of a job.
 
     Attributes:
         job: the target and its file.
-        report: figures for the JSON report; empty if it failed.
+        status: how it ended.
+        report: figures for the JSON report; those that were known if it failed.
         lines: the same in sentences, the most important one first.
-        error: a sentence that says why it failed; empty if it did not.
+        error: a sentence that says why nothing was written; empty if the file was.
     """
 
     job: Job
+    status: Status
     report: dict[str, Any]
     lines: Sequence[str] = ()
     error: str = ""
@@ -79,7 +98,11 @@ def plan(
             another output.
         OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
-    paths = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
+    named = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
+    once: dict[str, Path] = {}  # a file that is named twice is one target
+    for path in named:
+        once.setdefault(os.path.realpath(path), path)
+    paths = list(once.values())
     place = Path(output)
     if not is_folder(output):
         check_format(place)
@@ -119,47 +142,63 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
     found = [path for path in files if source is None or not is_same_file(path, source)]
     if not found:
-        raise MeshError(f"The folder {given} contains no {'other ' if source else ''}meshes: check the path.")
+        raise MeshError(f"The folder {given} contains no meshes{' besides the source' * bool(files)}: check the path.")
     return found
 
 
-def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> list[Outcome]:
-    """Run jobs from `plan` one after the other; a failure does not affect the others.
-
-    `run_of` runs a job, and returns the report and the lines of its outcome.
-    """
+def run_jobs(jobs: Sequence[Job], run: Run) -> list[Outcome]:
+    """Run jobs from `plan` one after the other; a failure does not affect the others."""
     outcomes = []
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
         with portion(number / len(jobs), (number + 1) / len(jobs)), renaming(place.__add__):
-            try:
-                outcomes.append(Outcome(job, *run_of(job)))
-            except (ValueError, OSError) as error:
-                outcomes.append(Outcome(job, {}, error=str(error)))
-            except MemoryError:
-                outcomes.append(Outcome(job, {}, error=NO_MEMORY))
+            outcomes.append(_outcome(job, run))
     return outcomes
 
 
-def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The outcome of each target, in values that JSON can store."""
-    rows = [
-        {"target": str(one.job.target), "output": str(one.job.output)}
-        | ({"error": one.error} if one.error else one.report)
-        for one in outcomes
-    ]
-    return {"source": source, "targets": rows}
+def _outcome(job: Job, run: Run) -> Outcome:
+    report: dict[str, Any] = {}
+    try:
+        return Outcome(job, Status.WRITTEN, report, run(job, report))
+    except RefusedMatchError as error:
+        return Outcome(job, Status.REFUSED, report, error=str(error))
+    except (ValueError, OSError) as error:
+        return Outcome(job, Status.ERROR, report, error=str(error))
+    except MemoryError:
+        return Outcome(job, Status.ERROR, report, error=NO_MEMORY)
 
 
-def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None:
-    """Write the outcome of each target to `report.json` in a folder.
+def figures_of(source: str, outcomes: Sequence[Outcome], options: Mapping[str, Any]) -> dict[str, Any]:
+    """The outcome of each target, in values that JSON can store.
+
+    Args:
+        source: the source's file.
+        outcomes: the outcome of each target.
+        options: the options of the command, by name.
+    """
+    rows = []
+    for outcome in outcomes:
+        row: dict[str, Any] = {"target": str(outcome.job.target), "status": outcome.status}
+        row |= {"error": outcome.error} if outcome.error else {"output": str(outcome.job.output)}
+        rows.append(row | outcome.report)
+    return {
+        "version": version("zoomout-core"),
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "source": source,
+        "options": dict(options),
+        "targets": rows,
+    }
+
+
+def write_report(figures: Mapping[str, Any], folder: Path) -> None:
+    """Write the figures of `figures_of` to `report.json` in a folder.
 
     Raises:
         OutputError: it cannot be written.
     """
     folder.mkdir(exist_ok=True)
     with atomic_write(folder / REPORT) as part:
-        part.write_text(f"{json.dumps(figures_of(source, outcomes), indent=1)}\n", encoding="utf-8")
+        part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
 
 
 def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
@@ -177,7 +216,7 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
         return
     for outcome in outcomes:
         if outcome.error:
-            click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
+            click.echo(f"{outcome.job.target}: {outcome.status}. {outcome.error}", err=True)
             continue
         first, *others = outcome.lines
         tell(f"{outcome.job.target}: {first}")

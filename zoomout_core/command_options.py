@@ -3,22 +3,35 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
+from zoomout_core.arrays import Floats
 from zoomout_core.matching.memory_cache import store_shapes
-from zoomout_core.matching.option_table import ACCURACY, MATCHING, RESULT, Door, Kind, Option, select_options
+from zoomout_core.matching.option_table import (
+    ACCURACY,
+    MATCHING,
+    OPTIONS,
+    RESULT,
+    Door,
+    Kind,
+    Option,
+    select_options,
+)
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
-from zoomout_core.text_arguments import STARTS, read_values
+from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
 NO_CACHE = "off"
 # The argument before the targets.
@@ -34,6 +47,23 @@ threads_option = click.option(
     help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
 )
 in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
+
+
+class OptionError(click.ClickException):
+    """Options that a command does not understand, or that do not fit together, in one sentence."""
+
+    exit_code = 2
+
+
+class InputFile(click.Path):
+    """The path of an existing file; a missing one is a failure like that of a mesh, not a mistake of usage."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            existing(value)
+        except MeshError as error:
+            raise click.ClickException(str(error)) from None
+        return super().convert(value, param, ctx)
 
 
 def folders_option(command: Any) -> Any:
@@ -138,10 +168,23 @@ def mesh_options(command: Any) -> Any:
         show_default=True,
         show_envvar=True,
         expose_value=False,
-        callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
+        callback=_set_cache,
         help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
     )
     return cache(detail_options(command))
+
+
+def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
+    """Cache shapes in a folder; one that the user chose has to be writable."""
+    if folder == NO_CACHE:
+        store_shapes(None)
+        return
+    place = Path(os.path.realpath(folder))
+    first = next(each for each in (place, *place.parents) if each.exists())
+    chosen = context.get_parameter_source("cache") is not ParameterSource.DEFAULT
+    if chosen and not (first.is_dir() and os.access(first, os.W_OK)):
+        raise click.ClickException(f"--cache {folder} cannot be written to: choose another folder, or {NO_CACHE}.")
+    store_shapes(folder)
 
 
 def match_options(command: Any, starts: Sequence[str] = ()) -> Any:
@@ -190,7 +233,7 @@ def _values_of(option: Option) -> dict[str, Any]:
         return {"type": float}
     if option.kind is Kind.DIRECTIONS:
         return {"multiple": True, "metavar": option.kind.value}
-    return {"type": click.Path(exists=True, dir_okay=False)}
+    return {"type": InputFile()}
 
 
 def _help_of(option: Option, starts: Sequence[str]) -> str:
@@ -212,7 +255,8 @@ def start_arguments(**options: Any) -> dict[str, Any]:
     """The arguments of `match` from the options of `match_options`.
 
     Raises:
-        MeshError: options do not fit together, or a file or a direction is invalid.
+        OptionError: options do not fit together, or a direction is invalid.
+        MeshError: a file is invalid.
     """
     return resolve_detail(**read_options(**options))
 
@@ -231,26 +275,40 @@ def read_options(
     `more_starts` are starts that the command itself offers, for messages.
 
     Raises:
-        MeshError: see `start_arguments`.
+        OptionError, MeshError: see `start_arguments`.
     """
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
-        raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
+        raise OptionError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if initial not in STARTS and not Path(initial).is_file():
         known = ", ".join((*STARTS, *more_starts))
-        raise MeshError(f"--initial is {initial!r}: give {known}, or the file of an earlier map.")
+        raise OptionError(f"--initial is {initial!r}: give {known}, or the file of an earlier map.")
     if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):
         wish = "--earlier-map" if earlier_map else "--common-axis"
-        raise MeshError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
+        raise OptionError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
+    for text in common_axes:
+        check_axis(text, OPTIONS["common_axes"].name_at(Door.COMMAND_LINE))
     files = {"landmarks": landmarks, "initial_map": earlier_map, "common_axes": list(common_axes) or None}
     if initial not in STARTS:
         files["initial_map"], initial = initial, "given"
     return read_values({"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Door.COMMAND_LINE)
 
 
+def check_axis(text: str, option: str) -> Floats:
+    """The direction of an option, see `read_axis`.
+
+    Raises:
+        OptionError: it is none.
+    """
+    try:
+        return read_axis(text, option)
+    except MeshError as error:
+        raise OptionError(str(error)) from None
+
+
 @contextmanager
-def progress_bar() -> Iterator[None]:
-    """Show the progress of a block on the terminal."""
+def progress_bar() -> Iterator[Any]:
+    """Show the progress of a block on the terminal, in a bar that the block closes if it fails without an exception."""
     with tqdm(
         total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}", disable=is_quiet()
     ) as bar:
@@ -261,5 +319,5 @@ def progress_bar() -> Iterator[None]:
             bar.update(100 * latest.fraction - bar.n)
 
         with progress(show):
-            yield
+            yield bar
         bar.update(100 - bar.n)

@@ -9,12 +9,15 @@ forms that depend little on the meshes. For the error of going there and back se
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.
@@ -23,9 +26,16 @@ BLOCK = 256
 DISTANCES = 40, 1000
 
 
+class HasMap(Protocol):
+    """A result that has a map, such as that of a match."""
+
+    @property
+    def surface_map(self) -> SurfaceMap: ...
+
+
 def geodesic_error(
-    surface_map: SurfaceMap | Integers,
-    source: Surface,
+    surface_map: SurfaceMap | HasMap | Integers,
+    source: ShapeLike,
     target_vertex: Integers,
     source_vertex: Integers,
     most: int = 1000,
@@ -35,8 +45,9 @@ def geodesic_error(
     Distances run along edges (Dijkstra), and an image counts as its nearest vertex.
 
     Args:
-        surface_map: the map, or (n_t,) the source vertex of each target vertex; (n_t, m) for m maps at once.
-        source: the surface that the map lands on.
+        surface_map: the map, or a result that has one, or (n_t,) the source vertex of each target vertex; (n_t, m) for
+            m maps at once.
+        source: the surface that the map lands on, see `ShapeLike`.
         target_vertex: (c,) target vertices with a known place on the source.
         source_vertex: (c,) this place.
         most: measure at most this many of the pairs, evenly spaced in the list.
@@ -44,14 +55,25 @@ def geodesic_error(
     Returns:
         (min(c, most),) errors, or (min(c, most), m); papers quote their mean times 1000.
 
+    Raises:
+        ValueError: a list has numbers of vertices that its surface does not have, or the lists differ in length.
+
     Example:
-        >>> errors = zo.geodesic_error(result.surface_map, source, np.arange(len(truth)), truth)
+        >>> every = np.arange(len(truth))
+        >>> errors = zo.geodesic_error(result, source, target_vertex=every, source_vertex=truth)
         >>> bool(errors.mean() < 0.1)
         True
     """
-    vertex = surface_map.vertex if isinstance(surface_map, SurfaceMap) else np.asarray(surface_map)
+    vertex, source = _vertex_map(surface_map), as_surface(source)
+    target_vertex = vertex_numbers(target_vertex, len(vertex), "target_vertex, which comes before source_vertex,")
+    source_vertex = vertex_numbers(source_vertex, len(source.vertices), "source_vertex")
+    if len(target_vertex) != len(source_vertex):
+        raise ValueError(
+            f"There are {len(target_vertex)} target vertices and {len(source_vertex)} source vertices: give a source "
+            "vertex for each target vertex."
+        )
     picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(most, len(target_vertex))).astype(int))
-    image, truth = vertex[np.asarray(target_vertex)[picked]], np.asarray(source_vertex)[picked]
+    image, truth = vertex[target_vertex[picked]], source_vertex[picked]
     graph = edge_graph(source.vertices, source.triangles)
     error = np.empty(image.shape)
     for start in range(0, len(picked), BLOCK):
@@ -61,12 +83,23 @@ def geodesic_error(
     return error / np.sqrt(source.area)
 
 
+def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
+    """(n_t,) or (n_t, m) source vertices of a map or of several."""
+    given = getattr(given, "surface_map", given)
+    return given.vertex if isinstance(given, SurfaceMap) else np.asarray(given)
+
+
 def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
     Images and vertices (c,) correspond. Distances run along edges (Dijkstra) between some of the vertices, relative to
     the root of each surface's area; the meshes alone cause differences of some thousandths. Places without a path
     between them do not count.
+
+    Example:
+        >>> from zoomout_core.evaluation import distance_distortion
+        >>> distance_distortion(truth, np.arange(len(truth)), source, target) < 0.2
+        True
     """
     picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in DISTANCES)
     apart = [
@@ -82,6 +115,11 @@ def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> 
     """The share of the target's area, in [0, 1], whose triangles the map flips, see `flipped_triangles`.
 
     It is 1 for a map that reverses everything, such as a mirror image.
+
+    Example:
+        >>> from zoomout_core.evaluation import flipped_share
+        >>> flipped_share(result.surface_map, source, target) < 0.5
+        True
     """
     area = triangle_areas(target.vertices, target.triangles)
     return float(area[flipped_triangles(surface_map, source, target)].sum() / area.sum())
@@ -111,6 +149,11 @@ def coverage(surface_map: SurfaceMap, source: Surface) -> float:
     A face is reached if an image is in it, or in a face that shares a corner with it. An image on an edge or at a
     corner reaches the faces around that edge's ends or that corner. A target much coarser than the source cannot reach
     all of it.
+
+    Example:
+        >>> from zoomout_core.evaluation import coverage
+        >>> 0.5 < coverage(result.surface_map, source) <= 1
+        True
     """
     working = source.working
     corners = source.triangles[surface_map.triangle][surface_map.barycentric > 0]
@@ -125,6 +168,11 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
 
     The image's length is the straight distance between the ends' images. Edges are weighted by squared length, so that
     slivers with their unbounded ratios do not dominate the mean.
+
+    Example:
+        >>> from zoomout_core.evaluation import edge_distortion
+        >>> edge_distortion(result.surface_map, source, target) < 1
+        True
     """
     edges, _ = unique_edges(target.triangles)
     images = surface_map.interpolate(source.vertices) / np.sqrt(source.area)

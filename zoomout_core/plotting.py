@@ -2,7 +2,8 @@
 """Figures of maps by colours, confidence, values on surfaces, functional maps and error curves.
 
 Each function returns a matplotlib figure (extra `plots`), which a notebook shows and `savefig` writes. It can draw into
-an existing `figure`, such as `pyplot.figure()` or a subfigure. `show_map` opens a window (extra `window`).
+an existing `figure`, such as `pyplot.figure()`, or into a subfigure, whose figure it returns. `show_map` opens a window
+(extra `window`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from io import BytesIO
 
 import numpy as np
 
+from zoomout_core.runtime.extras import install_hint
+
 try:
     from matplotlib import colormaps
     from matplotlib.axes import Axes
@@ -20,7 +23,7 @@ try:
     from matplotlib.colors import LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure, SubFigure
 except ModuleNotFoundError as error:
-    raise ImportError(f"Figures need {error.name}, which is missing: pip install 'zoomout-core[plots]'.") from error
+    raise ImportError(f"Figures need {error.name}, which is missing: {install_hint('plots')}.") from error
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.colors import BAD_TO_GOOD, confidence_colors, place_colors
@@ -39,7 +42,7 @@ GAP = 0.15
 DARKEST = 0.35
 
 
-class _Figure(Figure):
+class NotebookFigure(Figure):
     """A figure that notebooks show without pyplot."""
 
     def _repr_png_(self) -> bytes:
@@ -54,7 +57,7 @@ def plot_map(
     result: Match | SurfaceMap,
     sides: int = 2,
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw source and target side by side, with equal colours at corresponding places.
 
     Args:
@@ -66,9 +69,12 @@ def plot_map(
 
     Raises:
         ValueError: the map does not start from this target.
+
+    Example:
+        >>> zo.plotting.plot_map(source, target, result).savefig(folder / "map.png")
     """
     surfaces, colors = _corresponding(source, target, result)
-    return _row([*zip(surfaces, colors, ("source", "target"), strict=True)], sides, figure)
+    return _whole(_row([*zip(surfaces, colors, ("source", "target"), strict=True)], sides, figure))
 
 
 def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, frames: int | None = None) -> None:
@@ -87,7 +93,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
     try:
         import polyscope
     except ModuleNotFoundError as error:
-        raise ImportError("Windows need polyscope, which is missing: pip install 'zoomout-core[window]'.") from error
+        raise ImportError(f"Windows need polyscope, which is missing: {install_hint('window')}.") from error
     (here, there), colors = _corresponding(source, target, result)
     if not polyscope.is_initialized():
         polyscope.set_use_prefs_file(False)  # else it writes .polyscope.ini and imgui.ini to the current folder
@@ -108,7 +114,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
 
 def plot_confidence(
     target: ShapeLike, result: Match, sides: int = 2, figure: Figure | SubFigure | None = None
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw the target coloured by confidence, from red for none to blue; violet areas have no counterpart.
 
     Args:
@@ -119,14 +125,17 @@ def plot_confidence(
 
     Raises:
         ValueError: the match is not of this target.
+
+    Example:
+        >>> zo.plotting.plot_confidence(target, result).savefig(folder / "confidence.png")
     """
     surface = as_surface(target)
     _check_length(result.confidence, surface, "values")
     colors = confidence_colors(result.confidence, result.has_partner)
-    figure = _row([(surface, colors, "")], sides, figure)
+    drawn = _row([(surface, colors, "")], sides, figure)
     scale = LinearSegmentedColormap.from_list("confidence", BAD_TO_GOOD)
-    figure.colorbar(ScalarMappable(Normalize(0, 1), scale), ax=figure.axes, label="confidence", shrink=0.7)
-    return figure
+    drawn.colorbar(ScalarMappable(Normalize(0, 1), scale), ax=drawn.axes, label="confidence", shrink=0.7)
+    return _whole(drawn)
 
 
 def plot_values(
@@ -137,7 +146,7 @@ def plot_values(
     colors: str = "viridis",
     sides: int = 2,
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw a shape coloured by values at its vertices, such as errors, a descriptor or an eigenfunction.
 
     Args:
@@ -151,54 +160,64 @@ def plot_values(
 
     Raises:
         ValueError: there is not one value for each vertex.
+
+    Example:
+        >>> zo.plotting.plot_values(source, source.vertices[:, 2], label="height").savefig(folder / "height.png")
     """
     surface, values = as_surface(shape), np.asarray(values, dtype=float)
     _check_length(values, surface, "values")
     if values.ndim == 2:
-        return _row([(surface, values, "")], sides, figure)
+        return _whole(_row([(surface, values, "")], sides, figure))
     finite = values[np.isfinite(values)]
     scale = Normalize(*(limits or (finite.min(initial=np.inf), finite.max(initial=-np.inf)) if len(finite) else (0, 1)))
     painted = colormaps[colors](scale(np.nan_to_num(values)))[:, :3]
     painted[~np.isfinite(values)] = 0.6
-    figure = _row([(surface, painted, "")], sides, figure)
-    figure.colorbar(ScalarMappable(scale, colors), ax=figure.axes, label=label, shrink=0.7)
-    return figure
+    drawn = _row([(surface, painted, "")], sides, figure)
+    drawn.colorbar(ScalarMappable(scale, colors), ax=drawn.axes, label=label, shrink=0.7)
+    return _whole(drawn)
 
 
-def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | None = None) -> Figure | SubFigure:
+def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | None = None) -> Figure:
     """Draw the matrix of a functional map, which is nearly a diagonal of +-1 for nearly isometric shapes.
 
     Args:
         functional_map: (k_target, k_source).
         figure: to draw into; a new one if not given.
+
+    Example:
+        >>> zo.plotting.plot_functional_map(result.functional_map).savefig(folder / "functional_map.png")
     """
-    figure = figure or _Figure(figsize=(PANEL[1] * 1.2, PANEL[1]), layout="constrained")
-    axes = figure.add_subplot()
+    drawn = figure or NotebookFigure(figsize=(PANEL[1] * 1.2, PANEL[1]), layout="constrained")
+    axes = drawn.add_subplot()
     most = float(np.abs(functional_map).max())
     image = axes.imshow(functional_map, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
     axes.set(xlabel="eigenfunctions of the source", ylabel="eigenfunctions of the target")
-    figure.colorbar(image, ax=axes)
-    return figure
+    drawn.colorbar(image, ax=axes)
+    return _whole(drawn)
 
 
 def plot_error_curves(
     errors: Mapping[str, Floats], most: float = 0.25, figure: Figure | SubFigure | None = None
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw cumulative error curves: the share of places up to each error.
 
     Args:
         errors: errors (c,) by label, such as those of `geodesic_error`; NaN counts as above all.
         most: the largest error shown.
         figure: to draw into; a new one if not given.
+
+    Example:
+        >>> errors = zo.geodesic_error(result, source, np.arange(len(truth)), truth)
+        >>> zo.plotting.plot_error_curves({"ours": errors}).savefig(folder / "errors.png")
     """
-    figure = figure or _Figure(figsize=PANEL, layout="constrained")
-    axes = figure.add_subplot()
+    drawn = figure or NotebookFigure(figsize=PANEL, layout="constrained")
+    axes = drawn.add_subplot()
     thresholds = np.linspace(0, most, 201)
     for name, values in errors.items():
         axes.plot(thresholds, 100 * share_below(np.asarray(values), thresholds), label=name)
     set_error_axes(axes, most)
     axes.legend(loc="lower right")
-    return figure
+    return _whole(drawn)
 
 
 def share_below(errors: Floats, thresholds: Floats) -> Floats:
@@ -272,7 +291,7 @@ def _corresponding(
 
 def _row(drawn: list[tuple[Surface, Floats, str]], sides: int, figure: Figure | SubFigure | None) -> Figure | SubFigure:
     """Draw surfaces with their colours and captions side by side."""
-    figure = figure or _Figure(layout="constrained")
+    figure = figure or NotebookFigure(layout="constrained")
     axes = figure.add_subplot()
     right = -GAP
     for surface, color, caption in drawn:
@@ -281,9 +300,14 @@ def _row(drawn: list[tuple[Surface, Floats, str]], sides: int, figure: Figure | 
         axes.text((left + right) / 2, 0.55, caption, ha="center")
     axes.set(xlim=(-GAP / 2, right + GAP / 2), ylim=(-0.55, 0.65), aspect="equal")
     axes.set_axis_off()
-    if isinstance(figure, _Figure):
+    if isinstance(figure, NotebookFigure):
         figure.set_size_inches(HEIGHT * max(right + GAP, 1.2), HEIGHT * 1.2)
     return figure
+
+
+def _whole(figure: Figure | SubFigure) -> Figure:
+    """The figure that a subfigure belongs to, or the figure itself."""
+    return figure.figure
 
 
 def _check_length(values: Floats | Integers, surface: Surface, what: str) -> None:

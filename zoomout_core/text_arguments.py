@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, RealsOrIntegers
+from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
@@ -60,16 +60,50 @@ def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
         MeshError: the file cannot be opened; or a line is neither a pair of vertex numbers nor a pair of points, or
             differs from the others.
     """
-    content = file_bytes(existing(path))
-    try:
-        lines = [line.partition("#")[0].split() for line in content.decode("utf-8").splitlines()]
-        rows = list(filter(None, lines))
-        columns = 6 if len(rows[0]) == 6 else 2
-        table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)
-    except (ValueError, OverflowError, IndexError):
-        raise MeshError(
-            f"{path} is not a list of landmarks: write two vertex numbers (source and target) per line, or six "
-            "coordinates of a source and a target point."
-        ) from None
+    rows = _rows_of(path, "landmarks")
+    columns = 6 if len(rows[0][1]) == 6 else 2
+    table = _table_of(
+        rows,
+        columns,
+        f"{path} is not a list of landmarks{{line}}: write two vertex numbers (source and target) per line, or six "
+        "coordinates of a source and a target point.",
+    )
     source, target = np.split(table, 2, axis=1)
     return (source, target) if columns == 6 else (source[:, 0], target[:, 0])
+
+
+def read_truth(path: str) -> tuple[Integers, Integers]:
+    """Source and target vertices (m,) from a text file of ground-truth pairs, one per line.
+
+    Raises:
+        MeshError: the file cannot be opened, or a line is not a pair of vertex numbers.
+    """
+    fault = f"{path} is not a list of ground-truth pairs{{line}}: write a source vertex and a target vertex per line."
+    source, target = _table_of(_rows_of(path, "ground-truth pairs"), 2, fault).T
+    return source, target
+
+
+def _rows_of(path: str, what: str) -> list[tuple[int, list[str]]]:
+    """The words of each line of a text file, without comments and empty lines, and the number of the line."""
+    content = file_bytes(existing(path))
+    try:
+        text = content.decode("utf-8")
+    except ValueError:  # not UTF-8
+        text = ""
+    lines = ((number, line.partition("#")[0].split()) for number, line in enumerate(text.splitlines(), start=1))
+    rows = [(number, words) for number, words in lines if words]
+    if not rows:
+        raise MeshError(f"{path} is not a list of {what}: it contains no vertex numbers.")
+    return rows
+
+
+def _table_of(rows: Sequence[tuple[int, list[str]]], columns: int, fault: str) -> RealsOrIntegers:
+    """(m, 2) whole numbers or (m, 6) numbers of lines; `fault` is the message for a line that has none."""
+    dtype = np.float64 if columns == 6 else np.int64
+    table = np.empty((len(rows), columns), dtype)
+    for row, (number, words) in zip(table, rows, strict=True):
+        try:
+            row[:] = np.array(words).reshape(columns).astype(dtype)
+        except (ValueError, OverflowError):
+            raise MeshError(fault.format(line=f" (line {number})")) from None
+    return table

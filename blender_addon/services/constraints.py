@@ -19,6 +19,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.pair import LandmarkError
+from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.messages import enumeration, message, plural, sentences
 from zoomout_core.runtime.progress import stage
@@ -33,7 +34,7 @@ from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
 from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
-from .parts import name_components, notes_on_parts
+from .parts import name_components
 
 # Minimum weight of a member of a vertex group.
 MEMBER = 0.5

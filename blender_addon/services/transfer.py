@@ -11,6 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.matching.part_report import without_shares
 from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
@@ -48,7 +49,6 @@ from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
 from .made_match import is_probably_wrong, make_match, push_match, store_and_stop
-from .parts import without_shares
 from .targets import Write
 
 # Fraction of the progress for a new match.

@@ -37,6 +37,11 @@ WRONG = {
     "negative": (([-3, 90], [4, 91]), "-3"),
     "far too large": (([3, 3000], [4, 91]), "3000"),
     "none": (([], []), "no landmarks"),
+    "two pairs": ([(3, 4), (90, 91)], "looks like a list of pairs"),
+    "two pairs of points": ([(POINT[3], POINT[4]), (POINT[90], POINT[91])], "looks like a list of pairs"),
+    "three pairs": ([(3, 4), (90, 91), (150, 120)], "looks like a list of pairs"),
+    "a table of two pairs": (np.array([[3, 4], [90, 91]]), "looks like a list of pairs"),
+    "a table of pairs": (np.array([[3, 4], [90, 91], [150, 120]]), "looks like a list of pairs"),
 }
 
 
@@ -55,12 +60,23 @@ def test_a_pair_that_stands_there_twice_counts_once_and_that_is_said() -> None:
     assert not any("same pair" in note for note in once.notes)
 
 
+def test_landmarks_that_contradict_the_map_are_noted() -> None:
+    ends = [int(SOURCE.vertices[:, axis].argmax()) for axis in range(3)]
+    options = {**OPTIONS, "initial": "auto"}
+    right = zo.match(SOURCE, SOURCE, landmarks=(ends, ends), **options)
+    assert not any("contradicts" in note for note in right.notes)
+    wrong = zo.match(SOURCE, SOURCE, landmarks=(ends, np.roll(ends, 1)), **options)
+    assert "The map contradicts" in wrong.notes[0]
+    assert "of the 3 landmarks" in wrong.notes[0]
+
+
 @pytest.mark.parametrize(
     ("lines", "sentence"),
     [
         ("3 4\n90 91\n3 120\n", "Landmarks 0 and 2"),
         ("3 4\n90 91\n150 91\n", "Landmarks 1 and 2"),
-        ("3\n", "not a list"),
+        ("3\n", "not a list of landmarks (line 1)"),
+        ("# source and target\n\n3 4\n90 x\n", "not a list of landmarks (line 4)"),
     ],
 )
 def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence: str) -> None:

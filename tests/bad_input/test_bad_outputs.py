@@ -30,6 +30,9 @@ def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path:
     with pytest.raises(OutputError, match=kept), atomic_write(path):
         pass  # as a library does that says nothing where it fails
     assert contents(tmp_path) == {"a.txt": b"before"}
+    new = r"b\.txt could not be written \([^)]*\): check disk space"
+    with pytest.raises(OutputError, match=new), atomic_write(tmp_path / "b.txt"):
+        pass
 
 
 def test_a_write_that_a_limit_ended_in_silence_is_noticed(tmp_path: Path, size_limit: Limit) -> None:

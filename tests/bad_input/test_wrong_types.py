@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -52,6 +53,7 @@ WRONG: dict[str, Callable[[], object]] = {
     "vertices in words": lambda: zo.Surface("vertices", [[0, 1, 2]]),
     "faces that are none": lambda: zo.Surface(SURFACE.vertices, None),  # type: ignore[arg-type]
     "points in words": lambda: zo.PointCloud("points"),
+    "a surface as a basis": lambda: zo.wave_kernel_signature(SURFACE),  # type: ignore[arg-type]
     "a seed below zero": lambda: zo.match(SURFACE, SURFACE, seed=-1),
     "symmetries by a letter": lambda: zo.detect_symmetry(SURFACE, most="a"),  # type: ignore[arg-type]
     "half a symmetry": lambda: zo.detect_symmetry(SURFACE, most=0.5),  # type: ignore[arg-type]
@@ -77,6 +79,30 @@ def test_it_is_one_sentence(name: str) -> None:
         WRONG[name]()
 
 
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [
+        ("k_fina", r"match has no option k_fina: did you mean k_final\?"),
+        ("colour", "match has no option colour: choose from initial, "),
+        ("detail", r"give its sizes, such as k_final=200 .*fine: k_final=200, samples=1500, proxy_vertices=8000"),
+    ],
+)
+def test_an_option_that_does_not_exist_is_named_with_what_replaces_it(option: str, sentence: str) -> None:
+    with pytest.raises(TypeError, match=sentence):
+        zo.match(SURFACE, SURFACE, **{option: "fine"})  # type: ignore[arg-type]
+
+
+def test_an_unknown_kind_of_data_is_named_with_those_that_exist() -> None:
+    asset = zo.Asset(SURFACE)
+    result = zo.match_by_proximity(SURFACE, SURFACE)
+    with pytest.raises(ValueError, match="Unknown kind 'uvs': choose from uv, color, materials"):
+        zo.transfer_asset(asset, asset, result, kinds=("uvs",))
+
+
+def test_a_folder_is_not_a_file(tmp_path: Path) -> None:
+    assert_refused(run(main, "info", tmp_path), f"{tmp_path} is a folder: give a file.")
+
+
 @pytest.mark.parametrize(("name", "package"), [("scan.dae", "collada"), ("scan.3mf", "networkx")])
 def test_the_extra_that_a_format_needs_is_named(
     name: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -88,6 +114,7 @@ def test_the_extra_that_a_format_needs_is_named(
     for ending in ("dae", "zae", "3mf"):
         monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, ending, missing)
     path = tmp_path / name
-    path.write_bytes(b"something")
+    with ZipFile(path, "w"):
+        pass
     ran = run(main, "info", path)
-    assert_refused(ran, "requires a package that is not installed: pip install 'zoomout-core[formats]'")
+    assert_refused(ran, "requires a package that is not installed: in the checkout, pip install '.[formats]'")

@@ -3,7 +3,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -15,7 +14,7 @@ import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
-from blender_addon.services.parts import name_components, notes_on_parts, without_shares
+from blender_addon.services.parts import name_components
 from blender_addon.services.select_faults import TORN, select_faults
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -137,18 +136,3 @@ def test_parts_have_the_names_of_their_objects_and_materials():
     assert name_components(bpy.context, pair) == ["Both: Skin", "Both: Hair"]
     pair = jobs.run(read_pair(bpy.context, body.name, both.name))
     assert name_components(bpy.context, pair) == ["Body"]
-
-
-def test_the_report_lists_the_parts_that_arrive_and_those_that_do_not():
-    shares, arrived = np.array([0.7, 0.2, 0.06, 0.04]), np.array([0.25, 0.75, 0.0, 0.0])
-    result = SimpleNamespace(pair=SimpleNamespace(shares=shares), arrived=arrived, silent=np.array([2, 3]))
-    notes = notes_on_parts(result, ["Skin", "Hair", "Hair", "Glasses"])
-    assert notes == (
-        "Share of the target's area by part of the source: 'Hair' 75.0%, 'Skin' 25.0%.",
-        "Nothing arrives from 'Glasses'.",  # some of the hair does
-    )
-    # A report on a transfer repeats only the warning.
-    assert without_shares(notes) == list(notes[1:])
-    assert notes_on_parts(result, ["Skin"]) == ()  # matched as a single part
-    result.silent = np.array([], dtype=int)
-    assert notes_on_parts(result, ["Skin", "Hair", "Hair", "Glasses"]) == ()

@@ -3,33 +3,53 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import zoomout_core as zo
-from zoomout_core.batch import Job, run_jobs
+from zoomout_core.batch import Job, figures_of, meshes_of, plan, run_jobs
 from zoomout_core.command_options import progress_bar
+from zoomout_core.matching.verdict import check_verdict, judge
 from zoomout_core.runtime.progress import advance, stage
 
 JOBS = [Job(Path(f"{number}.ply"), Path(f"{number}.glb")) for number in range(3)]
 
 
-def work(job: Job) -> tuple[dict[str, Any], list[str]]:
-    """Fail for the second job."""
+def work(job: Job, report: dict[str, Any]) -> list[str]:
+    """Fail for the second job, and refuse the third."""
     with stage("Working"):
         advance(0.5)
+        report["stem"] = job.target.stem
         if job is JOBS[1]:
             raise zo.MeshError("It is no mesh.")
-    return {"stem": job.target.stem}, [f"Did {job.target.stem}."]
+        check_verdict(judge(0.1 if job is JOBS[2] else 0.99), force=False)
+    return [f"Did {job.target.stem}."]
 
 
-def test_a_job_that_fails_leaves_the_others_alone() -> None:
-    outcomes = run_jobs(JOBS, work)
-    assert [outcome.job for outcome in outcomes] == JOBS
-    assert [outcome.error for outcome in outcomes] == ["", "It is no mesh.", ""]
-    assert [outcome.report for outcome in outcomes] == [{"stem": "0"}, {}, {"stem": "2"}]
+def test_a_job_that_fails_leaves_the_others_alone_and_keeps_its_figures() -> None:
+    figures = figures_of("source.glb", run_jobs(JOBS, work), {"detail": "fast"})
+    assert figures["options"] == {"detail": "fast"}
+    assert {"version", "time", "source"} < figures.keys()
+    written, failed, refused = json.loads(json.dumps(figures))["targets"]
+    assert written == {"target": "0.ply", "status": "written", "output": "0.glb", "stem": "0"}
+    assert failed == {"target": "1.ply", "status": "failed", "error": "It is no mesh.", "stem": "1"}
+    assert refused.pop("error").startswith("The match is probably wrong")
+    assert refused == {"target": "2.ply", "status": "refused", "stem": "2"}
+
+
+def test_a_file_that_is_named_twice_is_one_target(tmp_path: Path) -> None:
+    for name in ("source.ply", "a.ply", "b.ply"):
+        (tmp_path / name).touch()
+    named = [str(tmp_path / name) for name in ("a.ply", "b.ply", "a.ply")]
+    jobs = plan(str(tmp_path / "source.ply"), named, str(tmp_path / "out"), ".glb", (".ply",), lambda _: None)
+    assert [job.output.name for job in jobs] == ["a.glb", "b.glb"]
+    (tmp_path / "only").mkdir()
+    (tmp_path / "only" / "source.ply").touch()
+    with pytest.raises(zo.MeshError, match="contains no meshes besides the source: check the path"):
+        meshes_of(tmp_path / "only", (".ply",), tmp_path / "only" / "source.ply")
 
 
 def test_progress_says_which_job_it_is_of() -> None:
@@ -52,9 +72,9 @@ def test_a_cancelled_batch_does_no_further_job() -> None:
         if latest.stage == "2/3 Working":
             raise zo.Cancelled
 
-    def noted(job: Job) -> tuple[dict[str, Any], list[str]]:
+    def noted(job: Job, report: dict[str, Any]) -> list[str]:
         begun.append(job)
-        return work(job)
+        return work(job, report)
 
     with pytest.raises(zo.Cancelled), zo.progress(listen):
         run_jobs(JOBS, noted)

@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -141,3 +142,12 @@ def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     code = "\n".join(re.sub(r"(?m)^:tags:.*$", "", cell) for cell in CELL.findall(text_of(page)))
     code = re.sub(r"(?m)^!(.*)$", lambda line: f"_exit_code = _shell({line[1]!r})", code)
     exec(compile(code, page.name, "exec"), {"display": print, "_shell": shell})
+
+
+def test_the_readme_is_short_and_its_python_runs() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) < 800
+    (code,) = [each for each in code_of(ROOT / "README.md") if "zo.match" in each]
+    made: dict[str, Any] = {}
+    exec(code, made)
+    assert made["result"].verdict.level == "green"

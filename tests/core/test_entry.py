@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 
 import zoomout_core as zo
 from zoomout_core.cli import main
@@ -20,7 +21,7 @@ def test_a_command_without_its_packages_names_the_extra(module: str, missing: st
     without = f"import sys, runpy; sys.modules[{missing!r}] = None; runpy.run_module({module!r}, run_name='__main__')"
     done = subprocess.run([sys.executable, "-c", without, "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr.strip().endswith(f"is missing: pip install 'zoomout-core[{extra}]'.")
+    assert done.stderr.strip().endswith(f"is missing: in the checkout, pip install '.[{extra}]'.")
     assert len(done.stderr.strip().splitlines()) == 1
 
 
@@ -36,3 +37,10 @@ def test_the_command_is_a_module_as_well() -> None:
     assert zo.__version__ in done.stdout
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = zo.nothing
+
+
+def test_the_list_of_commands_has_whole_sentences() -> None:
+    listed = CliRunner().invoke(main, ["--help"], terminal_width=80).output.partition("Commands:")[2]
+    for name in main.commands:
+        assert name in listed
+    assert "..." not in listed

@@ -57,6 +57,25 @@ def test_errors_are_lengths_of_paths_along_edges_over_the_root_of_the_area() -> 
     np.testing.assert_allclose(zo.geodesic_error(images, zo.Surface(9 * vertices, strip.triangles), [3], [9]), error[3])
 
 
+def test_places_that_a_surface_does_not_have_are_refused(small: Creature, other: Creature) -> None:
+    truth, every = true_vertex(small, other), np.arange(700)
+    with pytest.raises(ValueError, match="target_vertex, which comes before source_vertex, must be vertex numbers"):
+        zo.geodesic_error(truth, small.surface, every + 1, truth)
+    with pytest.raises(ValueError, match="source_vertex must be vertex numbers from 0"):
+        zo.geodesic_error(truth, small.surface, every, truth + len(small.surface.vertices))
+    with pytest.raises(ValueError, match="700 target vertices and 699 source vertices"):
+        zo.geodesic_error(truth, small.surface, every, truth[1:])
+
+
+def test_a_result_and_the_path_of_a_mesh_are_accepted(small: Creature, other: Creature, tmp_path: Path) -> None:
+    result = zo.match_by_proximity(small.surface, other.surface)
+    truth, every = true_vertex(small, other), np.arange(700)
+    errors = zo.geodesic_error(result.surface_map, small.surface, every, truth)
+    zo.write_asset(zo.Asset(small.surface), tmp_path / "source.ply")
+    of_file = zo.geodesic_error(result, tmp_path / "source.ply", target_vertex=every, source_vertex=truth)
+    np.testing.assert_allclose(of_file, errors, atol=1e-6)
+
+
 def test_the_identity_folds_misses_and_stretches_nothing(small: Creature) -> None:
     surface = small.surface
     assert flipped_share(identity(surface), surface, surface) < 0.01
@@ -140,7 +159,9 @@ def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
     assert [line.split(":")[0] for line in alone.output.splitlines()] == ["Flipped", "Covered", "Edge distortion"]
     beside = evaluate(files, "map.npz", "--truth", "truth.txt", "--reverse", "back.npz")
     assert beside.exit_code == 0, beside.output
-    assert beside.output.startswith("Error at 700 ground-truth points: mean 0.0, median 0.0, 95th percentile 0.0.")
+    assert beside.output.startswith(
+        "Error at 700 of 700 ground-truth points: mean 0.0, median 0.0, 95th percentile 0.0."
+    )
     assert "Round-trip error" in beside.output
 
 
@@ -152,7 +173,7 @@ def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
         (("back.npz",), "maps 800 vertices"),
         (("map.npz", "--reverse", "map.npz"), "map.npz"),
         (("map.npz", "--truth", "beyond.txt"), "but 800 is not"),
-        (("map.npz", "--truth", "source.off"), "vertex numbers"),
+        (("map.npz", "--truth", "source.off"), "is not a list of ground-truth pairs (line 1)"),
     ],
 )
 def test_evaluate_says_in_one_sentence_what_does_not_fit(

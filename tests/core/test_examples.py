@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import doctest
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 from creatures import creature, true_vertex
 
 import zoomout_core as zo
+from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share
+from zoomout_core.spectral.sampling import farthest_points
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 
@@ -32,9 +35,31 @@ def names() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("name", zo.__all__)
+# Further functions and methods with examples, below `zo`.
+INNER = (
+    *(f"plotting.plot_{what}" for what in ("map", "confidence", "values", "functional_map", "error_curves")),
+    *(f"SurfaceMap.{name}" for name in ("interpolate", "invert", "save", "load")),
+    *(f"MatchResult.{name}" for name in ("use", "save")),
+    "SpectralBasis.coefficients",
+    "Symmetry.sides",
+)
+MEASURES = coverage, edge_distortion, distance_distortion, flipped_share, farthest_points
+
+
+@pytest.mark.parametrize("name", [*zo.__all__, *INNER])
 def test_the_example_runs(name: str, names: dict[str, Any], tmp_path: Path) -> None:
-    text = getattr(zo, name).__doc__
+    if name.startswith("plotting"):
+        pytest.importorskip("matplotlib")
+    run_example(attrgetter(name)(zo).__doc__, name, names, tmp_path)
+
+
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.__name__)
+def test_the_example_of_a_measure_runs(measure: Any, names: dict[str, Any], tmp_path: Path) -> None:
+    run_example(measure.__doc__, measure.__name__, names, tmp_path)
+
+
+def run_example(text: str, name: str, names: dict[str, Any], tmp_path: Path) -> None:
+    """Run the example of a docstring."""
     example = doctest.DocTestParser().get_doctest(text, {**names, "folder": tmp_path}, name, None, None)
     assert example.examples, f"zo.{name} has no example"
     said: list[str] = []

@@ -103,11 +103,13 @@ def test_it_draws_into_a_figure_and_notebooks_show_a_new_one() -> None:
 
     figure = Figure()
     left, right = figure.subfigures(1, 2)
-    assert zo.plotting.plot_map(SHEET, SHEET, TURNED, figure=left) is left
+    assert zo.plotting.plot_map(SHEET, SHEET, TURNED, figure=left) is figure
     zo.plotting.plot_functional_map(np.eye(3), right)
     assert len(left.axes) == 1
     assert len(right.axes) == 2
-    assert zo.plotting.plot_functional_map(np.eye(2))._repr_png_().startswith(b"\x89PNG")
+    new = zo.plotting.plot_functional_map(np.eye(2))
+    assert isinstance(new, zo.plotting.NotebookFigure)
+    assert new._repr_png_().startswith(b"\x89PNG")
 
 
 def test_a_window_shows_both_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,4 +141,7 @@ def test_what_is_of_another_mesh_is_refused(plot: Callable[[Found], object]) -> 
 def test_without_matplotlib_the_extra_is_named() -> None:
     script = "import sys; sys.modules['matplotlib'] = None; import zoomout_core as zo; zo.plotting"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert "ImportError: Figures need matplotlib, which is missing: pip install 'zoomout-core[plots]'." in done.stderr
+    assert (
+        "ImportError: Figures need matplotlib, which is missing: in the checkout, pip install '.[plots]'."
+        in done.stderr
+    )

@@ -76,20 +76,20 @@ def test_a_folder_of_targets_is_written_and_one_that_fails_leaves_the_others_alo
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "code", "sentence"),
     [
-        (("-o", "{folder}/out.fbx"), "has no supported file extension"),
-        (("-o", "{target}"), "is an input, and would be overwritten"),
-        (("-o", "{folder}/out.glb", "--kinds", "bones"), "--kinds is 'bones': choose from uv, color"),
-        (("-o", "{folder}/out.glb", "--kinds", "weights"), "The source has no weights"),
+        (("-o", "{folder}/out.fbx"), 1, "has no supported file extension"),
+        (("-o", "{target}"), 1, "is an input, and would be overwritten"),
+        (("-o", "{folder}/out.glb", "--kinds", "bones"), 2, "--kinds is 'bones': choose from uv, color"),
+        (("-o", "{folder}/out.glb", "--kinds", "weights"), 1, "The source has no weights"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_a_sentence(
-    files: tuple[Path, Path], tmp_path: Path, arguments: tuple[str, ...], sentence: str
+    files: tuple[Path, Path], tmp_path: Path, arguments: tuple[str, ...], code: int, sentence: str
 ) -> None:
     before = files[1].read_bytes()
-    code, said = run(*files, *(each.format(folder=tmp_path, target=files[1]) for each in arguments))
-    assert code == 1
+    ended, said = run(*files, *(each.format(folder=tmp_path, target=files[1]) for each in arguments))
+    assert ended == code
     assert sentence in said
     assert "Traceback" not in said
     assert files[1].read_bytes() == before
@@ -104,11 +104,43 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(
     assert code == 1
     assert "probably wrong" in said
     assert "--force" in said
+    assert "Other candidates: --candidate 1 to " in said
+    assert "100%" not in said
+    code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
+    (report,) = json.JSONDecoder().raw_decode(said)[0]["targets"]  # the progress bar follows
+    assert (code, report["status"], report["verdict"]["level"]) == (1, "refused", "red")
+    assert "output" not in report
     assert not (tmp_path / "out.glb").exists()
     code, said = run(*files, "-o", tmp_path / "out.glb", "--force")
     assert code == 0, said
     assert "Red: The match is probably wrong" in said
+    assert "The other candidates are --candidate 1 to " in said
     assert (tmp_path / "out.glb").exists()
+
+
+def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None:
+    made = creature(400)
+    top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
+    lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
+    number = np.repeat([0, 1], len(made.surface.triangles))
+    number[(made.surface.triangles == 0).any(axis=1).nonzero()] = 1  # a few faces do not name the part
+    both = Asset(
+        zo.Surface.joined([made.surface, lump]), (material_numbers(number),), (Material("Skin"), Material("Hat"))
+    )
+    for ending, name in (("obj", None), ("glb", "source")):
+        write_asset(both, tmp_path / f"source.{ending}")
+        write_asset(Asset(made.surface), tmp_path / "target.ply")
+        files = tmp_path / f"source.{ending}", tmp_path / "target.ply"
+        code, said = run(*files, "-o", tmp_path / "out.glb")
+        assert code == 0, said
+        prefix = "" if name is None else f"{name}: "
+        assert f"Share of the target's area by part of the source: '{prefix}Skin'" in said
+        assert f"Nothing arrives from '{prefix}Hat'." in said
+        code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
+        (report,) = json.loads(said)["targets"]
+        assert [(part["name"], part["material"]) for part in report["parts"]] == [(name, "Skin"), (name, "Hat")]
+        matched = CliRunner().invoke(main, ["match", *map(str, files), "-o", str(tmp_path / "map.npz")])
+        assert f"Nothing arrives from '{prefix}Hat'." in matched.stdout, matched.output
 
 
 def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     (failure,) = [line for line in ran.stderr.splitlines() if "failed." in line]
     assert failure.startswith(f"{Path('scans', 'broken.ply')}: failed. ")
     broken, first, second = json.loads((out / "report.json").read_text())["targets"]
-    assert set(broken) == {"target", "output", "error"}
+    assert (set(broken), broken["status"]) == ({"target", "status", "error"}, "failed")
     assert "could not be read" in broken["error"]
     assert first["output"] == str(out / "first.ply")
     assert 0 < second["mean_confidence"] <= 1
@@ -211,7 +211,7 @@ def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
         (["scans"], "a.ply", "one file for 3 targets"),
         (["scans/first.ply", "again/first.obj"], "out", "would both be written to"),
         (["scans/first.ply"], "scans", "could overwrite it"),
-        (["again"], "out", "contains no other meshes"),
+        (["again"], "out", "contains no meshes: check"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):

@@ -125,3 +125,31 @@ def test_a_second_setup_waits_for_the_first(
         order.append("first")
     waiting.join()
     assert order == ["first", "second"]
+
+
+@pytest.mark.parametrize(
+    ("present", "wanted", "installed"),
+    [
+        (None, "docs", "docs"),
+        ("all", "docs", "all and docs"),
+        ("docs", "all", "all and docs"),
+        ("docs", "core", None),
+        ("all and docs", "docs", None),
+        ("release", "all", None),
+    ],
+)
+def test_an_environment_keeps_what_it_has_and_the_documentation_needs_no_blender(
+    environment: Path, monkeypatch: pytest.MonkeyPatch, present: str | None, wanted: str, installed: str | None
+) -> None:
+    (environment / "pyproject.toml").touch()
+    seen: list[str] = []
+    for name in ("provide_system_packages", "create_environment"):
+        monkeypatch.setattr(bootstrap, name, lambda **_: None)
+    monkeypatch.setattr(bootstrap, "environment_is_usable", lambda: True)
+    monkeypatch.setattr(bootstrap, "install_project", lambda extra, _: seen.append(extra))
+    monkeypatch.setattr(bootstrap, "check_hosts", lambda: seen.append("hosts"))
+    if present is not None:
+        bootstrap.STAMP.write_text(bootstrap.finished_stamp(bootstrap.EXTRAS[present][0]))
+    bootstrap.set_up(wanted)
+    hosts = [] if installed in (None, "docs") else ["hosts"]
+    assert seen == ([] if installed is None else [bootstrap.EXTRAS[installed][0], *hosts])

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.skinning import blend_matrices
 from zoomout_core.transfer.unpose import inverse_skinning
@@ -67,8 +68,8 @@ class Skin:
     weights: csr_array
 
 
-@dataclass(frozen=True, eq=False)
-class Asset:
+@dataclass(frozen=True, eq=False, repr=False)
+class Asset(Summary):
     """All visible meshes of a file as one surface, with their transforms and pose applied.
 
     Attributes:
@@ -79,6 +80,8 @@ class Asset:
         skin: the joints that move it; None if there are none.
         document: the document of a glTF file, with its nodes, animations and materials; None for other formats.
         notes: sentences about data that was left out.
+        objects: the name of each mesh of the file, and the number of its vertices, in the order of the vertices; empty
+            for formats without names.
 
     Example:
         >>> zo.Asset(source).attributes
@@ -91,6 +94,15 @@ class Asset:
     skin: Skin | None = None
     document: Document | None = None
     notes: tuple[str, ...] = ()
+    objects: tuple[tuple[str, int], ...] = ()
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "surface": f"{len(self.surface.vertices):,} vertices, {len(self.surface.face_start) - 1:,} faces",
+            "attributes": ", ".join(each.name for each in self.attributes) or "none",
+            "materials": ", ".join(each.name for each in self.materials) or "none",
+            "joints": str(0 if self.skin is None else len(self.skin.names)),
+        }
 
     def find(self, name: str) -> Attribute | None:
         """The attribute with a name, if there is one."""

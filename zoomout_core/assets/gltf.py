@@ -16,6 +16,7 @@ from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_file
 from zoomout_core.mesh.opening import shown
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import OutsideError
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def library() -> Any:
     try:
         import pygltflib
     except ImportError as error:
-        raise ImportError("Skins and materials of glTF need pygltflib: pip install 'zoomout-core[cli]'.") from error
+        raise ImportError(f"Skins and materials of glTF need pygltflib: {install_hint('cli')}.") from error
     return pygltflib
 
 

@@ -86,7 +86,8 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
     ]
     skin, materials = skeleton.skin(meshes, surface.vertices), materials_of(document)
     left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
-    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes))
+    objects = tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes)
+    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes), objects)
 
 
 def read_gltf_surface(path: Path) -> Surface | None:

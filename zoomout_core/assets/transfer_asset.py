@@ -16,7 +16,7 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.messages import message
+from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -72,7 +72,7 @@ def transfer_asset(
 
     Raises:
         MeshError: the source has no data of these kinds, or the map is of other surfaces.
-        ValueError: the shape is not in `SHAPES`.
+        ValueError: the shape is not in `SHAPES`, or a kind not in `KINDS`.
 
     Example:
         >>> color = zo.Attribute("color", zo.Domain.POINT, zo.Kind.COLOR, np.ones((len(source.vertices), 4)))
@@ -82,6 +82,9 @@ def transfer_asset(
     """
     if shape not in SHAPES:
         raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     chosen, skin = select_data(source, kinds)
     mapped = map_target(match, source.surface, target.surface, fill_below)
     # Replace all of the target's data of a kind together.
@@ -94,6 +97,7 @@ def transfer_asset(
             carried = transfer_along(attribute, mapped)
         received[attribute.name] = carried
         notes += carried.notes
+    notes += _note_on_replaced(target, replaced, skin is not None)
     asset = replace(target, attributes=tuple(received.values()), notes=())
     if MATERIALS in replaced:
         # Unless the target's joints need its own document, use the source's, which has all of the materials.
@@ -121,6 +125,22 @@ def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute],
             f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
         )
     return chosen, skin
+
+
+def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) -> list[str]:
+    """A note on the target's own materials, joints and animations, if others take their place."""
+    counts = []
+    if MATERIALS in kinds:
+        counts.append(plural(len(target.materials), "1 material", "{count} materials"))
+    if with_joints:
+        joints = 0 if target.skin is None else len(target.skin.names)
+        animations = 0 if target.document is None else len(target.document.gltf.animations)
+        counts += [
+            plural(joints, "1 joint", "{count} joints"),
+            plural(animations, "1 animation", "{count} animations"),
+        ]
+    own = [each for each in counts if each.values["count"]]
+    return [message("The target's own {things} were replaced.", things=enumeration(own))] if own else []
 
 
 def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:

@@ -28,13 +28,14 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import detail_options, progress_bar, table_option, tell
+from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
@@ -63,7 +64,7 @@ MATCHED, DRAWN = 0.9, 0.95
         f"default, {NEIGHBOURS})."
     ),
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one a core).")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one per core).")
 @click.option("--scheduler", metavar="ADDRESS", help="Use a running Dask cluster, such as tcp://10.0.0.1:8786.")
 @click.option(
     "--retries",
@@ -134,11 +135,11 @@ def collection(
     as_json: bool,
     **accuracy: Any,
 ) -> None:
-    """Match the shapes of folders, prepare each once, and have their maps agree.
+    """Match many shapes, and make their maps agree.
 
-    FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps are written pair by pair to
-    OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes on where it was.
-    OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
+    Each shape is prepared once. FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps
+    are written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes
+    on where it was. OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
 
     Where cycles of maps do not close, another candidate of a pair is taken, so that a flip is outvoted.
 
@@ -146,9 +147,9 @@ def collection(
     """
     try:
         if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
-            raise MeshError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
+            raise OptionError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
         if transfers and template is None:
-            raise MeshError("--transfer copies the data of one shape: choose it with --template.")
+            raise OptionError("--transfer copies the data of one shape: choose it with --template.")
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
@@ -187,6 +188,8 @@ def collection(
     else:
         for line in lines_of_collection(result):
             tell(line)
+        if pictures and not find_spec("matplotlib"):
+            tell(f"No pictures: {install_hint('plots')}.")
         tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)
@@ -234,7 +237,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
     if scheduler is not None:
         if workers is not None:
-            raise MeshError("A cluster brings its own workers: omit --workers or --scheduler.")
+            raise OptionError("A cluster brings its own workers: omit --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
         workers = min(usable_cores(), count) if has_dask() else 1

@@ -18,7 +18,10 @@ from zoomout_core.mesh.surface import MeshError
 )
 @json_option
 def demo(output: str, as_json: bool) -> None:
-    """Build, pose, match and transfer a character in headless Blender, and measure it against the truth."""
+    """Run the demo in headless Blender.
+
+    It builds, poses and remeshes a character, matches the two, transfers, and measures the result.
+    """
     extension = extension_module("demo")
     if extension is None:
         raise click.ClickException("The demo needs the project's source and Blender as a module: run `make demo`.")

@@ -10,35 +10,36 @@ import numpy as np
 
 from zoomout_core.cli.maps import read_surface_map
 from zoomout_core.cli.report import json_option, say, spread_in_words, spread_of
+from zoomout_core.command_options import InputFile
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
-from zoomout_core.text_arguments import read_landmarks
+from zoomout_core.text_arguments import read_truth
 
 
 @click.command()
-@click.argument("map_file", metavar="MAP", type=click.Path(exists=True, dir_okay=False))
+@click.argument("map_file", metavar="MAP", type=InputFile())
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path())
 @click.option(
     "--truth",
-    type=click.Path(exists=True, dir_okay=False),
+    type=InputFile(),
     help="Text file of ground-truth pairs: a source vertex and a target vertex per line, numbered from 0.",
 )
 @click.option(
     "--reverse",
-    type=click.Path(exists=True, dir_okay=False),
+    type=InputFile(),
     help="A map from SOURCE to TARGET, written by `zoomout match TARGET SOURCE`, to measure the round-trip error.",
 )
 @json_option
 def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse: str | None, as_json: bool) -> None:
-    """Say how good MAP is, which `zoomout match SOURCE TARGET` wrote: what it folds, misses and stretches.
+    """Measure MAP: flipped area, coverage, distortion and error.
 
-    With --truth also how far its images are off their true places. Distances are in thousandths of the square root
-    of the surface's area.
+    MAP is a file that `zoomout match SOURCE TARGET` wrote. Its error is measured with --truth, along the surface, in
+    thousandths of the square root of its area.
     """
     try:
         surfaces = as_surface(read_shape(source)), as_surface(read_shape(target))
@@ -46,7 +47,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
         lines, figures = ([], {}) if truth is None else _errors(surface_map, *surfaces, truth)
         over, covered = flipped_share(surface_map, *surfaces), coverage(surface_map, surfaces[0])
         distortion = edge_distortion(surface_map, *surfaces)
-        figures |= {"turned_over": over, "covered": covered, "edge_distortion": distortion}
+        figures |= {"flipped": over, "covered": covered, "edge_distortion": distortion}
         lines += [
             f"Flipped: {over:.1%} of the target's area.",
             f"Covered: {covered:.1%} of the source's area.",
@@ -64,19 +65,23 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
 
 def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: str) -> tuple[list[str], dict[str, Any]]:
     """Errors of the images relative to their true places."""
-    source_vertex, target_vertex = read_landmarks(truth)
+    source_vertex, target_vertex = read_truth(truth)
     known = (
         vertex_numbers(target_vertex, len(target.vertices), f"The target vertices of {truth}"),
         vertex_numbers(source_vertex, len(source.vertices), f"The source vertices of {truth}"),
     )
-    error = 1000 * geodesic_error(surface_map, source, *known)
+    error = 1000 * geodesic_error(surface_map, source, target_vertex=known[0], source_vertex=known[1])
     reached = error[np.isfinite(error)]  # an image on a loose part has no path to the body
     missed = len(error) - len(reached)
     lines: list[str] = []
-    figures: dict[str, Any] = {"places": len(reached), "places_on_another_part": missed}
+    figures: dict[str, Any] = {
+        "places_given": len(known[0]),
+        "places": len(reached),
+        "places_on_another_part": missed,
+    }
     if len(reached):
         figures["error"] = spread = spread_of(reached)
-        lines.append(f"Error at {len(reached)} ground-truth points: {spread_in_words(spread)}.")
+        lines.append(f"Error at {len(reached):,} of {len(known[0]):,} ground-truth points: {spread_in_words(spread)}.")
     if missed:
         lines.append(f"{missed} images are on a different part of the source than the ground truth.")
     return lines, figures

@@ -20,7 +20,7 @@ from zoomout_core.mesh.triangles import border_edges
 @folders_option
 @json_option
 def info(mesh: str, folders: tuple[str, ...], as_json: bool) -> None:
-    """Say what MESH holds: its faces, parts and borders, and what of it `zoomout transfer` carries."""
+    """Show the contents of MESH that `zoomout transfer` can carry."""
     try:
         asset = read_asset(mesh, folders)
     except (ValueError, OSError, ImportError) as error:

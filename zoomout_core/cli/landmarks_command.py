@@ -14,6 +14,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.files import MESHES
+from zoomout_core.assets.part_names import PartName
 from zoomout_core.batch import (
     Job,
     end_with_code,
@@ -24,7 +25,7 @@ from zoomout_core.batch import (
     say_outcomes,
     write_report,
 )
-from zoomout_core.cli.report import LOW, json_option, match_figures
+from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
 from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
@@ -64,6 +65,7 @@ class Template:
         landmarks: as their file has them.
         points: (q, 3) positions in the mesh's frame.
         signs: (3,) factors from the file's coordinates to the mesh's.
+        parts: names of the surface's connected components.
         notes: sentences for the user.
     """
 
@@ -71,6 +73,7 @@ class Template:
     landmarks: LandmarkSet
     points: Floats
     signs: Floats
+    parts: list[PartName]
     notes: tuple[str, ...]
 
 
@@ -113,14 +116,18 @@ def landmarks(
             if job.output.parent.is_dir():
                 check_output(job.output, [positions], in_place)
         arguments, known = start_arguments(**options), read_template(template, positions)
-        with progress_bar():
+        with progress_bar() as bar:
             outcomes = run_jobs(jobs, partial(_run_job, known, candidate, force, arguments))
+            if all(outcome.error for outcome in outcomes):
+                bar.close()
+        given = {"landmarks": positions, "candidate": candidate, "force": force, **options}
+        figures = figures_of(template, outcomes, given)
         if is_folder(output):
-            write_report(template, outcomes, Path(output))
+            write_report(figures, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
-        click.echo(json.dumps(figures_of(template, outcomes), indent=1))
+        click.echo(json.dumps(figures, indent=1))
         end_with_code(outcomes)
     else:
         say_outcomes(outcomes, output)
@@ -136,16 +143,17 @@ def read_template(mesh: str, positions: str) -> Template:
         MeshError: a file cannot be read, or a landmark is not near the surface.
     """
     surface, found = as_surface(read_shape(mesh)), read_landmark_file(positions)
+    parts = parts_of(mesh, surface)
     if found.vertices is not None:
         number = vertex_numbers(found.vertices, len(surface.vertices), f"Landmarks in {positions}")
-        return Template(surface, found, surface.vertices[number], np.ones(3), ())
+        return Template(surface, found, surface.vertices[number], np.ones(3), parts, ())
     points, signs = found.points, np.ones(3)
     notes: tuple[str, ...] = ()
     if found.system and _distance(surface, points) > _distance(surface, SIGNS * points):
         points, signs = SIGNS * points, SIGNS
         notes = (message("The landmarks are in {system} coordinates, the mesh is not.", system=found.system),)
     on_surface("source", surface, points)
-    return Template(surface, found, points, signs, notes)
+    return Template(surface, found, points, signs, parts, notes)
 
 
 def _distance(surface: Surface, points: Floats) -> float:
@@ -156,16 +164,18 @@ def _distance(surface: Surface, points: Floats) -> float:
 
 
 def _run_job(
-    template: Template, candidate: int, force: bool, arguments: dict[str, Any], job: Job
-) -> tuple[dict[str, Any], list[str]]:
-    """Place the landmarks on one target, and write them; returns the figures and lines of its outcome."""
+    template: Template, candidate: int, force: bool, arguments: dict[str, Any], job: Job, report: dict[str, Any]
+) -> list[str]:
+    """Place the landmarks on one target, and write them; returns the lines of its outcome, and fills in its report."""
     target = as_surface(read_shape(job.target))
     with portion(0.0, MATCHED):
         result = match(template.surface, target, **arguments)
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
-    check_verdict(result.verdict, force)
+    notes = [*template.notes, *result.notes]
+    report |= {**match_figures(result, template.parts), "notes": notes}
+    check_verdict(result.verdict, force, len(result.candidates))
     with portion(MATCHED, 1.0):
         points, confidence = transfer_landmarks(result, template.points)
     # The nearest corner of the triangle that a point is on: the nearest vertex may be on the other side of a thin wall.
@@ -176,18 +186,15 @@ def _run_job(
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
     verdict = _verdict(result.verdict, unsure, len(names))
-    notes = [*template.notes, *result.notes]
-    figures = {
+    report |= {
         "landmarks": [
             {"name": name, "position": point, "confidence": sure}
             for name, point, sure in zip(names, placed.points.tolist(), confidence.tolist(), strict=True)
         ],
         "uncertain": unsure,
         "landmark_verdict": verdict._asdict(),
-        **match_figures(result),
-        "notes": notes,
     }
-    return figures, [verdict.line, *notes]
+    return [verdict.line, *notes]
 
 
 def _verdict(of_match: Verdict, unsure: list[str], count: int) -> Verdict:

@@ -9,9 +9,11 @@ from typing import Any
 
 import click
 
+from zoomout_core.assets.part_names import PartName
 from zoomout_core.cli.maps import check_map_output, keep_map, save_match
-from zoomout_core.cli.report import json_option, match_figures, match_lines, say
+from zoomout_core.cli.report import json_option, match_figures, match_lines, parts_of, say
 from zoomout_core.command_options import (
+    OptionError,
     in_place_option,
     match_options,
     progress_bar,
@@ -26,7 +28,6 @@ from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError
 
 # The start that is not refined.
 NEAREST = "nearest"
@@ -39,21 +40,24 @@ NEAREST = "nearest"
 @in_place_option
 @partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
+@table_options(option_table.RESULT)
 @json_option
 def match(
     source: str,
     target: str,
     output: str,
     in_place: bool,
+    candidate: int,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Find for every vertex of TARGET the point on SOURCE that it corresponds to; either may be a point cloud.
+    """Find the point on SOURCE for each vertex of TARGET.
 
-    Writes triangle, barycentric, vertex, confidence, functional_map, and has_partner and source_has_partner, which
-    vertices of TARGET and of SOURCE have something on the other that they correspond to, to one .npz file. With
-    --initial nearest the map is that to the nearest points, as for clothes on a body, with a confidence of one or zero,
-    and nothing else.
+    Either may be a point cloud.
+
+    Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
+    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest the map is
+    that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
     """
     try:
         of_nearest = {
@@ -63,7 +67,7 @@ def match(
         check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
         shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
-            _check_nothing_else(options)
+            _check_nothing_else({**options, "candidate": candidate})
             surfaces = as_surface(shapes[0]), as_surface(shapes[1])
             with progress_bar():
                 nearest = match_by_proximity(*surfaces, **of_nearest)
@@ -72,20 +76,22 @@ def match(
             arguments = start_arguments(**options, more_starts=[NEAREST])
             with progress_bar():
                 result = match_shapes(*shapes, **arguments)
+                if candidate:
+                    result = result.use(candidate)
             with keep_map(partial(save_match, result), Path(output)):
                 save_match(result, Path(output))
-            lines, figures = _summary(result)
+            lines, figures = _summary(result, parts_of(source, result.source))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
 
 
 def _check_nothing_else(options: dict[str, Any]) -> None:
-    """Raise a MeshError if the user gave options that a map to the nearest points does not take."""
-    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
+    """Raise an OptionError if the user gave options that a map to the nearest points does not take."""
+    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes", "candidate"):
         if options[name]:
             flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
-            raise MeshError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
+            raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:
@@ -96,14 +102,14 @@ def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[
     return lines, {"share_with_partner": share, "notes": list(result.notes)}
 
 
-def _summary(result: MatchResult) -> tuple[list[str], dict[str, Any]]:
+def _summary(result: MatchResult, parts: list[PartName]) -> tuple[list[str], dict[str, Any]]:
     """Summary of a match for the user."""
     over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
     origin = result.candidates[result.chosen].origin
     lines = [
-        *match_lines(result),
+        *match_lines(result, parts),
         f"Flipped: {over:.1%} of the target's area.",
-        f"Found by {origin}, the best of {len(result.candidates)} candidates.",
+        f"Found by {origin}: candidate {result.chosen} of {len(result.candidates)}, counted from 0.",
         *result.notes,
     ]
-    return lines, {**match_figures(result), "turned_over": over, "origin": origin, "notes": list(result.notes)}
+    return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, "notes": list(result.notes)}

@@ -4,15 +4,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.assets.files import READERS, read_asset
+from zoomout_core.assets.part_names import PartName
+from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
+from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.verdict import GREEN
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -20,7 +25,7 @@ LOW = 0.5
 
 def json_option(command: Any) -> Any:
     """Add an option to report as JSON to a command."""
-    return click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")(command)
+    return click.option(JSON, "as_json", is_flag=True, help="Print the report as JSON.")(command)
 
 
 def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None:
@@ -32,8 +37,16 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         tell(line)
 
 
-def match_figures(result: MatchResult) -> dict[str, Any]:
-    """Figures of a match for programs."""
+def parts_of(file: str, surface: Surface) -> list[PartName]:
+    """The names of the parts of a surface that was read from a file; only numbers for formats without names."""
+    count = int(surface.components.max(initial=0)) + 1
+    if count == 1 or Path(file).suffix.lower() not in READERS:
+        return [PartName(number) for number in range(count)]
+    return nameparts_of(surface, read_asset(file))
+
+
+def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, Any]:
+    """Figures of a match for programs, with the names of the source's parts."""
     return {
         "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
@@ -43,27 +56,47 @@ def match_figures(result: MatchResult) -> dict[str, Any]:
         "source_share_without_partner": result.source_share_without_partner,
         "torn": result.target.share_of_area(result.torn),
         "filled": result.target.share_of_area(result.filled),
-        "parts": part_figures(result),
+        "parts": part_figures(result, parts),
         "candidates": len(result.candidates),
     }
 
 
-def part_figures(result: MatchResult) -> list[dict[str, float]]:
-    """For each component of the source the visible share of the source, and the share of the target that receives."""
+def part_figures(result: MatchResult, parts: Sequence[PartName]) -> list[dict[str, Any]]:
+    """For each component of the source its names, its visible share, and the share of the target that receives."""
+    if len(result.pair.shares) != len(parts):  # the source was matched as a single part
+        parts = [PartName(0)]
     return [
-        {"part": number, "visible": float(visible), "arrived": float(arrived)}
-        for number, (visible, arrived) in enumerate(zip(result.pair.shares, result.arrived, strict=True))
+        {
+            "part": part.number,
+            "name": part.name or None,
+            "material": part.material or None,
+            "visible": float(visible),
+            "arrived": float(arrived),
+        }
+        for part, visible, arrived in zip(parts, result.pair.shares, result.arrived, strict=True)
     ]
 
 
-def match_lines(result: MatchResult) -> list[str]:
+def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
     """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
+        *_ways_out(result),
+        *notes_on_parts(result, [part.label for part in parts]),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
+    ]
+
+
+def _ways_out(result: MatchResult) -> list[str]:
+    """How to use another candidate, if a match is in doubt."""
+    last = len(result.candidates) - 1
+    if result.verdict.level == GREEN or not last:
+        return []
+    return [
+        f"The other candidates are --candidate {'1' if last == 1 else f'1 to {last}'}; this one is {result.chosen}."
     ]
 
 
@@ -72,10 +105,11 @@ def spread_of(values: Floats) -> dict[str, float]:
     return {
         "mean": float(values.mean()),
         "median": float(np.median(values)),
-        "95th percentile": float(np.percentile(values, 95)),
+        "percentile_95": float(np.percentile(values, 95)),
     }
 
 
 def spread_in_words(spread: Mapping[str, float]) -> str:
     """A spread in words, for a sentence."""
-    return ", ".join(f"{name} {value:.1f}" for name, value in spread.items())
+    words = {"percentile_95": "95th percentile"}
+    return ", ".join(f"{words.get(name, name)} {value:.1f}" for name, value in spread.items())

@@ -13,7 +13,9 @@ from zoomout_core.samples import write_samples
 @click.argument("folder", type=click.Path(file_okay=False))
 @json_option
 def sample(folder: str, as_json: bool) -> None:
-    """Write a character and a scan of it into FOLDER, to try the other commands on.
+    """Write a character and a scan of it into FOLDER.
+
+    The other commands can be tried on them.
 
     The character has texture coordinates, materials, colours, joints and an animation. The scan stands in another
     pose and has other triangles; which of its vertices is which of the character's is known, see truth.txt.

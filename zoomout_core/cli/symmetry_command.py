@@ -11,13 +11,12 @@ import click
 
 from zoomout_core.cli.maps import check_map_output, keep_map
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.command_options import mesh_options, progress_bar
+from zoomout_core.command_options import check_axis, mesh_options, progress_bar
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import probability
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
-from zoomout_core.text_arguments import read_axis
 
 
 @click.command()
@@ -40,14 +39,14 @@ from zoomout_core.text_arguments import read_axis
 @json_option
 @mesh_options
 def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, **accuracy: Any) -> None:
-    """Find the symmetries of MESH, in whatever pose it is, and write one of them.
+    """Find the symmetries of MESH in any pose.
 
-    Writes triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz file, and
-    of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
+    Writes one of them: triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz
+    file, and of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
     """
     try:
         check_map_output(output, [mesh])
-        shape, direction = read_shape(mesh), read_axis(left, "--left")
+        shape, direction = read_shape(mesh), check_axis(left, "--left")
         with progress_bar():
             found = detect_symmetry(shape, left=direction, **resolve_detail(**accuracy))
         if candidate > len(found):

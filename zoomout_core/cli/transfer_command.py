@@ -23,6 +23,7 @@ from zoomout_core.assets.files import (
     read_asset,
     write_asset,
 )
+from zoomout_core.assets.part_names import name_parts
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
@@ -36,7 +37,14 @@ from zoomout_core.batch import (
 )
 from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import batch_options, folders_option, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import (
+    OptionError,
+    batch_options,
+    folders_option,
+    match_options,
+    progress_bar,
+    start_arguments,
+)
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -80,14 +88,15 @@ def transfer(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Transfer what the mesh SOURCE carries to the meshes TARGETS, which may differ in pose, triangles and placement.
+    """Transfer the data of SOURCE to other meshes.
 
-    From glTF these are texture coordinates, colours, materials with their images, morph targets, and skin weights: the
-    joints come along, with what animates them, and a target moves as SOURCE does. OBJ has texture coordinates, colours
-    and materials, PLY texture coordinates and colours; of other formats only the shape is read.
+    TARGETS may differ from SOURCE in pose, triangles and placement. From glTF the data are texture coordinates,
+    colours, materials with their images, morph targets, and skin weights: the joints come along, with what animates
+    them, and a target moves as SOURCE does. OBJ has texture coordinates, colours and materials, PLY texture coordinates
+    and colours; of other formats only the shape is read.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
-    report.json says how each went; a target that fails leaves the others alone.
+    report.json has the result of each; a target that fails does not affect the others.
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
@@ -105,14 +114,18 @@ def transfer(
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         choices = candidate, force, wanted, shape.replace("-", " "), arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
-        with progress_bar():
+        with progress_bar() as bar:
             outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
+            if all(outcome.error for outcome in outcomes):
+                bar.close()
+        given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, "folders": folders, **options}
+        figures = figures_of(source, outcomes, given)
         if is_folder(output):
-            write_report(source, outcomes, Path(output))
+            write_report(figures, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
-        click.echo(json.dumps(figures_of(source, outcomes), indent=1))
+        click.echo(json.dumps(figures, indent=1))
         end_with_code(outcomes)
     else:
         say_outcomes(outcomes, output)
@@ -122,13 +135,13 @@ def check_kinds(kinds: str) -> list[str]:
     """Read the kinds that an option names.
 
     Raises:
-        MeshError: there are none, or some cannot be transferred.
+        OptionError: there are none, or some cannot be transferred.
     """
     chosen = [kind.strip().lower().replace("-", " ") for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in chosen if kind not in KINDS]
     if unknown or not chosen:
         known = ", ".join(kind.replace(" ", "-") for kind in KINDS)
-        raise MeshError(f"--kinds is {kinds!r}: choose from {known}, separated by commas.")
+        raise OptionError(f"--kinds is {kinds!r}: choose from {known}, separated by commas.")
     return chosen
 
 
@@ -155,8 +168,9 @@ def _run_job(
     shape: str,
     arguments: dict[str, Any],
     job: Job,
-) -> tuple[dict[str, Any], list[str]]:
-    """Transfer to one target, and write it; returns the figures and lines of its outcome."""
+    report: dict[str, Any],
+) -> list[str]:
+    """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
     target = read_asset(job.target, folders)
     check_writable(target, job.target, job.output.suffix)
     with portion(0.0, MATCHED):
@@ -164,18 +178,18 @@ def _run_job(
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
-    check_verdict(result.verdict, force)
+    parts = name_parts(source)
+    report |= {**match_figures(result, parts), "notes": [*source.notes, *target.notes, *result.notes]}
+    check_verdict(result.verdict, force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):
         job.output.parent.mkdir(exist_ok=True)
         with portion(MATCHED, 1.0):
             made = transfer_asset(source, target, result, kinds, shape)
         left_out = write_asset(made.asset, job.output, inputs)
-    notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
-    lines = [
+    report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *left_out]}
+    return [
         f"Transferred: {', '.join(received)}.",
-        *match_lines(result),
-        f"{len(result.candidates)} maps were found; if sides are swapped, try --candidate 1.",
-        *notes,
+        *match_lines(result, parts),
+        *report["notes"],
     ]
-    return {"transferred": received, **match_figures(result), "notes": notes}, lines

@@ -19,6 +19,7 @@ from uuid import uuid4
 
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
 from zoomout_core.runtime.child_process import child_environment, modules_of_python_in
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.progress import advance, renaming, stage
 
 # Seconds between two checks for finished tasks.
@@ -389,7 +390,7 @@ def _import_distributed(retries: int) -> Any:
         import distributed
     except ImportError as error:
         raise ImportError(
-            "Using several processes requires Dask and cryptography: pip install 'zoomout-core[collections]', or use "
+            f"Using several processes requires Dask and cryptography: {install_hint('collections')}, or use "
             "--workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})

@@ -19,13 +19,14 @@ from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.summary import Summary
 
 # Barycentric coordinates may miss their bounds and their sum by this rounding error.
 BARYCENTRIC_TOLERANCE = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceMap(Summary):
     """The point on the source surface that each vertex of the target corresponds to.
 
     Attributes:
@@ -65,6 +66,9 @@ class SurfaceMap:
         barycentric[np.arange(len(vertex)), corner % 3] = 1
         return cls(corner // 3, barycentric, triangles)
 
+    def _summary(self) -> dict[str, str]:
+        return {"target": f"{len(self.triangle):,} vertices", "source": f"{len(self.source_triangles):,} triangles"}
+
     @property
     def vertex(self) -> Integers:
         """(n_t,) the source vertex nearest to each image."""
@@ -76,6 +80,11 @@ class SurfaceMap:
 
         Raises:
             ValueError: there are fewer values than vertices.
+
+        Example:
+            >>> heights = result.surface_map.interpolate(source.vertices[:, 2])
+            >>> heights.shape == (len(target.vertices),)
+            True
         """
         given, needed = np.asarray(values), int(self.source_triangles.max(initial=-1)) + 1
         if not given.ndim or len(given) < needed:
@@ -96,6 +105,10 @@ class SurfaceMap:
         """The inverse map: a point on the target for every vertex of the source.
 
         Each source vertex takes the closest point of the target, with the target's vertices moved to their images.
+
+        Example:
+            >>> result.surface_map.invert(source, target).vertex.shape == (len(source.vertices),)
+            True
         """
         return self.preimages(source, target, source.vertices)
 
@@ -111,6 +124,9 @@ class SurfaceMap:
 
         Raises:
             OutputError: it cannot be written; the earlier file is unchanged.
+
+        Example:
+            >>> result.surface_map.save(folder / "map.npz", confidence=result.confidence)
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         with atomic_write(_npz(path)) as part:
@@ -122,6 +138,10 @@ class SurfaceMap:
 
         Raises:
             MeshError: the file is missing, or contains no map, or a map onto another source.
+
+        Example:
+            >>> result.surface_map.save(folder / "map.npz")
+            >>> again = zo.SurfaceMap.load(folder / "map.npz", source)
         """
         path = path if isfile(path) else _npz(path)
         arrays = _arrays_of_map(path, ("triangle", "barycentric"))

@@ -25,6 +25,7 @@ from zoomout_core.maps.functional_map import (
 )
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.tuning import Tuning, tuned
@@ -55,8 +56,8 @@ Sizes: TypeAlias = Sequence[int | tuple[int, int]]
 Samples: TypeAlias = int | tuple[ArrayLike, ArrayLike] | None
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
+@dataclass(frozen=True, eq=False, repr=False)
+class Refined(Summary):
     """The result of ZoomOut.
 
     Attributes:
@@ -66,6 +67,10 @@ class Refined:
 
     functional_map: Floats
     vertex: Integers
+
+    def _summary(self) -> dict[str, str]:
+        size = " x ".join(map(str, self.functional_map.shape))
+        return {"functional map": size, "target": f"{len(self.vertex):,} vertices"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from inspect import Parameter, signature
 from typing import ParamSpec, Protocol, cast, overload
 
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL, sizes_in_words
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.shapes import ShapeLike
 from zoomout_core.runtime.progress import Progress
 
 Arguments = ParamSpec("Arguments")
+
+# The line of the docstring of `match` that stands for the options.
+GIVEN = "        given: options as keyword arguments; they override `options`.\n"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,6 +27,23 @@ class MatchArguments(MatchOptions):
 
     options: MatchOptions | None = None
     progress: Callable[[Progress], object] | None = None
+
+
+def check_names(given: Iterable[str]) -> None:
+    """Check that the options of a user exist.
+
+    Raises:
+        TypeError: one does not; the message names the most similar one.
+    """
+    known = [field.name for field in fields(MatchOptions)]
+    for name in given:
+        if name == "detail":
+            sizes = "; ".join(f"{word}: {sizes_in_words(word)}" for word in DETAIL)
+            raise TypeError(f"match has no option detail: give its sizes, such as k_final=200 ({sizes}).")
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
+            raise TypeError(f"match has no option {name}: {hint}")
 
 
 class MatchFunction(Protocol[Arguments]):
@@ -44,14 +66,21 @@ class MatchFunction(Protocol[Arguments]):
     ) -> MatchResult: ...
 
 
+def options_help() -> str:
+    """The description of the options, from that of `MatchOptions`, in the form of a function's arguments."""
+    text = (MatchOptions.__doc__ or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+    return f"{text}\n"
+
+
 def with_arguments(
     arguments: Callable[Arguments, MatchArguments],
 ) -> Callable[[Callable[..., MatchResult]], MatchFunction[Arguments]]:
-    """Give `match` the signature of its arguments, for type checkers and for `help`."""
+    """Give `match` the signature of its arguments, and their descriptions, for type checkers and for `help`."""
 
     def add_signature(function: Callable[..., MatchResult]) -> MatchFunction[Arguments]:
         known = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         options = signature(MatchOptions).parameters.values()
+        function.__doc__ = (function.__doc__ or "").replace(GIVEN, options_help())
         function.__signature__ = signature(function).replace(parameters=[*known, *options])  # type: ignore[attr-defined]
         return cast("MatchFunction[Arguments]", function)
 

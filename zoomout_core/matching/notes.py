@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
@@ -32,6 +33,10 @@ FOLDED = (
 )
 OTHER_UNITS = "The two meshes differ greatly in size: if one is a part of the other, scale both to the same unit."
 RESCALED = "The two meshes seem to use different units: the target was scaled by {times:.3g} for the match."
+MISSED_LANDMARKS = (
+    "The map contradicts {count} of the {total} landmarks: check that each pair is the same place on both shapes, with "
+    "the source first."
+)
 TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
 SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
 TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
@@ -42,6 +47,8 @@ RECOGNISED_CERTAINTY = 0.1
 # Shares of a surface's area that are reported if larger: folded over by the map, or without a counterpart.
 MAX_FOLDED_SHARE = 0.05
 MAX_UNMATCHED_SHARE = 0.03
+# Distance of a map from a landmark, at unit area, from which on it contradicts it: about a forearm of a human.
+MAX_LANDMARK_ERROR = 0.2
 # Rounding of coordinates, in edge lengths, from which on it is reported. Maps at this value were off by a thousandth of
 # the square root of the area, and by five thousandths at 0.9.
 MAX_ROUNDING = 0.2
@@ -114,6 +121,12 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         return (warning(TURNED, turns=turns, certainty=probability(certainty)), *notes)
     doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
     return (warning(doubt, certainty=probability(certainty)), *notes)
+
+
+def notes_on_landmarks(errors: Floats) -> tuple[str, ...]:
+    """A note if the map contradicts landmarks, from the distances (l,) at unit area by which it misses them."""
+    count = int((errors > MAX_LANDMARK_ERROR).sum())
+    return (warning(MISSED_LANDMARKS, count=count, total=len(errors)),) if count else ()
 
 
 def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:

@@ -30,8 +30,8 @@ class MatchOptions:
     Attributes:
         initial: the initial map. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity": from
             nearest points, if the two overlap in space. "given": from `initial_map`.
-        landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
-            or points (m, 3) on the surface, in its own frame and unit.
+        landmarks: a tuple of places on the source and the places on the target that correspond to them: vertex numbers
+            (m,), or points (m, 3) on the surface, in its own frame and unit. A list of pairs is refused.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" it is evidence, not
             only the initial map.
@@ -96,6 +96,11 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
 
 
 def _check_pairs(landmarks: object, regions: object) -> None:
+    if _are_pairs(landmarks):
+        raise ValueError(
+            "landmarks looks like a list of pairs: give a tuple (source vertices, target vertices), such as "
+            "([12, 40], [7, 33]) for the pairs 12-7 and 40-33."
+        )
     if landmarks is not None and not (isinstance(landmarks, Sequence | np.ndarray) and len(landmarks) == 2):
         raise TypeError(
             f"landmarks is {landmarks!r:.80}: give a pair, places on the source and places on the target that "
@@ -103,6 +108,17 @@ def _check_pairs(landmarks: object, regions: object) -> None:
         )
     if regions is not None and not isinstance(regions, Iterable):
         raise TypeError(f"regions is {regions!r:.80}: give pairs of source vertices and target vertices.")
+
+
+def _are_pairs(landmarks: object) -> bool:
+    """Whether landmarks are pairs, instead of the landmarks of each surface.
+
+    Two pairs have the form of two lists of two landmarks, so these must be in a tuple.
+    """
+    if not isinstance(landmarks, list | tuple) and not (isinstance(landmarks, np.ndarray) and landmarks.ndim):
+        return False
+    of_two = all(isinstance(each, Sequence | np.ndarray) and len(each) == 2 for each in landmarks)
+    return len(landmarks) > 0 and of_two and not (len(landmarks) == 2 and isinstance(landmarks, tuple))
 
 
 def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:

@@ -10,15 +10,15 @@ from typing import Any
 
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
-from zoomout_core.matching.constraints import Constraints, check_axes, check_regions
+from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
-from zoomout_core.matching.match_signature import MatchArguments, with_arguments
+from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
 from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.memory_need import check_memory
-from zoomout_core.matching.notes import notes_on_input
+from zoomout_core.matching.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks
+from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
 from zoomout_core.matching.preparation import AHEAD, prepare_shape
 from zoomout_core.matching.ranking import Candidate, rank
 from zoomout_core.matching.result import MatchResult, make_result
@@ -54,7 +54,7 @@ def match(
             reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
             path of a file are accepted as well, see `ShapeLike`.
         target: the surface, or the points, that the map starts from; it receives them.
-        options: options of the match, see `MatchOptions`.
+        options: options of the match; keyword arguments override them.
         progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
         given: options as keyword arguments; they override `options`.
 
@@ -72,6 +72,7 @@ def match(
     """
     if options is not None and not isinstance(options, MatchOptions):
         raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")
+    check_names(given)
     options = MatchOptions(**given) if options is None else replace(options, **given)
     with listening(progress):
         with stage("Reading the meshes", 0.0, 0.01):
@@ -110,7 +111,11 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
         with portion(RETRY, RESULT):
             best = retry(best, known, options)
     with portion(RESULT, 1.0):
-        return make_result(best.pair, tuple(best.candidates), 0)
+        result = make_result(best.pair, tuple(best.candidates), 0)
+    if options.landmarks is None:
+        return result
+    errors = landmark_errors(result.surface_map, source, target, *landmark_points(result.pair, options.landmarks))
+    return replace(result, notes=(*notes_on_landmarks(errors), *result.notes))
 
 
 def _attempt(

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
-from zoomout_core.matching.options import SMALLEST_FINAL
+from zoomout_core.matching.options import SMALLEST_FINAL, MatchOptions
 
 # Arguments of `match` for each preset: eigenfunctions, samples, vertices. They are part of the public interface.
 DETAIL: dict[str, dict[str, int | None]] = {
@@ -14,6 +15,12 @@ DETAIL: dict[str, dict[str, int | None]] = {
     "fine": {"k_final": 200, "samples": 1500, "proxy_vertices": 8000},
     "full": {"k_final": 200, "samples": 2000, "proxy_vertices": None},
 }
+
+
+def sizes_in_words(detail: str) -> str:
+    """The arguments of `match` that a level of detail stands for."""
+    sizes = {field.name: field.default for field in fields(MatchOptions)} | DETAIL[detail]
+    return ", ".join(f"{name}={sizes[name]!r}" for name in DETAIL["fast"])
 
 
 def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -> dict[str, Any]:

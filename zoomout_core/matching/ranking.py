@@ -26,7 +26,9 @@ from zoomout_core.matching.scores import (
     scores_of,
     total_score,
 )
+from zoomout_core.messages import probability
 from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -80,8 +82,8 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
 CERTAINTY = CertaintyTuning()
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(Summary):
     """A map between two shapes' samples, with its scores."""
 
     origin: str  # name of the hypothesis that it was refined from
@@ -102,6 +104,14 @@ class Candidate:
     # two whole shapes.
     part_match: PartCandidate | None = None
     turns: int = 1  # number of maps, this one included, that differ only by rotational symmetries of one of the shapes
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "origin": self.origin,
+            "certainty": probability(self.certainty),
+            "orientation": "reversed" if self.reverses_orientation else "kept",
+            "size": " x ".join(map(str, self.functional_map.shape)),
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
 
@@ -30,7 +31,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import probability
-from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.object_files import fields_of, load_object, save_object
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.summary import Summary
@@ -165,6 +166,10 @@ class MatchResult(Summary):
 
         Raises:
             ValueError: there is no such candidate.
+
+        Example:
+            >>> result.use(1).chosen  # the map with left and right exchanged, for example
+            1
         """
         if not 0 <= candidate < len(self.candidates):
             raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
@@ -175,6 +180,10 @@ class MatchResult(Summary):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> result.save(folder / "result.npz")
+            >>> again = zo.load_result(folder / "result.npz")
         """
         save_object(path, self, STORED)
 
@@ -194,6 +203,9 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
     try:
         result = load_object(path, STORED)
     except ArrayFileError as error:
+        with suppress(ArrayFileError):
+            if len(read_arrays(path, ("triangle", "barycentric"))) == 2:
+                raise MeshError(f"{path} is a map, not a result: use zo.SurfaceMap.load(path, source).") from error
         raise MeshError(f"{path} is not a saved result ({error}): save one with `result.save(path)`.") from error
     if not isinstance(result, MatchResult):
         raise MeshError(f"{path} is not a saved result: save one with `result.save(path)`.")

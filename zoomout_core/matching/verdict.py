@@ -125,14 +125,24 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     return Verdict(GREEN, message(RIGHT, certainty=probability(certainty)), "")
 
 
-def check_verdict(verdict: Verdict, force: bool) -> None:
+class RefusedMatchError(MeshError):
+    """A match that is probably wrong, along which nothing is written without the user's consent."""
+
+
+def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
     """Refuse a match that is probably wrong, unless the user insists.
 
+    Args:
+        verdict: the verdict on it.
+        force: whether the user insists.
+        candidates: the number of maps that `--candidate` offers.
+
     Raises:
-        MeshError: it is probably wrong, and may not be used all the same.
+        RefusedMatchError: it is probably wrong, and may not be used all the same.
     """
     if verdict.level == RED and not force:
-        raise MeshError(f"{verdict.sentence} {verdict.advice} To write it all the same, give --force.")
+        others = f" Other candidates: --candidate 1 to {candidates - 1}." if candidates > 1 else ""
+        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it all the same, give --force.")
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:

@@ -34,6 +34,7 @@ from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, pl
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.text_tables import flatten, number_table, text_lines
 from zoomout_core.mesh.xml_instances import check_instances
+from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
@@ -238,7 +239,7 @@ def _read_with_extra(path: Path) -> Polygons:
         return MORE_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
-            f"{path} requires the package {error.name}, which is not installed: pip install 'zoomout-core[formats]', "
+            f"{path} requires the package {error.name}, which is not installed: {install_hint('formats')}, "
             "or convert the file to OFF, PLY, OBJ, STL, glTF or GLB."
         ) from error
 
@@ -284,7 +285,7 @@ def _read_with_trimesh(
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError("Reading mesh files needs trimesh: pip install 'zoomout-core[cli]'.") from error
+        raise ImportError(f"Reading mesh files needs trimesh: {install_hint('cli')}.") from error
     content = file_bytes(path) if content is None else content
     if ending in ARCHIVES:
         with ZipFile(BytesIO(content)) as archive:
@@ -301,7 +302,7 @@ def _read_with_trimesh(
     except ImportError as error:
         how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
         if path.suffix.lower() in WITH_EXTRA:
-            how = f"pip install 'zoomout-core[formats]', or {how}"
+            how = f"{install_hint('formats')}, or {how}"
         raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
     return polygons_of_scene(scene)
 
@@ -321,5 +322,5 @@ def _parts(scene: Any) -> Iterator[Faces]:
         for node in scene.graph.geometry_nodes[name]:
             transform = scene.graph[node][0]
             mirrored = np.linalg.det(transform[:3, :3]) < 0
-            corners = (triangles[:, ::-1] if mirrored else triangles).ravel()
+            corners = (triangles[:, [0, 2, 1]] if mirrored else triangles).ravel()
             yield points @ transform[:3, :3].T + transform[:3, 3], corners, np.full(len(triangles), 3)

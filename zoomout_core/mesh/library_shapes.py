@@ -70,9 +70,8 @@ def library_shape(shape: Any) -> Surface | PointCloud | None:
         vertices, corner_vertex, face_start = polygons_of_scene(shape)
         return Surface.from_corners(vertices, corner_vertex, face_start) if len(corner_vertex) else _shape(vertices)
     if _has(shape, "points", "cells"):
-        positions, corners, sizes = faces_of_meshio(shape)
-        face_start = np.cumsum([0, *sizes])
-        return Surface.from_corners(positions, corners, face_start) if len(sizes) else _shape(positions)
+        positions, corner_vertex, face_start = faces_of_meshio(shape)
+        return Surface.from_corners(positions, corner_vertex, face_start) if len(corner_vertex) else _shape(positions)
     if _has(shape, "vertex", "triangle"):
         return _shape(_tensor(shape.vertex, "positions"), _tensor(shape.triangle, "indices"))
     if _has(shape, "point"):

@@ -20,7 +20,9 @@ def existing(path: str | PathLike[str]) -> Path:
     path = Path(path)
     if path.is_file():
         return path
-    if path.exists() and not path.is_dir():
+    if path.is_dir():
+        raise MeshError("{path} is a folder: give a file.", path=path)
+    if path.exists():
         raise MeshError("{path} is a pipe, a device or a socket: save its content to a file.", path=path)
     raise MeshError("There is no file {path}: check the path.", path=path)
 

@@ -294,7 +294,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
         )
     wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # also finds NaN
     if len(wrong):
-        raise ValueError(f"{what} must be vertex numbers from 0 to below {count}, but {wrong[0]} is not.")
+        raise ValueError(f"{what} must be vertex numbers from 0 to {count - 1}, but {wrong[0]} is not.")
     return array.astype(np.int64)
 
 

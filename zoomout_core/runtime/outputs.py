@@ -144,14 +144,15 @@ def atomic_write_together(
 @contextmanager
 def _saying_why(path: Path) -> Iterator[None]:
     """Turn a system error into a sentence that names the output."""
+    existed = path.exists()
     try:
         yield
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(
-            f"{path} could not be written ({error.strerror or error}), and the existing file was kept: check disk "
-            "space and permissions, or choose another place."
+            f"{path} could not be written ({error.strerror or error}){', and the existing file was kept' * existed}: "
+            "check disk space and permissions, or choose another place."
         ) from error
 
 

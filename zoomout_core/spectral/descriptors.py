@@ -155,6 +155,8 @@ def _heat_weights(basis: SpectralBasis, count: int, k: int | None) -> tuple[slic
 
 def _beyond_null_space(basis: SpectralBasis, count: int, k: int | None) -> slice:
     """The eigenfunctions used by descriptors; the null space is identified by rank, independent of rounding."""
+    if not isinstance(basis, SpectralBasis):
+        raise TypeError(f"Descriptors need a basis, not a {type(basis).__name__}: give zo.eigenbasis(surface).")
     k = len(basis.eigenvalues) if k is None else k
     check_counts(count=count)
     check_size(basis, k)

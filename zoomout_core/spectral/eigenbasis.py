@@ -107,7 +107,12 @@ class SpectralBasis(Summary):
         )
 
     def coefficients(self, functions: Floats) -> Floats:
-        """(k, d) coefficients of functions (n, d) at the vertices."""
+        """(k, d) coefficients of functions (n, d) at the vertices.
+
+        Example:
+            >>> bases[0].coefficients(source.vertices).shape  # of the coordinates
+            (60, 3)
+        """
         return self.eigenvectors.T @ (self.areas[:, None] * functions)
 
     def smoothed(self, functions: Floats, time: float) -> Floats:

@@ -18,6 +18,11 @@ def farthest_points(points: Floats, count: int) -> Integers:
     All points are chosen if there are fewer. Each is the point farthest, by Euclidean distance, from all earlier ones,
     so any leading part covers the shape too. The choice depends only on the shape, not on its placement, its unit or
     the order of its points.
+
+    Example:
+        >>> from zoomout_core.spectral.sampling import farthest_points
+        >>> farthest_points(source.vertices, 10).shape
+        (10,)
     """
     count = min(count, len(points))
     columns = np.ascontiguousarray(points.T)

@@ -84,7 +84,13 @@ class SelfMap(Summary):
         return bool(np.any(self.distance))
 
     def sides(self, width: float = 0.0) -> Integers:
-        """(n,) 1 on the left, -1 on the right, 0 within `width` of the line, in the surface's unit."""
+        """(n,) 1 on the left, -1 on the right, 0 within `width` of the line, in the surface's unit.
+
+        Example:
+            >>> symmetry = zo.detect_symmetry(source, k_final=30)[0]
+            >>> symmetry.sides(width=0.02).shape == (len(source.vertices),)
+            True
+        """
         return np.where(np.abs(self.distance) <= width, 0, np.sign(self.distance)).astype(np.int8)
 
 

@@ -97,6 +97,16 @@ def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:
         transfer_asset(source, Asset(made), matched(source, made.vertices), ["color"])
 
 
+def test_what_takes_the_place_of_the_target_s_own_data_is_noted(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb", parts=2)
+    source = read_asset(tmp_path / "tube.glb")
+    assert source.skin is not None
+    match = matched(source, source.skin.rest)
+    replaced = transfer_asset(source, source, match)
+    assert "The target's own 2 materials, 2 joints, 1 animation were replaced." in replaced.notes
+    assert not any("replaced" in note for note in transfer_asset(source, source, match, ["uv"]).notes)
+
+
 def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()

@@ -106,7 +106,7 @@ def test_pointwise_maps_between_other_shapes_are_refused(resting: Creature, bent
     onto_resting = zo.SurfaceMap.from_vertices(truth, resting.surface)
     for pointwise, sizes, sentence in (
         (truth[:-1], (), "for each of 2500 target vertices, not for 2499"),
-        (truth + 4000, (), "must be vertex numbers from 0 to below 4000"),
+        (truth + 4000, (), "must be vertex numbers from 0 to 3999"),
         (truth[None], (), "must be a list of numbers"),
         (onto_resting, (), "The map has 2500 vertices, which does not fit 2500 source and 4000 target"),
         (truth, (61,), "larger than the bases"),

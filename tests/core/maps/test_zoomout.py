@@ -266,7 +266,7 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.eye(4), {"k_final": 50, "step": 0}, "at least one"),
         (np.eye(60), {"k_final": 50}, "larger than k_final"),
         (np.zeros(7, int), {"k_final": 50}, "for each of 4000"),
-        (np.full(4000, 4000), {"k_final": 50}, "vertex numbers from 0 to below 4000, but 4000 is not"),
+        (np.full(4000, 4000), {"k_final": 50}, "vertex numbers from 0 to 3999, but 4000 is not"),
         (np.full(4000, 0.5), {"k_final": 50}, "0.5 is not"),
         (np.full(4000, np.nan), {"k_final": 50}, "nan is not"),
         (np.zeros((2, 2, 2)), {"k_final": 50}, "vector or a matrix"),

@@ -266,7 +266,7 @@ def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature])
         ({"initial": "landmarks"}, "needs `landmarks`"),
         ({"initial": "given"}, "needs `initial_map`"),
         ({"landmarks": ([1, 2], [3])}, "give one on each side for every pair"),
-        ({"landmarks": ([10**6], [3])}, "vertex numbers from 0 to below 4000"),
+        ({"landmarks": ([10**6], [3])}, "vertex numbers from 0 to 3999"),
         ({"initial": "given", "initial_map": [1, 2, 3]}, "for each of 2500"),
     ],
 )

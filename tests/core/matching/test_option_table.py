@@ -64,6 +64,7 @@ def test_flags_keep_their_names_and_defaults() -> None:
     params = {option.opts[-1]: option for option in main.commands["match"].params if isinstance(option, click.Option)}
     defaults = {
         "--initial": "auto",
+        "--candidate": 0,
         "--exact-landmarks": False,
         "--partial": "auto",
         "--detail": "balanced",

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
+import zoomout_core as zo
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL, resolve_detail
 from zoomout_core.matching.proxy import PROXY
@@ -39,3 +41,9 @@ def test_a_size_overrides_that_of_the_preset_and_is_no_smaller_than_accepted() -
     assert resolve_detail("fine", seed=3) == DETAIL["fine"] | {"seed": 3}
     assert resolve_detail("fast", 90, samples=40) == {"k_final": 90, "samples": 40, "proxy_vertices": 2000}
     assert MatchOptions(**resolve_detail(k_final=1)).k_final == SIZES["k_final"]
+
+
+def test_the_help_of_match_describes_each_option() -> None:
+    described = set(re.findall(r"(?m)^        (\w+): ", str(zo.match.__doc__)))
+    assert {field.name for field in fields(zo.MatchOptions)} <= described
+    assert "given" not in described

@@ -68,7 +68,7 @@ def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
     ("landmarks", "sentence"),
     [
         (([0, 1], [2]), "2 source and 1 target"),
-        (([0, 4080], [2, 3]), "Landmarks on the source must be vertex numbers from 0 to below 4080, but 4080"),
+        (([0, 4080], [2, 3]), "Landmarks on the source must be vertex numbers from 0 to 4079, but 4080"),
         (([0, 1], [2, -7]), "Landmarks on the target .* -7 is not"),
         (([0.0, 1.5], [2, 3]), "1.5 is not"),
         (([0.0, np.nan], [2, 3]), "nan is not"),

@@ -63,6 +63,9 @@ def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult
     with pytest.raises(FileNotFoundError):
         zo.load_result(tmp_path / "none.npz")
     np.savez(tmp_path / "other.npz", triangle=np.zeros(3))
+    result.surface_map.save(tmp_path / "map.npz")
+    with pytest.raises(zo.MeshError, match=r"map.npz is a map, not a result: use zo.SurfaceMap.load"):
+        zo.load_result(tmp_path / "map.npz")
     result.save(tmp_path / "result.npz")
     arrays = read_arrays(tmp_path / "result.npz")
     del arrays["array 3"]
@@ -76,11 +79,16 @@ def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult
 
 def test_large_objects_are_shown_in_a_few_lines(result: zo.MatchResult) -> None:
     (symmetry, *_) = zo.detect_symmetry(result.source, k_final=30, samples=120)
+    bases = zo.eigenbasis(result.source, 10), zo.eigenbasis(result.target, 10)
     for value, said in (
         (result, "certainty"),
         (result.source, "400"),
         (zo.eigenbasis(result.source, 10), "10 on 400 vertices"),
         (symmetry, "order"),
+        (result.surface_map, "350 vertices"),
+        (result.candidates[0], "origin"),
+        (zo.Asset(result.source), "400 vertices, 796 faces"),
+        (zo.zoomout(*bases, np.eye(5), k_final=10), "10 x 10"),
     ):
         text = repr(value)
         assert said in text

@@ -226,7 +226,7 @@ def test_a_missing_file_is_named(tmp_path):
     for reader in (read_surface, read_point_cloud):
         with pytest.raises(MeshError, match=r"no file .*nowhere\.off"):
             reader(tmp_path / "nowhere.off")
-        with pytest.raises(MeshError, match="no file"):
+        with pytest.raises(MeshError, match="is a folder"):
             reader(tmp_path)
 
 

@@ -93,7 +93,7 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, package, None)
     path = tmp_path / f"mesh{ending}"
     path.write_text("")
-    with pytest.raises(ImportError, match=r"pip install 'zoomout-core\[formats\]'"):
+    with pytest.raises(ImportError, match=r"pip install '\.\[formats\]'"):
         read_surface(path)
 
 

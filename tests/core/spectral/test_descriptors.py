@@ -71,8 +71,8 @@ def test_descriptors_refuse_what_is_out_of_range() -> None:
         (lambda: heat_kernel_signature(basis, 5, k=13), "has only 12 eigenfunctions: compute more"),
         (lambda: wave_kernel_signature(basis, 5, width=float("nan")), "give a number above zero"),
         (lambda: wave_kernel_signature(basis, 100, width=0.01), "between the eigenvalues: widen"),
-        (lambda: wave_kernel_map(basis, [300]), "Landmarks must be vertex numbers from 0 to below 300"),
-        (lambda: heat_kernel_map(basis, [0.5]), "Landmarks must be vertex numbers from 0 to below 300"),
+        (lambda: wave_kernel_map(basis, [300]), "Landmarks must be vertex numbers from 0 to 299"),
+        (lambda: heat_kernel_map(basis, [0.5]), "Landmarks must be vertex numbers from 0 to 299"),
     ):
         with pytest.raises(ValueError, match=words):
             wrong()

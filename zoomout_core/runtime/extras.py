@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How to install the packages of an extra."""
+
+from __future__ import annotations
+
+
+def install_hint(extra: str) -> str:
+    """What to type for the packages of an extra; the project is on no package index yet."""
+    return f"in the checkout, pip install '.[{extra}]'"
