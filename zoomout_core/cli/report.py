@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -12,12 +13,13 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.files import READERS, read_asset
-from zoomout_core.assets.part_names import PartName
+from zoomout_core.assets.part_names import PartName, name_parts_of
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
 from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import GREEN
+from zoomout_core.mesh.surface import Surface
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -42,7 +44,7 @@ def parts_of(file: str, surface: Surface) -> list[PartName]:
     count = int(surface.components.max(initial=0)) + 1
     if count == 1 or Path(file).suffix.lower() not in READERS:
         return [PartName(number) for number in range(count)]
-    return nameparts_of(surface, read_asset(file))
+    return name_parts_of(surface, read_asset(file))
 
 
 def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, Any]:
