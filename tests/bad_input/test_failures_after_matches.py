@@ -179,6 +179,7 @@ FAILURES: dict[str, tuple[Exception, str]] = {
 }
 
 
+@pytest.mark.slow(but=2)
 @pytest.mark.parametrize("name", FAILURES)
 def test_a_transfer_that_fails_keeps_the_map(
     name: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -270,6 +271,7 @@ def test_a_collection_whose_report_fails_names_its_maps(
     assert list((out / "maps").rglob("*.npz"))
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
 @pytest.mark.parametrize("name", [b"caf\xe9.ply", b"\xff\xfe.ply", "人 ü.ply".encode()])
 def test_a_name_in_any_encoding(name: bytes, meshes: tuple[Path, Path], tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ HELD = {
 }
 
 
+@pytest.mark.slow(but=2)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no forks")
 @pytest.mark.parametrize("name", HELD)
 def test_the_child_can_match(name: str) -> None:

@@ -41,6 +41,7 @@ def colored(meshes: tuple[Path, Path]) -> tuple[Path, Path]:
     return meshes
 
 
+@pytest.mark.slow(but=2)
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_printed(name: str, colored: tuple[Path, Path], tmp_path: Path) -> None:
     given = arguments(name, colored, tmp_path)

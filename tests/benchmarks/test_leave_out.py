@@ -27,12 +27,12 @@ def _cases(data: Path, most: int | None) -> Iterator[Case]:
     yield Case("creatures", "one", source.surface, target.surface, error)
 
 
-@pytest.mark.slow
 def _reverse(candidates: list[object], *_: object) -> list[object]:
     """A replacement of `with_turned` that puts the least likely candidate first."""
     return candidates[::-1]
 
 
+@pytest.mark.slow
 def test_each_part_has_a_row_with_it_and_one_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         leave_out,

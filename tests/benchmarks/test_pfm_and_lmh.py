@@ -115,7 +115,6 @@ def test_the_nearest_orthonormal_rows_of_a_stretched_map() -> None:
     np.testing.assert_allclose(orthonormal_rows(np.diag([2.0, 5]) @ rows), rows, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_closest_points_turn_a_circle_into_place() -> None:
     angles = np.arange(8) * np.pi / 4
     points = np.column_stack([np.cos(angles), np.sin(angles)]) / 2  # orthonormal with areas of one
@@ -126,6 +125,7 @@ def test_closest_points_turn_a_circle_into_place() -> None:
     np.testing.assert_allclose(C, np.eye(2), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_part_is_found_with_its_region(whole: Creature, half: tuple[Surface, np.ndarray]) -> None:
     part, truth = half
     source, target = (Side(surface, zo.eigenbasis(surface, K)) for surface in (whole.surface, part))

@@ -232,7 +232,6 @@ def test_binding_to_a_rig_with_what_is_worn():
     assert target.parent == armature
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
 def test_wrapping(result):
     ellipsoid("Source", 3)
@@ -243,6 +242,7 @@ def test_wrapping(result):
     fails_nowhere_halfway(cancels_anywhere(prepared), 40)
 
 
+@pytest.mark.slow
 def test_dressing_anew():
     ellipsoid("Source", 3), ellipsoid("Target", 3)
     hats = [ellipsoid(name, 1) for name in ("Hat", "Cap")]
@@ -261,7 +261,6 @@ def test_dressing_anew():
     assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
 
 
-@pytest.mark.slow
 def test_symmetry(body):
     count = len(body.data.vertices)
     add_uv_map(body.data, "UV")
@@ -285,6 +284,7 @@ def test_symmetry(body):
     fails_nowhere_halfway(lambda: name_sides(body, 0.01), 8)
 
 
+@pytest.mark.slow
 def test_a_mirrored_sculpt(body):
     moved = positions(body.data) + bumps(LEFT * 1.0)
     body.data.vertices.foreach_set("co", moved.ravel().astype(np.float32))

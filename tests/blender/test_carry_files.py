@@ -202,7 +202,7 @@ def test_a_map_of_other_surfaces_is_refused_and_nothing_is_written(files, tmp_pa
     np.savez(short, **{name: array[:-1] for name, array in held.items()})
     for wrong in (swapped, short):
         assert carry(hero, scan, wrong, out) == 1
-        assert "is a map of" in capsys.readouterr().err
+        assert "match these two again" in capsys.readouterr().err
     assert carry(hero, scan, scan, out) == 1
     assert "contains no map" in capsys.readouterr().err
     assert not out.exists()

@@ -112,7 +112,6 @@ def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
     np.testing.assert_allclose(weight_array(whole, "spine"), ~eye, atol=1e-3)
 
 
-@pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("fault", "sentence"), [("empty", "no mesh in"), ("shared", "is in both collections")])
 def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, sentence):
     other = gather("Other", [hero.objects[0]] if fault == "shared" else [from_pydata("Nothing", [], [])])
@@ -122,6 +121,7 @@ def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, senten
     assert snapshot_file() == before
 
 
+@pytest.mark.slow(but=1)
 def test_a_transfer_can_take_each_target_from_its_own_source(hero, scan):
     settings = bpy.context.scene.zoomout
     assert not bpy.ops.zoomout.match_collections.poll()

@@ -182,7 +182,6 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     assert stored_match.description(target.data)["notes"][0] == result.notes[0]
 
 
-@pytest.mark.slow
 def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, target):
     for obj, sign in ((source, 1), (target, -1)):
         name_a_region(obj, (sign, 0, 0), "Nose")
@@ -193,6 +192,7 @@ def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, ta
     assert any("names or sides are swapped" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_names_from_an_earlier_transfer_prove_nothing(source, target):
     name_a_region(source, (1, 0, 0), "Nose")
     for obj in (source, target):
@@ -305,7 +305,6 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
     assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Hero", "Target"))) is not None
 
 
-@pytest.mark.slow
 def folding_pose(source):
     """Convert a mesh to quads, and add a shape key of value 0 that folds one of them."""
     activate(source)
@@ -323,6 +322,7 @@ def folding_pose(source):
     return pose
 
 
+@pytest.mark.slow
 def test_a_match_with_a_subdivided_source_outlives_a_pose_that_folds_quads(source, target):
     pose = folding_pose(source)
     subdivision = source.modifiers.new("Finer", "SUBSURF")

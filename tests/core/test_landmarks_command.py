@@ -83,6 +83,7 @@ def test_the_format_and_the_coordinate_system_are_those_of_the_landmarks(folder:
     assert found.points * [-1, -1, 1] == pytest.approx(read_landmark_file(tmp_path / "lps.csv").points)
 
 
+@pytest.mark.slow
 def test_vertices_arrive_as_vertices_and_another_format_may_be_chosen(folder: Path, tmp_path: Path) -> None:
     given = folder / "template.ply", folder / "vertices.csv", folder / "target.ply"
     assert run(*given, "-o", tmp_path / "out.csv")[0] == 0

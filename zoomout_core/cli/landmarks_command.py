@@ -98,8 +98,9 @@ def landmarks(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Place LANDMARKS of the mesh TEMPLATE on the meshes TARGETS, such as scans of bones and teeth.
+    """Place the landmarks of TEMPLATE on other meshes.
 
+    TEMPLATE and TARGETS are meshes, such as scans of bones and teeth.
     LANDMARKS is a .csv file with a line `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a
     .mrk.json or .fcsv file of 3D Slicer. Landmarks of each target are written with a confidence from 0 to 1: a column
     of CSV, the description in Slicer. Below 0.5, check the landmark.

@@ -158,7 +158,6 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
     assert np.array_equal(one["barycentric"], two["barycentric"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("others", [True, False])
 def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     folder: Path, matched: zo.CollectionResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool
@@ -197,6 +196,7 @@ def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     assert match_collection(files, tmp_path, pairs="all", options=FAST).matched == 0
 
 
+@pytest.mark.slow
 def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
     shapes = {"body": made("a").surface, "cloud": PointCloud(made("b", 900).surface.vertices)}
     found = match_collection(shapes, template="body", options=FAST)

@@ -296,7 +296,6 @@ def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creat
     assert len(result.surface_map.triangle) == len(soup.vertices)
 
 
-@pytest.mark.slow
 def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[Surface, list[np.ndarray]]:
     """A body with small copies of a creature floating above some of its vertices, and their vertex numbers."""
     eye = creature(80, seed=5).surface
@@ -310,6 +309,7 @@ def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[
     return Surface(np.vstack(vertices), np.vstack(triangles)), parts
 
 
+@pytest.mark.slow
 def test_loose_parts_are_paired_by_place_and_size(resting: Creature, bent: Creature) -> None:
     where = np.array([[0.3, -0.5, 1], [-0.3, -0.5, 1], [0, -1, 0.2]])  # two eyes and a button
     places = [(found.directions @ where.T).argmax(axis=0) for found in (resting, bent)]

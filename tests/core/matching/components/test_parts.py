@@ -117,7 +117,6 @@ def test_pieces_of_what_the_source_has_in_one_lie_on_it(torn: Match) -> None:
     assert any(note.startswith("3 loose parts of the target mapped to other parts") for note in result.notes)
 
 
-@pytest.mark.slow
 def test_parts_that_only_one_side_has_are_reported(torn: Match) -> None:
     result, source, target = torn
     hat = target.parts["hat"]
@@ -131,6 +130,7 @@ def test_parts_that_only_one_side_has_are_reported(torn: Match) -> None:
     assert any(note.startswith("1 loose part of the source without a partner") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
     result, source, target = sewn
     here, rest = target.parts["shirt"], target.keys[target.parts["shirt"]]

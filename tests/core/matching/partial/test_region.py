@@ -106,7 +106,6 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
 
-@pytest.mark.slow
 def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
@@ -122,6 +121,7 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     assert fit.fit.rotations.shape == (len(true), 3, 3)
 
 
+@pytest.mark.slow
 def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
@@ -164,6 +164,7 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
 
+@pytest.mark.slow
 def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     hand, _, pair = paired(900, 800)
     n = len(hand.directions)
@@ -188,6 +189,7 @@ def bent_onto(region: Region) -> RegisteredPart:
     )
 
 
+@pytest.mark.slow
 def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
@@ -203,6 +205,7 @@ def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
     np.testing.assert_allclose(region.in_space(places), whole.mesh.vertices[samples], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_maps_into_two_regions_are_compared_in_space(regions: list[Region]) -> None:
     region, places = regions[0], np.arange(50)
     assert region.vertex is not None

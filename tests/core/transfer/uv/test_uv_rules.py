@@ -127,7 +127,7 @@ def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_sou
     notes = transferred(corners(source), nearest_map(images, source), source, target).notes
     told = {note.split("faces have ")[1].split(" ")[0]: int(note.split()[1]) for note in notes}
     assert told.pop("strongly", 0) == stretched
-    assert told.pop("UVs", 0) == collapsed
+    assert told.pop("collapsed", 0) == collapsed
     assert not told
 
 
