@@ -31,8 +31,8 @@ DIFFERENT, MIN_DIFFERENCE = 0.05, 0.01
 def run(data: Path, pairs: int | None, names: Sequence[str]) -> list[dict[str, Any]]:
     """A row for each number and value: on how many pairs errors fall and rise, and their mean before and after.
 
-    The error of a pair of meshes is the mean geodesic error divided by 0.1, at most 3; of characters the part
-    of the target that is mapped to another limb, or the mean error divided by 10 centimetres.
+    The error of a pair of meshes is the mean geodesic error divided by 0.1, at most 3. The error of a pair of
+    characters is the share of the target that is mapped to another limb, or the mean error divided by 10 cm.
 
     Args:
         data: the folder of the sets, with or without characters.

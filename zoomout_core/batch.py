@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import click
 
-from zoomout_core.command_options import tell
+from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.verdict import RefusedMatchError
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
@@ -166,6 +166,27 @@ def _outcome(job: Job, run: Run) -> Outcome:
         return Outcome(job, Status.ERROR, report, error=str(error))
     except MemoryError:
         return Outcome(job, Status.ERROR, report, error=NO_MEMORY)
+
+
+def run_batch(
+    source: str, jobs: Sequence[Job], run: Run, options: Mapping[str, Any], output: str
+) -> tuple[list[Outcome], dict[str, Any]]:
+    """Run a command's jobs beside a progress bar, and write the report to an output folder.
+
+    Returns:
+        The outcomes, and the report of `figures_of` from the source's file and the command's options by name.
+
+    Raises:
+        OutputError: the report cannot be written.
+    """
+    with progress_bar() as bar:
+        outcomes = run_jobs(jobs, run)
+        if all(outcome.error for outcome in outcomes):
+            bar.close()
+    figures = figures_of(source, outcomes, options)
+    if is_folder(output):
+        write_report(figures, Path(output))
+    return outcomes, figures
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome], options: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -18,15 +17,12 @@ from zoomout_core.assets.part_names import PartName
 from zoomout_core.batch import (
     Job,
     end_with_code,
-    figures_of,
-    is_folder,
     plan,
-    run_jobs,
+    run_batch,
     say_outcomes,
-    write_report,
 )
 from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
-from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import batch_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
     FORMATS,
@@ -100,10 +96,10 @@ def landmarks(
 ) -> None:
     """Place the landmarks of TEMPLATE on other meshes.
 
-    TEMPLATE and TARGETS are meshes, such as scans of bones and teeth.
-    LANDMARKS is a .csv file with a line `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a
-    .mrk.json or .fcsv file of 3D Slicer. Landmarks of each target are written with a confidence from 0 to 1: a column
-    of CSV, the description in Slicer. Below 0.5, check the landmark.
+    TEMPLATE and TARGETS are meshes, such as scans of bones and teeth. LANDMARKS is a .csv file with a line
+    `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a .mrk.json or .fcsv file of 3D Slicer. The
+    landmarks of each target are written with a confidence from 0 to 1: a column in CSV, the description in Slicer.
+    Check landmarks with a confidence below 0.5.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json lists the result of each; a target that fails does not affect the others.
@@ -117,14 +113,10 @@ def landmarks(
             if job.output.parent.is_dir():
                 check_output(job.output, [positions], in_place)
         arguments, known = start_arguments(**options), read_template(template, positions)
-        with progress_bar() as bar:
-            outcomes = run_jobs(jobs, partial(_run_job, known, candidate, force, arguments))
-            if all(outcome.error for outcome in outcomes):
-                bar.close()
         given = {"landmarks": positions, "candidate": candidate, "force": force, **options}
-        figures = figures_of(template, outcomes, given)
-        if is_folder(output):
-            write_report(figures, Path(output))
+        outcomes, figures = run_batch(
+            template, jobs, partial(_run_job, known, candidate, force, arguments), given, output
+        )
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:

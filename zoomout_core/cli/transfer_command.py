@@ -28,12 +28,9 @@ from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, trans
 from zoomout_core.batch import (
     Job,
     end_with_code,
-    figures_of,
-    is_folder,
     plan,
-    run_jobs,
+    run_batch,
     say_outcomes,
-    write_report,
 )
 from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
@@ -42,7 +39,6 @@ from zoomout_core.command_options import (
     batch_options,
     folders_option,
     match_options,
-    progress_bar,
     start_arguments,
 )
 from zoomout_core.matching.pipeline import match
@@ -114,14 +110,8 @@ def transfer(
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         choices = candidate, force, wanted, shape.replace("-", " "), arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
-        with progress_bar() as bar:
-            outcomes = run_jobs(jobs, partial(_run_job, asset, folders, inputs, *choices))
-            if all(outcome.error for outcome in outcomes):
-                bar.close()
         given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, "folders": folders, **options}
-        figures = figures_of(source, outcomes, given)
-        if is_folder(output):
-            write_report(figures, Path(output))
+        outcomes, figures = run_batch(source, jobs, partial(_run_job, asset, folders, inputs, *choices), given, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:

@@ -27,9 +27,9 @@ from zoomout_core.tuning import Tuning, tuned
 class UnknownScaleTuning(Tuning, set_by="partial"):
     """The scales at which a part is searched for, and its certainty; lengths are those of the whole at unit area."""
 
-    # Of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their true scales.
+    # Tried for a part of unit area. Cuts of cats, horses, men and wolves are found at 0.8 to 1.25 times the true one.
     scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.25, 1.05, 6).round(3).tolist()), "1", 1e-3, 10)
-    # Of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
+    # The same for hands (true scales 0.1 to 0.15) and feet (0.15 to 0.22), which are searched for in regions.
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale

@@ -163,10 +163,6 @@ class Correspondences(NamedTuple):
         partners = target.from_surface(result.target.vertices[vertices])
         return cls(points, partners, np.maximum(result.confidence[vertices], MIN_CONFIDENCE))
 
-    def swap(self) -> Correspondences:
-        """The same from the other surface."""
-        return self._replace(points=self.partners, partners=self.points)
-
 
 def warp(here: Samples, there: Samples, known: Correspondences) -> Warp:
     """Warp a surface onto another one.
