@@ -414,7 +414,7 @@ def paper(data: Path, pairs: int | None, page: Path, only: tuple[str, ...]) -> N
 
 def report(tables: Tables, data: Path | None, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
-    if "rows" in tables and not (tables["rows"] or tables.get("parts")):
+    if "rows" in tables and not any(tables.values()):
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")
     shown = [as_text(rows) for name, rows in tables.items() if rows and name != NOT_SHOWN]
     click.echo("\n\n".join(shown))

@@ -62,17 +62,22 @@ def _operators(data: Path) -> dict[str, list[Record]]:
     warm = [watch(bpy.ops.zoomout.match) for _ in range(REPEATS)]
     rows = [_row("match, cold", cold), _row("match, warm", warm)]
     rows += [_row(name, [watch(operate)]) for name, operate in chain(_on_target(data), _on_source(source))]
-    stages = [
-        {
-            "match": name,
-            "stage": stage,
-            "seconds": median(run.of_stages()[stage][0] for run in runs),
-            "processor": median(run.of_stages()[stage][1] for run in runs),
-        }
-        for name, runs in (("cold", cold), ("warm", warm))
-        for stage in runs[0].of_stages()
-    ]
+    stages = [{"match": name} | row for name, runs in (("cold", cold), ("warm", warm)) for row in _stages(runs)]
     return {"rows": rows, "stages": stages}
+
+
+def _stages(runs: list[Watch]) -> list[Record]:
+    """Median time of each stage. A stage shorter than a tick of the timer is missing in some runs: it counts as 0."""
+    seen = [run.of_stages() for run in runs]
+    times = {stage: [stages.get(stage, (0.0, 0.0)) for stages in seen] for stage in chain.from_iterable(seen)}
+    return [
+        {
+            "stage": stage,
+            "seconds": median(clock for clock, _ in each),
+            "processor": median(processor for _, processor in each),
+        }
+        for stage, each in times.items()
+    ]
 
 
 def _cold() -> Watch:
