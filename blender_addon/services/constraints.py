@@ -34,7 +34,7 @@ from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
 from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
-from .parts import name_components
+from .parts import read_labels
 
 # Minimum weight of a member of a vertex group.
 MEMBER = 0.5
@@ -116,7 +116,8 @@ async def match_pair(
         )
         arguments |= constraints
         notes = of_constraints + notes
-    part_names = name_components(context, pair)
+    await pause()
+    labels = read_labels(context, pair)
     try:
         target = pair.target if whole is None else whole
         result = await compute(partial(zo.match, pair.source, target, **arguments | options))
@@ -137,6 +138,7 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
+    part_names = labels.name_components(pair.source.components)
     return replace(result, notes=(*notes, *notes_on_parts(result, part_names), *result.notes))
 
 

@@ -4,32 +4,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from bpy.types import Context
+
+from zoomout_core.arrays import Floats, Integers
 
 from ..mesh_data import EvaluatedObject, ObjectPair
 from ..mesh_data.arrays import read_array
 from ..scene.pair import evaluated_sources
 
 
-def name_components(context: Context, pair: ObjectPair) -> list[str]:
-    """The name of each connected component of a pair's joined source.
+class LabelledFaces(NamedTuple):
+    """The faces of joined sources, with the names of their objects and materials."""
 
-    It is the object's name, and, where components of the object have several materials, that of the material on most of
-    the component's area.
-    """
-    component = pair.source.components
+    labels: list[str]
+    label: Integers  # (f,) the number of each face's label
+    vertex: Integers  # (f,) a vertex of each face
+    area: Floats  # (f,) the area of each face
+
+    def name_components(self, component: Integers) -> list[str]:
+        """The name of each connected component, from the component (n,) of each vertex of the joined sources.
+
+        It is the object's name, and, where components of the object have several materials, that of the material on
+        most of the component's area.
+        """
+        shares = np.zeros((component.max() + 1, len(self.labels)))
+        # A component without area has a name, too.
+        np.add.at(shares, (component[self.vertex], self.label), self.area + np.finfo(float).tiny)
+        return [self.labels[largest] for largest in shares.argmax(axis=1)]
+
+
+def read_labels(context: Context, pair: ObjectPair) -> LabelledFaces:
+    """Read the names of objects and materials on the faces of a pair's sources."""
     with evaluated_sources(context, pair) as sources:
-        labels, label, vertex, area = _labelled_faces(sources)
-    shares = np.zeros((component.max() + 1, len(labels)))
-    # A component without area has a name, too.
-    np.add.at(shares, (component[vertex], label), area + np.finfo(float).tiny)
-    return [labels[largest] for largest in shares.argmax(axis=1)]
+        return _labelled_faces(sources)
 
 
-def _labelled_faces(sources: Sequence[EvaluatedObject]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
-    """The labels of all parts, and the number of the label, a vertex and the area of each face of joined sources."""
+def _labelled_faces(sources: Sequence[EvaluatedObject]) -> LabelledFaces:
     labels: list[str] = []
     faces, before = [], 0
     for source in sources:
@@ -45,4 +58,4 @@ def _labelled_faces(sources: Sequence[EvaluatedObject]) -> tuple[list[str], np.n
         labels += [f"{obj.name}: {name}" if name else obj.name for name in names]
         before += len(mesh.vertices)
     label, vertex, area = map(np.concatenate, zip(*faces, strict=True))
-    return labels, label, vertex, area
+    return LabelledFaces(labels, label, vertex, area)

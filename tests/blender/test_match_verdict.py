@@ -14,7 +14,7 @@ import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
-from blender_addon.services.parts import name_components
+from blender_addon.services.parts import read_labels
 from blender_addon.services.select_faults import TORN, select_faults
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -129,10 +129,10 @@ def two_parts():
 def test_parts_have_the_names_of_their_objects_and_materials():
     body, both = two_parts()
     pair = jobs.run(read_pair(bpy.context, both.name, body.name))
-    assert name_components(bpy.context, pair) == ["Both: Skin", "Both: Hair"]
+    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Both: Skin", "Both: Hair"]
     # A few faces of another material do not name the part, even around its first vertex.
     for number in {polygon.index for polygon in both.data.polygons if 0 in polygon.vertices}:
         both.data.polygons[number].material_index = 1
-    assert name_components(bpy.context, pair) == ["Both: Skin", "Both: Hair"]
+    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Both: Skin", "Both: Hair"]
     pair = jobs.run(read_pair(bpy.context, body.name, both.name))
-    assert name_components(bpy.context, pair) == ["Body"]
+    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Body"]

@@ -15,7 +15,6 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -182,5 +181,5 @@ def _stands_as(source: Surface, target: Surface) -> bool:
     triangle, barycentric = search.closest(target.vertices)
     near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
     off = np.linalg.norm(near - target.vertices, axis=1)
-    near_area = vertex_areas(target.vertices, target.triangles)[off < REST.in_place * np.sqrt(source.area)].sum()
+    near_area = target.vertex_areas[off < REST.in_place * np.sqrt(source.area)].sum()
     return bool(near_area > MIN_IN_PLACE_SHARE * target.area)

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.pair import Pair, surface_vertices
+from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import Faults
@@ -188,8 +188,8 @@ def _between_samples(pair: Pair, candidate: Candidate, summaries: Sequence[Shape
     """
     back = nearest_samples(pair.target_shape.search, pair.source_shape.search, candidate.reverse_functional_map)
     source, target = summaries
-    on_source = source.number_of(surface_vertices(pair.source_shape, pair.source_shape.search.samples), pair.source)
-    on_target = target.number_of(surface_vertices(pair.target_shape, pair.target_shape.search.samples), pair.target)
+    on_source = source.number_of(pair.source_shape.surface_vertex[pair.source_shape.search.samples], pair.source)
+    on_target = target.number_of(pair.target_shape.surface_vertex[pair.target_shape.search.samples], pair.target)
     forward, backward = on_source[candidate.sample_map], on_target[back]
     return _at_samples(target, on_target, forward), _at_samples(source, on_source, backward)
 

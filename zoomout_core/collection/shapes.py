@@ -19,7 +19,6 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.bodies import find_bodies
 from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.pair import surface_vertices
 from zoomout_core.matching.preparation import prepare_shape
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
@@ -152,7 +151,7 @@ def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
 
 def summary_of(surface: Surface, shape: ShapeAnalysis, key: str) -> ShapeSummary:
     """Summarise a prepared shape."""
-    samples = surface_vertices(shape, shape.search.samples)
+    samples = shape.surface_vertex[shape.search.samples]
     return ShapeSummary(key, samples, surface.vertices[samples], shape.distances_between, shape.basis.eigenvalues)
 
 

@@ -9,6 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods
@@ -71,6 +72,15 @@ class ShapeAnalysis:
     def mesh(self) -> WorkingMesh:
         """The mesh of unit area that the basis and the samples belong to."""
         return self.proxy.mesh
+
+    @cached_property
+    def surface_vertex(self) -> Integers:
+        """(n,) for each vertex of the mesh the nearest vertex of the surface."""
+        full = self.proxy.full
+        used = np.flatnonzero(full.vertex_of >= 0)
+        number, first = np.unique(full.vertex_of[used], return_index=True)
+        near = cKDTree(full.vertices[number]).query(self.proxy.vertices)[1]
+        return used[first[near]]
 
     @cached_property
     def search(self) -> SampledBasis:

@@ -69,15 +69,6 @@ def standing(pair: Pair) -> Floats:
     return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 
 
-def surface_vertices(shape: ShapeAnalysis, vertices: Integers) -> Integers:
-    """(m,) the vertices of the surface that are nearest to vertices (m,) of a shape's mesh."""
-    full = shape.proxy.full
-    used = np.flatnonzero(full.vertex_of >= 0)
-    number, first = np.unique(full.vertex_of[used], return_index=True)
-    near = cKDTree(full.vertices[number]).query(shape.proxy.vertices[vertices])[1]
-    return used[first[near]]
-
-
 def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
     """(m, 3) and (m, 3) corresponding points of the source and of the target, in their own frames and units."""
     arrays = (np.atleast_1d(np.asarray(given)) for given in landmarks)

@@ -17,7 +17,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.notes import notes_on_map, notes_on_rest
-from zoomout_core.matching.pair import Pair, surface_vertices
+from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.part_candidates import PartCandidate
 from zoomout_core.matching.partial.part_registration import RegisteredPart
@@ -28,7 +28,6 @@ from zoomout_core.matching.repair import repair
 from zoomout_core.matching.verdict import VERDICT, Faults, Verdict, judge
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import probability
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
@@ -111,7 +110,7 @@ class MatchResult(Summary):
     def arrived(self) -> Floats:
         """(c,) the part of the target's area that receives from each component of the source."""
         component = self.source.components[self.surface_map.vertex]
-        shares = np.bincount(component, vertex_areas(self.target.vertices, self.target.triangles))
+        shares = np.bincount(component, self.target.vertex_areas)
         return np.pad(shares / shares.sum(), (0, max(0, len(self.pair.shares) - len(shares))))
 
     @property
@@ -157,7 +156,7 @@ class MatchResult(Summary):
         """
         source, target = self.pair.source_shape, self.pair.target_shape
         images = source.search.samples[self.candidates[candidate].sample_map]
-        return surface_vertices(target, target.search.samples), surface_vertices(source, images)
+        return target.surface_vertex[target.search.samples], source.surface_vertex[images]
 
     @memory_in_words
     @on_one_blas_thread

@@ -174,10 +174,14 @@ class Surface(Summary):
         """Total area, in squared units of the vertices."""
         return float(triangle_areas(self.vertices, self.triangles).sum())
 
+    @cached_property
+    def vertex_areas(self) -> Floats:
+        """(n,) a third of the areas of the triangles at each vertex, in squared units of the vertices."""
+        return vertex_areas(self.vertices, self.triangles)
+
     def share_of_area(self, chosen: Booleans) -> float:
         """The share of the area, in [0, 1], that belongs to some of the vertices (n,)."""
-        areas = vertex_areas(self.vertices, self.triangles)
-        return float(areas[chosen].sum() / areas.sum())
+        return float(self.vertex_areas[chosen].sum() / self.vertex_areas.sum())
 
     @property
     def working(self) -> WorkingMesh:

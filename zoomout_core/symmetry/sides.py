@@ -17,7 +17,6 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import vertex_areas
 
 # Gaussian width, at unit area, over which samples vote on the side of a vertex.
 VOTING_WIDTH = 0.1
@@ -115,7 +114,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
     A shell that is mapped to others and is mostly on one side is assigned to that side as a whole.
     """
     distance = (around - surface_map.interpolate(around)) / 2
-    component, mass = surface.components, vertex_areas(surface.vertices, surface.triangles)
+    component, mass = surface.components, surface.vertex_areas
     used = component >= 0
     elsewhere = component[surface_map.vertex] != component
     area, gone, lean = (
@@ -132,7 +131,7 @@ def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: 
 
     The signed distance (n,) from the line tells the sides apart; `left` (3,) is a unit vector.
     """
-    mass = vertex_areas(surface.vertices, surface.triangles)
+    mass = surface.vertex_areas
     used = mass > 0
     offset = (surface.vertices - surface_map.interpolate(surface.vertices))[used]
     share = mass[used] * np.sign(distance[used])

@@ -18,7 +18,7 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_normals, vertex_areas, vertex_normals
+from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
 from zoomout_core.transfer.bone_fit import Pose, estimate_pose, refine_pose
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -76,7 +76,7 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     """
     mapped = replace(mapped, source=rest)
     target = mapped.target
-    areas = vertex_areas(target.vertices, target.triangles)
+    areas = target.vertex_areas
     confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
     own = csr_array(mixing_matrix(mapped) @ weights)
     pose = estimate_pose(mapped.points, target.vertices, own, areas * confidence, parents)

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import unique_edges, vertex_areas
+from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.groups import label_groups
 from zoomout_core.transfer.skinning import strongest
 
@@ -30,7 +30,7 @@ def find_islands(
     """
     bone, region = _regions(target, weights)
     _, of_source = _regions(source, source_weights)
-    areas = vertex_areas(target.vertices, target.triangles)
+    areas = target.vertex_areas
     part = target.components
     count = int(region.max()) + 1
     area = np.bincount(region, areas, count)

@@ -19,7 +19,6 @@ from zoomout_core.matching.pair import (
     landmark_points,
     landmarks_on_parts,
     positions_of_part,
-    surface_vertices,
 )
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals
@@ -142,11 +141,11 @@ def test_vertices_of_a_part_are_where_the_surface_has_them_to_the_bit(with_stray
 
 def test_vertices_of_a_shape_are_those_of_the_surface(with_strays, pair: Pair) -> None:
     _, shape = with_strays
-    np.testing.assert_array_equal(surface_vertices(shape, np.arange(200)), np.arange(200) + 1)
+    np.testing.assert_array_equal(shape.surface_vertex[:200], np.arange(200) + 1)
     stand_in = pair.source_shape.proxy
     places = stand_in.full.to_surface(stand_in.vertices)
     nearest = cKDTree(pair.source.vertices).query(places)[1]
-    np.testing.assert_array_equal(surface_vertices(pair.source_shape, np.arange(len(places))), nearest)
+    np.testing.assert_array_equal(pair.source_shape.surface_vertex, nearest)
 
 
 def test_landmarks_as_vertices_and_as_points_are_the_same_places(pair: Pair) -> None:

@@ -13,7 +13,7 @@ from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import check_start
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
-from zoomout_core.matching.pair import Pair, positions_of_part, surface_vertices
+from zoomout_core.matching.pair import Pair, positions_of_part
 from zoomout_core.spectral.eigenbasis import eigenbasis
 
 
@@ -33,7 +33,7 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
     """
     vertex = _given_vertices(pair, initial_map)
     target = pair.target_shape
-    image = vertex[surface_vertices(target, np.arange(len(target.mesh.vertices)))]
+    image = vertex[target.surface_vertex]
     # Images off the source's main part move to the nearest vertex of it.
     on_part = pair.source_shape.proxy.full.vertex_of[image]
     off = on_part < 0
