@@ -4,12 +4,13 @@
 A map that is right as a whole may still send a patch of the target to another limb, finger or lip, where the source's
 surfaces face each other. Closest points cannot tell the two sides apart, but geodesic distances can: the images of two
 neighbours are close in space and far apart along the surface. Such patches, and edges whose images are far too long,
-are filled in harmonically from the rest, as weights are inpainted (Abdrashitov et al. 2023), and projected to points
-of the source that are nearby along its surface as well.
+are filled in from the rest, by Poisson's equation or harmonically, as weights are inpainted (Abdrashitov et al. 2023),
+and projected to points of the source that are nearby along its surface as well.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.geometry.procrustes import SMALLEST, Moments, products
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -37,6 +39,9 @@ from zoomout_core.tuning import Tuning, tuned
 BLOCK = 1 << 16
 # Samples of each triangle, on average, that are enough on coarse sources.
 SAMPLES_OF_TRIANGLE = 20
+# Share of the variance that keeps the linear fit around flat patches stable, and number of neighbourhoods that show
+# whether a map preserves orientation.
+RIDGE, NEIGHBOURHOODS = 0.03, 1000
 # Multiple by which a geodesic distance beyond the limit counts: only if all candidates are beyond it one is taken.
 BEYOND = 1e3
 
@@ -52,6 +57,8 @@ class RepairTuning(Tuning, set_by="everywhere"):
     samples: int = tuned(120_000, "points", 1, 10_000_000)  # of the source to project to, or all its triangles
     candidates: int = tuned(48, "points", 2, 1000)  # nearest samples that are compared
     normal_weight: float = tuned(0.02, "at unit area", 0, 10)  # distance that equals a unit difference of normals
+    rings: int = tuned(4, "edges", 1, 100)  # distance around a patch that its motion is fitted to
+    max_scale: float = tuned(2.0, "1", 1, 100)  # of a patch
     geodesic_weight: float = tuned(0.3, "1", 0, 10)  # the distance that counts as much as a unit of geodesic distance
 
 
@@ -66,27 +73,38 @@ class Repair(NamedTuple):
     torn: Booleans  # (n_t,) vertices at edges that are torn still
 
 
-@dataclass(frozen=True, eq=False)
-class _Images:
+class _Images(NamedTuple):
     """The images of the working vertices of a target."""
 
     triangle: Integers  # (n,) of the source's working mesh
     barycentric: Floats  # (n, 3)
     features: SingleFloats  # (n, 6 + d) positions, normals, and geodesic distances to some samples, at unit area
 
+    def replaced(self, other: _Images, chosen: Booleans) -> _Images:
+        """These, with others at chosen vertices (n,)."""
+        triangle = np.where(chosen, other.triangle, self.triangle)
+        barycentric, features = (
+            np.where(chosen[:, None], new, own)
+            for own, new in ((self.barycentric, other.barycentric), (self.features, other.features))
+        )
+        return _Images(triangle, barycentric, features)
+
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
     """Match branches anew that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
-    exchanged, unsettled = exchange_branches(pair, surface_map)
-    first = _fill_torn(pair, exchanged, unsettled)
-    if not unsettled.any():
+    exchanged, bases = exchange_branches(pair, surface_map)
+    branches = exchanged.triangle != surface_map.triangle
+    first = _fill_torn(pair, exchanged, bases, branches)
+    if not bases.any():
         return first
-    second = _fill_torn(pair, *exchange_branches(pair, first.surface_map))  # at new bases, branches may be wrong still
+    exchanged, bases = exchange_branches(pair, first.surface_map)  # at new bases, branches may be wrong still
+    branches |= exchanged.triangle != first.surface_map.triangle
+    second = _fill_torn(pair, exchanged, bases, branches)
     return second._replace(filled=first.filled | second.filled)
 
 
-def _fill_torn(pair: Pair, surface_map: SurfaceMap, unsettled: Booleans) -> Repair:
-    """Fill in the places at which a map is torn, and further vertices (n_t,)."""
+def _fill_torn(pair: Pair, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
+    """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were matched anew."""
     source, target = pair.source, pair.target
     mesh, vertex_of = target.working, target.working.vertex_of
     used = np.flatnonzero(vertex_of >= 0)
@@ -107,9 +125,13 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, unsettled: Booleans) -> Repa
     edges, _ = unique_edges(mesh.triangles)
     own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     torn, limit = _torn(images.features, edges, own)
-    filled = (_to_fill(mesh, edges, torn) | unsettled[member]) & ~fixed
+    filled = ((_to_fill(mesh, edges, torn) & ~branches[member]) | bases[member]) & ~fixed
     if filled.any():
-        images = _fill(images, filled, edges, mesh.component, source.working, corners)
+        tried = [images, *_fills(images, filled, edges, mesh, source.working, corners)]
+        best = _least_distorted(tried, filled, edges, limit / REPAIR.max_stretch * own)
+        for choice, filling in enumerate(tried[1:], start=1):
+            images = images.replaced(filling, best == choice)
+        filled &= best > 0
         torn, _ = _torn(images.features, edges, own, limit)
     at_torn = np.zeros(len(filled), dtype=bool)
     at_torn[edges[torn]] = True
@@ -139,17 +161,40 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
     return np.asarray(shape.proxy.place.interpolate(shape.distances[:BOUND_SAMPLES].T)[of_body])
 
 
-def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | None = None) -> tuple[Booleans, float]:
-    """Which edges (e, 2) have images that are far too long in space or along the surface, and the ratio from which on.
+def _least_distorted(tried: Sequence[_Images], filled: Booleans, edges: Integers, usual: Floats) -> Integers:
+    """(n,) for each vertex the number of the images that stretch and shrink the edges (e, 2) of its patch least.
 
-    The features (n, 6 + d) are those of the images, and `own` (e,) are the lengths on the target.
+    `usual` (e,) are the lengths that the edges' images have if the map is not distorted.
     """
+    among = filled[edges]
+    patch = connected_components(_graph(edges[among.all(axis=1)], len(filled)), directed=False)[1]
+    touched = among.any(axis=1)
+    of_edge, usual = patch[np.where(among[:, 0], edges[:, 0], edges[:, 1])][touched], usual[touched]
+    distortion = []
+    for images in tried:
+        length = _lengths(images.features, edges[touched])
+        is_off = (length > REPAIR.max_stretch * usual) | (REPAIR.max_stretch * length < usual)
+        distortion.append(np.bincount(of_edge, is_off * np.abs(length - usual), minlength=len(filled)))
+    return np.argmin(distortion, axis=0)[patch]
+
+
+def _lengths(features: SingleFloats, edges: Integers) -> Floats:
+    """(e,) lengths of the images of edges (e, 2), in space or along the surface, from their features (n, 6 + d)."""
     length = np.empty(len(edges))
     for first in range(0, len(edges), BLOCK):
         some = edges[first : first + BLOCK]
         apart = features[some[:, 0]] - features[some[:, 1]]
         space = np.linalg.norm(apart[:, :3], axis=1)
         length[first : first + BLOCK] = np.maximum(space, np.abs(apart[:, 6:]).max(axis=1))
+    return length
+
+
+def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | None = None) -> tuple[Booleans, float]:
+    """Which edges (e, 2) have images that are far too long in space or along the surface, and the ratio from which on.
+
+    The features (n, 6 + d) are those of the images, and `own` (e,) are the lengths on the target.
+    """
+    length = _lengths(features, edges)
     ratio = length / np.maximum(own, 1e-300)
     if limit is None:
         limit = REPAIR.max_stretch * float(np.median(ratio))
@@ -169,32 +214,90 @@ def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))
 
 
-def _fill(
-    images: _Images, filled: Booleans, edges: Integers, component: Integers, source: WorkingMesh, corners: Floats
-) -> _Images:
-    """Fill in some images harmonically from the others, and project them to the source.
+def _fills(
+    images: _Images, filled: Booleans, edges: Integers, target: WorkingMesh, source: WorkingMesh, corners: Floats
+) -> Iterator[_Images]:
+    """Fill in some images from the others, and project them to the source.
 
-    A part of the target stays on the parts of the source that its trusted images are on: a shirt does not land on the
-    body below it. `edges` and `component` (n,) are those of the target, and `corners` (n_s, 6 + d) the features of the
-    source's vertices.
+    The features of the images solve Poisson's equation: their differences in a patch are those of the target, turned
+    and scaled like the patch's surroundings (Yu et al. 2004), so that the tip of a finger does not shrink to its base.
+    The second solution is harmonic. A part of the target stays on the parts of the source that its trusted images are
+    on: a shirt does not land on the body below it. `edges` (e, 2) are those of the target, and `corners` (n_s, 6 + d)
+    the features of the source's vertices.
     """
-    graph = csr_array(_graph(edges, len(filled)))
+    graph, component = csr_array(_graph(edges, len(filled))), target.component
     vertices = np.flatnonzero(filled)
     laplacian = csr_array(diags_array(graph.sum(axis=1)) - graph)[vertices]
     known = images.features.astype(np.float64)
     known[vertices] = 0
-    goals = factorise(laplacian[:, vertices].tocsc()).solve(np.asfortranarray(-(laplacian @ known)))
-    goals[:, 3:6] /= np.maximum(np.linalg.norm(goals[:, 3:6], axis=1, keepdims=True), 1e-300)
+    factors = factorise(laplacian[:, vertices].tocsc())
     source_component = source.component[source.triangles[:, 0]]
     stride = int(source_component.max()) + 1
     allowed = np.unique(component[~filled] * stride + source_component[images.triangle[~filled]])
-    found = _project(goals, source, corners, allowed, component[vertices] * stride)
-    triangle, barycentric, features = images.triangle.copy(), images.barycentric.copy(), images.features.copy()
-    on = found[0] >= 0
-    vertices = vertices[on]
-    triangle[vertices], barycentric[vertices] = found[0][on], found[1][on]
-    features[vertices] = _interpolate(corners, source.triangles[triangle[vertices]], barycentric[vertices])
-    return _Images(triangle, barycentric, features)
+    divergences = _divergence(images, filled, graph, laplacian, target), 0
+    goals = np.concatenate([factors.solve(np.asfortranarray(each - laplacian @ known)) for each in divergences])
+    goals[:, 3:6] /= np.maximum(np.linalg.norm(goals[:, 3:6], axis=1, keepdims=True), 1e-300)
+    projected = _project(goals, source, corners, allowed, np.tile(component[vertices] * stride, len(divergences)))
+    for on, barycentric in zip(*(np.split(each, len(divergences)) for each in projected), strict=True):
+        found = _Images(images.triangle.copy(), images.barycentric.copy(), images.features.copy())
+        some, on, barycentric = vertices[on >= 0], on[on >= 0], barycentric[on >= 0]
+        found.triangle[some], found.barycentric[some] = on, barycentric
+        found.features[some] = _interpolate(corners, source.triangles[on], barycentric)
+        yield found
+
+
+def _divergence(
+    images: _Images, filled: Booleans, graph: csr_array, laplacian: csr_array, target: WorkingMesh
+) -> Floats:
+    """(q, 6 + d) the Laplacian of the features that filled vertices have if their patch moves like its surroundings.
+
+    Positions and normals are turned and scaled by a similarity fitted to the trusted vertices around the patch, and
+    geodesic distances extrapolated by the linear function of the target's positions that fits them best.
+
+    Args:
+        images: of the target's vertices (n,).
+        filled: (n,) vertices to fill in; the patches are the connected ones.
+        graph: (n, n) adjacency of the vertices.
+        laplacian: (q, n) rows of the filled vertices.
+        target: the target's mesh.
+    """
+    vertices = np.flatnonzero(filled)
+    count, patch = connected_components(graph[vertices][:, vertices], directed=False)
+    near = csr_array((np.ones(len(vertices)), (vertices, patch)), shape=(len(filled), count))
+    for _ in range(REPAIR.rings):
+        near = near + graph @ near
+    rows, of_patch = near.nonzero()
+    rows, of_patch = rows[~filled[rows]], of_patch[~filled[rows]]
+    share = 1 / np.bincount(of_patch, minlength=count)[of_patch]
+    mean = csr_array((share, (of_patch, np.arange(len(rows)))), shape=(count, len(rows)))
+    around, features = target.vertices[rows], images.features[rows].astype(np.float64)
+    moments = Moments.of_products(np.asarray(mean @ products(around, features[:, :3])))
+    handedness = _handedness(images, filled, graph, target)
+    fitted = moments.similarities(handedness, (1 / REPAIR.max_scale, REPAIR.max_scale))
+    offset = around - moments.place[of_patch]
+    second = np.stack([np.asarray(mean @ (offset[:, i, None] * offset)) for i in range(3)], axis=1)
+    second += (RIDGE * np.trace(second, axis1=1, axis2=2)[:, None, None] + SMALLEST) * np.eye(3)
+    distance = features[:, 6:] - np.asarray(mean @ features[:, 6:])[of_patch]
+    cross = np.stack([np.asarray(mean @ (offset[:, i, None] * distance)) for i in range(3)], axis=1)
+    slopes = np.linalg.solve(second, cross)
+    places, normals = laplacian @ target.vertices, laplacian @ target.vertex_normals
+    return np.hstack(
+        [
+            np.einsum("qij,qj->qi", fitted.linear[patch], places),
+            np.einsum("qij,qj->qi", fitted.rotation[patch], normals),
+            np.einsum("qid,qi->qd", slopes[patch], places),
+        ]
+    )
+
+
+def _handedness(images: _Images, filled: Booleans, graph: csr_array, target: WorkingMesh) -> float:
+    """1 if the map preserves the orientation of trusted neighbourhoods, -1 if it reverses it."""
+    trusted = np.flatnonzero(~filled)
+    some = trusted[:: max(1, len(trusted) // NEIGHBOURHOODS)]
+    rings = graph[some] @ (graph + diags_array(np.ones(len(filled))))
+    means = csr_array(diags_array(1 / rings.sum(axis=1)) @ rings)
+    both = products(target.vertices, images.features[:, :3].astype(np.float64))
+    return Moments.of_products(np.asarray(means @ both)).handedness
 
 
 def _project(

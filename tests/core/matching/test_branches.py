@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.branches import BRANCHES, exchange_branches
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.repair import repair
+from zoomout_core.matching.repair import REPAIR, repair
 from zoomout_core.samples.implicit import Ellipsoid, Limb, bounds, surface_net
 from zoomout_core.tuning import retune
 
@@ -106,6 +106,16 @@ def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dic
     for number in permutation:
         assert error_along(found.surface_map, number) < NEAR
     assert found.filled.any()
+
+
+def test_fingers_that_were_matched_anew_are_not_filled_in_from_their_bases(pair: Pair) -> None:
+    wrong = send({2: 3, 3: 2})
+    exchanged, bases = exchange_branches(pair, wrong)
+    matched = (exchanged.triangle != wrong.triangle) & ~bases
+    assert matched.mean() > 0.02
+    with retune(REPAIR, small_patch=0.1, max_stretch=2.0):  # fingers count as patches, and are torn at their bases
+        found = repair(pair, wrong)
+    np.testing.assert_array_equal(found.surface_map.triangle[matched], exchanged.triangle[matched])
 
 
 def test_vertices_that_are_split_like_at_uv_seams_make_no_difference(pair: Pair) -> None:

@@ -13,7 +13,8 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.repair import REPAIR, Repair, repair
+from zoomout_core.matching.repair import REPAIR, Repair, _Images, _least_distorted, repair
+from zoomout_core.mesh.triangles import unique_edges
 
 # Accepted mean error of filled places at unit area: a few edges.
 NEAR = 0.08
@@ -107,6 +108,34 @@ def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
     flat = zo.Surface(np.stack([u, v, 0 * u], axis=2).reshape(-1, 3), faces)
     shapes = [analyse(surface.working, 40, 200, 0) for surface in (folded, flat)]
     return Pair(folded, flat, *shapes, 40, 5), zo.SurfaceMap.from_vertices(np.arange(u.size), folded), u.ravel()
+
+
+def test_a_patch_at_a_tip_does_not_shrink_to_its_border() -> None:
+    pair, truth, u = facing_plates()
+    flipped = replace(pair, source=pair.target, source_shape=pair.target_shape, target=pair.source)
+    pair = replace(flipped, target_shape=pair.source_shape)
+    corner = np.flatnonzero((u > 0.9) & (pair.source.vertices[:, 1] < 0.06))
+    away = np.full(len(corner), int(np.argmax(pair.source.vertices[:, 1] - u)))
+    found = repair(pair, send(zo.SurfaceMap.from_vertices(truth.vertex, pair.source), corner, away, pair))
+    off = pair.source.vertices[found.surface_map.vertex[corner]] - pair.source.vertices[corner]
+    assert np.linalg.norm(off, axis=1).mean() < 0.25 * np.ptp(u[corner])
+
+
+def test_each_patch_takes_the_images_that_neither_stretch_nor_shrink_it(pair) -> None:
+    places = pair.target.working.vertices
+    edges, _ = unique_edges(pair.target.working.triangles)
+    own = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
+    patches = [patch_around(pair, int(np.argmax(sign * places[:, 0])), 0.15) for sign in (1, -1)]
+    shrunk, stretched = places.copy(), places.copy()
+    for patch, other in zip(patches, patches[::-1], strict=True):
+        shrunk[patch] = places[patch].mean(axis=0)
+        stretched[other] *= 10
+        filled = np.isin(np.arange(len(places)), [*patch, *other])
+        tried = [_Images(filled, filled, np.pad(each, ((0, 0), (0, 4)))) for each in (shrunk, stretched)]
+        best = _least_distorted(tried, filled, edges, own)
+        assert (best[patch] == 1).all()
+        assert (best[other] == 0).all()
+        shrunk, stretched = places.copy(), places.copy()
 
 
 def test_a_patch_on_the_surface_that_faces_it_is_found_by_geodesic_distance() -> None:
