@@ -31,15 +31,14 @@ from zoomout_core.command_options import (
     in_place_option,
     match_options,
     progress_bar,
-    quiet_option,
     read_options,
     table_option,
     tell,
-    threads_option,
 )
+from zoomout_core.global_options import quiet_option, threads_option
 from zoomout_core.matching.option_table import OPTIONS
-from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output
 

@@ -7,6 +7,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
+from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.child_process import leave_out_working_folder
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
@@ -26,7 +27,7 @@ def run(commands: str, name: str, extra: str) -> None:
         print(f"{name}: interrupted; incomplete files were not written.", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except MemoryError:
-        sys.exit(f"Error: {import_module('zoomout_core.mesh.memory').NO_MEMORY}")
+        sys.exit(f"Error: {NO_MEMORY}")
     except ModuleNotFoundError as error:
         own = __package__, commands.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] in own:

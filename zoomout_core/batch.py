@@ -18,8 +18,8 @@ import click
 
 from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.verdict import RefusedMatchError
-from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
 from zoomout_core.runtime.progress import portion, renaming
 

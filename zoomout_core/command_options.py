@@ -15,6 +15,7 @@ from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from zoomout_core.arrays import Floats
+from zoomout_core.global_options import is_quiet
 from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.option_table import (
     ACCURACY,
@@ -30,22 +31,13 @@ from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
-from zoomout_core.runtime.threads import set_threads
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
 NO_CACHE = "off"
 # The argument before the targets.
 SOURCE = {"source": "SOURCE"}
-QUIET = "zoomout.quiet"
 
 
-threads_option = click.option(
-    "--threads",
-    type=click.IntRange(1),
-    expose_value=False,
-    callback=lambda _context, _option, count: None if count is None else set_threads(count),
-    help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
-)
 in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
 
 
@@ -76,31 +68,6 @@ def folders_option(command: Any) -> Any:
         help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
     )
     return option(command)
-
-
-def quiet_option(command: Any) -> Any:
-    """Let a command print nothing but errors."""
-
-    def set_it(context: click.Context, __: click.Parameter, quiet: bool) -> None:
-        if quiet:
-            context.meta[QUIET] = True  # which contexts of subcommands share
-
-    option = click.option(
-        "-q",
-        "--quiet",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=set_it,
-        help="Show no progress, and print only errors, and what --json asks for.",
-    )
-    return option(command)
-
-
-def is_quiet() -> bool:
-    """Whether the command that is running was given --quiet."""
-    context = click.get_current_context(silent=True)
-    return context is not None and QUIET in context.meta
 
 
 def tell(line: str) -> None:

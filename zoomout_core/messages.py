@@ -14,6 +14,7 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any
 
+NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
 # Maximum length of a format specification in a stored template: a longer one could request gigabytes of spaces.
 MAX_FORMAT_LENGTH = 4
 # JSON keys of a stored Message, and of a stored dictionary with Messages as keys.

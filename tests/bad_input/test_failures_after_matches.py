@@ -18,7 +18,7 @@ from doors import Limit, assert_refused, contents, run
 import zoomout_core as zo
 from zoomout_core.cli import collection_command, maps, match_command, symmetry_command, transfer_command
 from zoomout_core.cli import main as zoomout
-from zoomout_core.mesh.memory import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 

@@ -19,7 +19,7 @@ import zoomout_core as zo
 from zoomout_core import __main__ as entry
 from zoomout_core.cli import main
 from zoomout_core.matching import memory_need
-from zoomout_core.mesh.memory import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY
 
 SOURCE, TARGET = (creature(260, seed=seed).surface for seed in (0, 1))
 MAP = zo.SurfaceMap.from_vertices(np.zeros(260, dtype=int), SOURCE)

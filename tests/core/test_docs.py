@@ -93,7 +93,7 @@ def test_commands_have_the_options_that_are_named(page: Path) -> None:
         name, *words = shlex.split(line.split("2>")[0])
         if name.startswith("-"):
             continue
-        command = main.commands[name]
+        command = main.get_command(click.Context(main), name)
         known = {option for each in command.params if isinstance(each, click.Option) for option in each.opts}
         assert {word for word in words if word.startswith("-")} <= known, line
 

@@ -6,28 +6,37 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import click
 import pytest
 from click.testing import CliRunner
 
 import zoomout_core as zo
-from zoomout_core.cli import main
+from zoomout_core.cli import SUMMARIES, main
 
 
 @pytest.mark.parametrize(
-    ("module", "missing", "extra"),
-    [("zoomout_core", "click", "cli"), ("zoomout_core", "tqdm", "cli"), ("meshlab_filter", "click", "meshlab")],
+    ("module", "missing", "extra", "command"),
+    [
+        ("zoomout_core", "click", "cli", []),
+        ("zoomout_core", "tqdm", "cli", ["match"]),
+        ("meshlab_filter", "click", "meshlab", []),
+    ],
 )
-def test_a_command_without_its_packages_names_the_extra(module: str, missing: str, extra: str) -> None:
+def test_a_command_without_its_packages_names_the_extra(
+    module: str, missing: str, extra: str, command: list[str]
+) -> None:
     without = f"import sys, runpy; sys.modules[{missing!r}] = None; runpy.run_module({module!r}, run_name='__main__')"
-    done = subprocess.run([sys.executable, "-c", without, "--help"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", without, *command, "--help"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1
     assert done.stderr.strip().endswith(f"is missing: in the checkout, pip install '.[{extra}]'.")
     assert len(done.stderr.strip().splitlines()) == 1
 
 
 def test_every_command_can_say_for_programs_how_it_went() -> None:
-    without = [name for name, each in main.commands.items() if "--json" not in {o for p in each.params for o in p.opts}]
-    assert not without
+    for name in SUMMARIES:
+        assert "--json" in {option for param in command_of(name).params for option in param.opts}, name
 
 
 def test_the_command_is_a_module_as_well() -> None:
@@ -41,6 +50,20 @@ def test_the_command_is_a_module_as_well() -> None:
 
 def test_the_list_of_commands_has_whole_sentences() -> None:
     listed = CliRunner().invoke(main, ["--help"], terminal_width=80).output.partition("Commands:")[2]
-    for name in main.commands:
+    for name in SUMMARIES:
         assert name in listed
+        assert SUMMARIES[name] == command_of(name).get_short_help_str(limit=80)
     assert "..." not in listed
+
+
+def test_help_appears_without_numpy() -> None:
+    without = "import sys, runpy; sys.modules['numpy'] = None; runpy.run_module('zoomout_core', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", without, "--help"], capture_output=True, text=True, check=True)
+    assert "Commands:" in done.stdout
+
+
+def command_of(name: str) -> click.Command:
+    """A command of `zoomout`."""
+    command = main.get_command(click.Context(main), name)
+    assert command is not None
+    return command

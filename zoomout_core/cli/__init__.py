@@ -3,26 +3,26 @@
 
 import click
 
-from zoomout_core.cli.collection_command import collection
-from zoomout_core.cli.demo_command import demo
-from zoomout_core.cli.evaluate_command import evaluate
 from zoomout_core.cli.group import CommandGroup
-from zoomout_core.cli.info_command import info
-from zoomout_core.cli.landmarks_command import landmarks
-from zoomout_core.cli.match_command import match
-from zoomout_core.cli.sample_command import sample
-from zoomout_core.cli.symmetry_command import symmetry
-from zoomout_core.cli.transfer_command import transfer
-from zoomout_core.command_options import quiet_option, threads_option
+from zoomout_core.global_options import quiet_option, threads_option
+
+# The command NAME is in the module NAME_command. The help shows these summaries without importing the modules.
+SUMMARIES = {
+    "match": "Find the point on SOURCE for each vertex of TARGET.",
+    "transfer": "Transfer the data of SOURCE to other meshes.",
+    "landmarks": "Place the landmarks of TEMPLATE on other meshes.",
+    "collection": "Match many shapes, and make their maps agree.",
+    "symmetry": "Find the symmetries of MESH in any pose.",
+    "evaluate": "Measure MAP: flipped area, coverage, distortion and error.",
+    "info": "Show the contents of MESH that `zoomout transfer` can carry.",
+    "sample": "Write a character and a scan of it into FOLDER.",
+    "demo": "Run the demo in headless Blender.",
+}
 
 
-@click.group(cls=CommandGroup)
+@click.group(cls=CommandGroup, summaries=SUMMARIES)
 @click.version_option(package_name="zoomout-core")
 @threads_option
 @quiet_option
 def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
-
-
-for command in (match, transfer, landmarks, collection, symmetry, evaluate, info, sample, demo):
-    main.add_command(quiet_option(command))

@@ -17,7 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 from uuid import uuid4
 
-from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
+from zoomout_core.mesh.memory import NotEnoughMemoryError
+from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.child_process import child_environment, modules_of_python_in
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.progress import advance, renaming, stage

@@ -8,8 +8,7 @@ from functools import wraps
 from typing import Any, TypeVar, cast
 
 from zoomout_core.mesh.surface import MeshError
-
-NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
+from zoomout_core.messages import NO_MEMORY
 
 
 class NotEnoughMemoryError(MeshError):
