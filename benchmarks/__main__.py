@@ -35,7 +35,12 @@ from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
 from benchmarks import tuning as tuning_table
 from benchmarks import wrap as wrap_table
+from benchmarks.official import lists as official_lists
+from benchmarks.official import page as results_page
+from benchmarks.official import records as official_records
+from benchmarks.official.measure import Setting
 from benchmarks.tables import NOT_SHOWN, Tables, as_text
+from zoomout_core.runtime.threads import usable_cores
 
 
 @click.group()
@@ -90,6 +95,47 @@ def collection_engine(data: Path, pairs: int | None, json_file: Path | None, pla
 def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate: bool, pictures: Path | None) -> None:
     """Success, error and calibration of `match` without hints, beside published maps."""
     report(correspondence_tables.run(data, pairs, ablate, pictures), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--set", "names", multiple=True, help="Measure this set alone.")
+@click.option("--rotate", is_flag=True, help="Turn each shape by a random rotation, which is the same in each run.")
+@click.option("--scale", is_flag=True, help="Scale the target by a random factor between 0.5 and 2.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes to match in; one per core if not given.")
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("docs/results.md"),
+    show_default=True,
+    help="Write the page of results here.",
+)
+@click.option(
+    "--records",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of the records, which a later run resumes; beside the page, and named like it, if not given.",
+)
+def official(
+    data: Path,
+    pairs: int | None,
+    json_file: Path | None,
+    names: tuple[str, ...],
+    rotate: bool,
+    scale: bool,
+    workers: int | None,
+    page: Path,
+    records: Path | None,
+) -> None:
+    """Whole test lists of public sets by the published protocol, beside published figures; --pairs: of each list."""
+    records = records or page.with_suffix("")
+    try:
+        lists = official_lists.lists_in(data, names)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    official_records.run(lists, Setting(rotate, scale), pairs, records, workers or usable_cores())
+    results_page.write(records, page)
+    report(results_page.tables(records, [chosen.name for chosen in lists]), data, json_file)
+    click.echo(f"\nWritten: {page}")
 
 
 @main.command()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -25,7 +25,7 @@ from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.flips import with_flipped_edges
 from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, from_shot, from_signatures, landmarks_of
-from benchmarks.tables import Record, Tables
+from benchmarks.tables import Record, Tables, over
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
 from zoomout_core.mesh.surface import Surface
@@ -387,18 +387,12 @@ def _rows(setting: Setting, records: list[Record]) -> list[Record]:
                 "mean": float(errors.mean()),
                 "median": float(np.median(errors)),
                 "failed %": 100 * float((errors > limit).mean()),
-                "covered %": _over(np.mean, chosen, "covered %"),
-                "bijectivity": _over(np.mean, chosen, "bijectivity"),
-                "edge distortion": _over(np.mean, chosen, "edge distortion"),
-                "seconds": _over(np.median, chosen, "seconds"),
+                "covered %": over(np.mean, chosen, "covered %"),
+                "bijectivity": over(np.mean, chosen, "bijectivity"),
+                "edge distortion": over(np.mean, chosen, "edge distortion"),
+                "seconds": over(np.median, chosen, "seconds"),
                 "published mean": published and published[0],
                 "published s": published and published[1],
             }
         )
     return rows
-
-
-def _over(statistic: Callable[[list[float]], Any], records: list[Record], column: str) -> float | None:
-    """A statistic of a column, over the records that have it."""
-    values = [record[column] for record in records if record.get(column) is not None]
-    return float(statistic(values)) if values else None
