@@ -436,7 +436,9 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
 
 @main.command()
 @click.option(
-    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+    "--data",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of meshes; without it, the page is written from the records beside it.",
 )
 @click.option("--pairs", type=click.IntRange(min=1), help="Use this many pairs of each set, evenly spread.")
 @click.option(
@@ -447,7 +449,7 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
     help="Write the page here, and figures and records to a folder beside it.",
 )
 @click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
-def paper(data: Path, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
+def paper(data: Path | None, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
     """All tables and figures of ZoomOut's paper on one page, beside the published figures."""
     try:
         failures = paper_page.run(data, pairs, page, only)
