@@ -155,6 +155,14 @@ def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Pa
 
 @main.command()
 @common_options
+@figure_option
+def shrec19(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """The same methods on people of SHREC'19, beside the paper's figures."""
+    report(refinement_tables.run_shrec19(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
 def peers(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """ZoomOut alone, from the same input, beside another implementation."""
     report({"rows": peers_table.run(data, pairs)}, data, json_file)
@@ -440,7 +448,20 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder of meshes; without it, the page is written from the records beside it.",
 )
-@click.option("--pairs", type=click.IntRange(min=1), help="Use this many pairs of each set, evenly spread.")
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    help="Use this many pairs of each set, evenly spread, where it has them.",
+)
+@click.option(
+    "--records",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("build/paper"),
+    show_default=True,
+    help="Keep the records of single pairs here, from which an interrupted run is resumed.",
+)
 @click.option(
     "--page",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -449,10 +470,10 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
     help="Write the page here, and figures and records to a folder beside it.",
 )
 @click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
-def paper(data: Path | None, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
+def paper(data: Path | None, pairs: int, records: Path, page: Path, only: tuple[str, ...]) -> None:
     """All tables and figures of ZoomOut's paper on one page, beside the published figures."""
     try:
-        failures = paper_page.run(data, pairs, page, only)
+        failures = paper_page.run(data, pairs, page, only, records)
     except ValueError as error:
         raise click.ClickException(str(error)) from None
     if failures:

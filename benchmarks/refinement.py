@@ -25,6 +25,7 @@ from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.flips import with_flipped_edges
 from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, from_shot, from_signatures, landmarks_of
+from benchmarks.stored import stored
 from benchmarks.tables import Record, Tables, over
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
@@ -47,8 +48,6 @@ FLIPPED = 0.125
 # Kinds of meshes of one surface that are refined from one to the other: others have loose parts, or 14,000 vertices, of
 # which BCICP and RHM take minutes a pair.
 KINDS = ("dense", "iso")
-# Pairs of each set on the page of all tables; a pair takes 30 s.
-PAPER_PAIRS = 4
 # Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps; mean
 # errors after random flips of edges, from two landmarks; and on FAUST and SCAPE resampled, from learned descriptors.
 PUBLISHED: dict[str, tuple[float, float | None]] = {
@@ -80,6 +79,16 @@ PUBLISHED_RESAMPLED: dict[str, tuple[float, float | None]] = {
     "BCICP": (26.0, None),
     "ZoomOut": (21.7, None),
     "ZoomOut*": (24.6, None),
+}
+# The same on SHREC'19.
+SHREC19: dict[str, tuple[float, float | None]] = {
+    "initial": (60.4, None),
+    "ICP": (47.0, None),
+    "Deblur": (55.4, None),
+    "PMF": (51.8, None),
+    "RHM": (42.6, None),
+    "BCICP": (30.1, None),
+    "ZoomOut*": (28.8, None),
 }
 
 
@@ -155,6 +164,8 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     of both meshes flipped, from two random landmarks (`from_landmarks`); in sets with several meshes of one surface,
     meshes of different kinds are refined from SHOT descriptors (`from_shot`); the paper used learned ones.
 
+    A pair takes about 30 s.
+
     Args:
         data: the folder of the sets; sets without any of these are left out.
         pairs: number of pairs of each set, evenly spread over its list.
@@ -163,12 +174,33 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     Returns:
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
     """
+    settings = [each for folder in sets_in(data) for each in _settings(folder)]
+    return _refine(settings, pairs, figure)
+
+
+def run_shrec19(data: Path, pairs: int | None, figure: Path | None) -> Tables:
+    """Refine maps between the people of SHREC'19 with every method, from the initial maps of `from_signatures`.
+
+    Arguments and tables are those of `run`.
+    """
+    settings = [
+        Setting(
+            folder.name, pair_names(folder, None), partial(load_pair, folder), _start_from_signatures, None, SHREC19
+        )
+        for folder in sets_in(data)
+        if folder.name.startswith("shrec19")
+    ]
+    return _refine(settings, pairs, figure)
+
+
+def _refine(settings: Sequence[Setting], pairs: int | None, figure: Path | None) -> Tables:
+    """The tables of settings."""
     records: list[Record] = []
     rows: list[Record] = []
-    for setting in (each for folder in sets_in(data) for each in _settings(folder)):
+    for setting in settings:
         found: list[Record] = []
         for names in tqdm(evenly(setting.pairs, pairs), desc=setting.name, leave=False):
-            found += _of_pair(setting, setting.load(*names))
+            found += stored((setting.name, *names), partial(_of_names, setting, *names))
         records += found
         rows += _rows(setting, found)
     if not records:
@@ -317,7 +349,8 @@ METHODS: dict[str, Callable[[Start], Maps]] = {
 # --- records ------------------------------------------------------------------------------------------------
 
 
-def _of_pair(setting: Setting, pair: PairOfMeshes) -> list[Record]:
+def _of_names(setting: Setting, target_name: str, source_name: str) -> list[Record]:
+    pair = setting.load(target_name, source_name)
     initial, initial_back = setting.begin(pair)
     if initial is None or initial_back is None:
         return []

@@ -12,19 +12,16 @@ import json
 import os
 import platform
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
-from functools import cache
-from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
 import scipy
 from tqdm import tqdm
 
-import zoomout_core
 from benchmarks.official import measure as measure_module
 from benchmarks.official.lists import OfficialList
 from benchmarks.official.measure import Setting, measure
+from benchmarks.stored import append, code_version, read
 from benchmarks.tables import Record
 from zoomout_core.collection.engine import Failure, Task, local_engine
 
@@ -41,13 +38,14 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
     """
     folder.mkdir(parents=True, exist_ok=True)
     tasks, files = [], {}
+    code = code_version(Path(measure_module.__file__))
     for chosen in lists:
         (folder / f"{chosen.name}.json").write_text(json.dumps(describe(chosen), indent=1))
         path = folder / f"{chosen.name}.jsonl"
         there = {_key(record) for record in read(path)}
         # Pairs of one source follow each other, since its distances are kept.
         for target, source in sorted(chosen.sample(pairs), key=lambda pair: pair[::-1]):
-            key: Record = {"code": code_version(), "target": target, "source": source, "setting": setting.name}
+            key: Record = {"code": code, "target": target, "source": source, "setting": setting.name}
             if _key(key) not in there:
                 name = f"{chosen.name}/{target}/{source}"
                 tasks.append(Task(name, measure, (chosen, target, source, setting)))
@@ -58,7 +56,7 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
         for done in tqdm(engine.as_completed(tasks), total=len(tasks)):
             path, key = files[done.key]
             outcome = {"failed": done.result.message} if isinstance(done.result, Failure) else done.result
-            _append(path, key | outcome)
+            append(path, key | outcome)
 
 
 def describe(chosen: OfficialList) -> Record:
@@ -74,17 +72,6 @@ def describe(chosen: OfficialList) -> Record:
     }
 
 
-def read(path: Path) -> list[Record]:
-    """The records of a file, without a last line that was not written to its end; none if there is no file."""
-    if not path.is_file():
-        return []
-    records = []
-    for line in path.read_text().splitlines():
-        with suppress(json.JSONDecodeError):
-            records.append(json.loads(line))
-    return records
-
-
 def latest(records: Sequence[Record]) -> list[Record]:
     """The records by the code that measured last."""
     return [record for record in records if record["code"] == records[-1]["code"]]
@@ -98,24 +85,5 @@ def sets_in(folder: Path, names: Collection[str] = ()) -> Iterator[tuple[str, Re
             yield path.stem, json.loads(path.with_suffix(".json").read_text()), latest(records)
 
 
-@cache
-def code_version() -> str:
-    """A hash of the code that computes and measures maps."""
-    digest = blake2b(digest_size=6)
-    for path in (*sorted(Path(zoomout_core.__file__).parent.rglob("*.py")), Path(measure_module.__file__)):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 def _key(record: Record) -> tuple[str, ...]:
     return record["code"], record["target"], record["source"], record["setting"]
-
-
-def _append(path: Path, record: Record) -> None:
-    """Append a record, after a line break if the last line was not written to its end."""
-    with path.open("a+b") as file:
-        if file.tell():
-            file.seek(-1, os.SEEK_END)
-            if file.read() != b"\n":
-                file.write(b"\n")
-        file.write(json.dumps(record).encode() + b"\n")

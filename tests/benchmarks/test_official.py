@@ -22,6 +22,7 @@ from benchmarks.official import page as pages
 from benchmarks.official import records as recording
 from benchmarks.official.lists import MAPS, NONE, TEMPLATE, OfficialList, lists_in
 from benchmarks.official.measure import Setting, distances, measure, overlap
+from benchmarks.stored import read
 from benchmarks.tables import Record
 from zoomout_core.samples.grids import grid
 
@@ -220,10 +221,10 @@ def test_an_interrupted_run_is_resumed(tmp_path: Path, match_to: Match, monkeypa
     path.write_text(path.read_text() + '{"target": "b", "sour')
     recording.run([chosen], Setting(), None, tmp_path / "records", 1)
     assert len(calls) == 3
-    assert {(record["target"], record["source"]) for record in recording.read(path)} == set(chosen.pairs)
+    assert {(record["target"], record["source"]) for record in read(path)} == set(chosen.pairs)
     recording.run([chosen], Setting(rotate=True), 1, tmp_path / "records", 1)
     assert len(calls) == 4
-    monkeypatch.setattr(recording, "code_version", lambda: "other")
+    monkeypatch.setattr(recording, "code_version", lambda *_: "other")
     recording.run([chosen], Setting(), 2, tmp_path / "records", 1)
     ((name, about, records),) = recording.sets_in(tmp_path / "records")
     assert (name, about["pairs"], about["self-pairs"]) == ("set", 3, 1)
