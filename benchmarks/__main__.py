@@ -148,9 +148,24 @@ def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
 @main.command()
 @common_options
 @figure_option
-def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+@click.option(
+    "--features",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Start from features in this folder, such as learned descriptors: an array (vertices, features) in "
+    "SET/NAME.npy for each shape.",
+)
+def refinement(
+    data: Path, pairs: int | None, json_file: Path | None, figure: Path | None, features: Path | None
+) -> None:
     """ZoomOut, ICP, Deblur, PMF, RHM and BCICP from the same initial maps, beside the paper's figures."""
-    report(refinement_tables.run(data, pairs, figure), data, json_file)
+    if features is None:
+        report(refinement_tables.run(data, pairs, figure), data, json_file)
+        return
+    try:
+        tables = refinement_tables.run_features(data, features, pairs, figure)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    report(tables, data, json_file)
 
 
 @main.command()

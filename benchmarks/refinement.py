@@ -24,7 +24,15 @@ from benchmarks.compared import mean_curves
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.flips import with_flipped_edges
-from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, from_shot, from_signatures, landmarks_of
+from benchmarks.starts import (
+    K_INITIAL,
+    K_SIGNATURES,
+    from_descriptors,
+    from_landmarks,
+    from_shot,
+    from_signatures,
+    landmarks_of,
+)
 from benchmarks.stored import stored
 from benchmarks.tables import Record, Tables, over
 from zoomout_core.arrays import Floats, Integers
@@ -191,6 +199,52 @@ def run_shrec19(data: Path, pairs: int | None, figure: Path | None) -> Tables:
         if folder.name.startswith("shrec19")
     ]
     return _refine(settings, pairs, figure)
+
+
+def run_features(data: Path, features: Path, pairs: int | None, figure: Path | None) -> Tables:
+    """Refine initial maps from features in files, such as learned descriptors, with every method.
+
+    Other arguments and tables are those of `run`.
+
+    Args:
+        data: the folder of the sets.
+        features: folder with a file `SET/NAME.npy` for each shape of a set: an array (n, d) of features of its
+            vertices, the same ones for all shapes of the set. Pairs of shapes without a file are left out.
+        pairs: number of pairs of each set.
+        figure: an image file for the curves.
+
+    Raises:
+        ValueError: a file does not have features of each vertex.
+    """
+    settings = []
+    for folder in sets_in(data):
+        there = {path.stem for path in (features / folder.name).glob("*.npy")}
+        listed = [names for names in pair_names(folder, None) if there.issuperset(names)]
+        begin = partial(_start_from_features, features / folder.name)
+        published = PUBLISHED_RESAMPLED if folder.name.startswith(("faust", "scape")) else {}
+        settings.append(Setting(f"{folder.name}, features", listed, partial(load_pair, folder), begin, None, published))
+    return _refine([setting for setting in settings if setting.pairs], pairs, figure)
+
+
+def _start_from_features(folder: Path, pair: PairOfMeshes) -> tuple[Integers, Integers]:
+    of_source, of_target = (
+        _features(folder / f"{name}.npy", surface)
+        for name, surface in ((pair.source_name, pair.source), (pair.target_name, pair.target))
+    )
+    return (
+        from_descriptors(pair.source, pair.target, of_source, of_target),
+        from_descriptors(pair.target, pair.source, of_target, of_source),
+    )
+
+
+def _features(path: Path, surface: Surface) -> Floats:
+    """(n, d) the features of a surface in a file."""
+    found = np.load(path)
+    if found.ndim != 2 or len(found) != len(surface.vertices):
+        raise ValueError(
+            f"{path} has an array of shape {found.shape}, but needs a row for each of {len(surface.vertices)} vertices."
+        )
+    return np.asarray(found, dtype=float)
 
 
 def _refine(settings: Sequence[Setting], pairs: int | None, figure: Path | None) -> Tables:
