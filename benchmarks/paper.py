@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every table and figure of ZoomOut's paper on one page, next to the published figures."""
+"""Tables and figures of ZoomOut's paper on one page, next to the published figures."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import platform
@@ -35,7 +36,7 @@ from benchmarks import (
 from benchmarks.stored import storing
 from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
 
-# Code besides the core's that computes maps.
+# Code that computes maps, besides the core's and that of a section.
 HERE = Path(__file__).parent
 CODE = [HERE / "baselines", HERE / "starts.py", HERE / "flips.py"]
 
@@ -78,7 +79,8 @@ SECTIONS = (
         "On 430 pairs, from an initial mean of 60.4, ZoomOut with samples reaches 28.8, and BCICP 30.1; ZoomOut is 290 "
         "times as fast.",
         "The pairs are those among the shapes at hand, remeshed to 5,000 vertices; the paper's have 5,000 to 200,000. "
-        "`zo.match` has no initial map.",
+        "Initial maps are from wave kernel signatures and two random landmarks, not the paper's own. `zo.match` has no "
+        "initial map.",
         readings.refinement,
         refinement.run_shrec19,
     ),
@@ -277,7 +279,8 @@ def _storing(section: Section, folder: Path | None, reused: list[float]) -> Iter
     if folder is None:
         yield
         return
-    with storing(folder / f"{section.name}.jsonl", CODE) as store:
+    code = [*CODE, Path(inspect.getfile(section.run))]
+    with storing(folder / f"{section.name}.jsonl", code) as store:
         yield
     reused += store.reused
 
@@ -288,7 +291,7 @@ def as_page(made: Mapping[Section, Record], folder: Path) -> str:
     lines = [
         "# The paper, reproduced",
         "",
-        "Every table and figure of ZoomOut (Melzi, Ren, Rodolà, Sharma, Wonka and Ovsjanikov 2019), made by "
+        "Tables and figures of ZoomOut (Melzi, Ren, Rodolà, Sharma, Wonka and Ovsjanikov 2019), made by "
         "`python -m benchmarks paper --data FOLDER --pairs N`, which writes this page. Errors are mean geodesic "
         "distances between a point's image and its true place, at unit area of the source, times 1000. A pair failed "
         "above 80 (130, where shapes are far from isometric). *ZoomOut* is the paper's, from the same initial map as "

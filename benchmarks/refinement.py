@@ -88,7 +88,7 @@ PUBLISHED_RESAMPLED: dict[str, tuple[float, float | None]] = {
     "ZoomOut": (21.7, None),
     "ZoomOut*": (24.6, None),
 }
-# The same on SHREC'19.
+# On SHREC'19.
 SHREC19: dict[str, tuple[float, float | None]] = {
     "initial": (60.4, None),
     "ICP": (47.0, None),
@@ -187,14 +187,12 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
 
 
 def run_shrec19(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Refine maps between the people of SHREC'19 with every method, from the initial maps of `from_signatures`.
+    """Refine maps between the people of SHREC'19 with every method, from two random landmarks (`from_landmarks`).
 
     Arguments and tables are those of `run`.
     """
     settings = [
-        Setting(
-            folder.name, pair_names(folder, None), partial(load_pair, folder), _start_from_signatures, None, SHREC19
-        )
+        Setting(folder.name, pair_names(folder, None), partial(load_pair, folder), _start_from_landmarks, None, SHREC19)
         for folder in sets_in(data)
         if folder.name.startswith("shrec19")
     ]

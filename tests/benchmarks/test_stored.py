@@ -71,7 +71,7 @@ def test_a_section_of_the_page_is_resumed(tmp_path: Path, monkeypatch: pytest.Mo
     assert json.loads((tmp_path / "paper" / "one.json").read_text())["seconds"] > 0
 
 
-def test_people_of_shrec_begin_with_signatures(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_people_of_shrec_begin_with_landmarks(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(data / "creatures", tmp_path / "shrec19_r")
     shutil.copytree(data / "creatures", tmp_path / "others")
     monkeypatch.setattr(refinement, "METHODS", {"initial": refinement.METHODS["initial"]})
@@ -79,7 +79,8 @@ def test_people_of_shrec_begin_with_signatures(data: Path, tmp_path: Path, monke
     monkeypatch.setattr(datasets, "MAX_PLACES", 50)
     with np.load(data / "creatures" / "map_ini_direct.npz") as maps:
         there = maps["a__b"]
-    monkeypatch.setattr(refinement, "from_signatures", lambda *_: there)
+    monkeypatch.setattr(refinement, "K_SIGNATURES", 10)
+    monkeypatch.setattr(refinement, "from_landmarks", lambda *_: there)
     with storing(tmp_path / "records.jsonl", []):
         (row,) = refinement.run_shrec19(tmp_path, 1, None)["rows"]
     assert (row["set"], row["method"], row["pairs"]) == ("shrec19_r", "initial", 1)
