@@ -98,7 +98,13 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 
 
 @main.command()
-@common_options
+@click.option(
+    "--data",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of sets; without it, the page is written from the records.",
+)
+@click.option("--pairs", type=click.IntRange(min=1), help="Measure this many pairs of each list, at random.")
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables here too.")
 @click.option("--set", "names", multiple=True, help="Measure this set alone.")
 @click.option("--rotate", is_flag=True, help="Turn each shape by a random rotation, which is the same in each run.")
 @click.option("--scale", is_flag=True, help="Scale the target by a random factor between 0.5 and 2.")
@@ -116,7 +122,7 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
     help="Folder of the records, which a later run resumes; beside the page, and named like it, if not given.",
 )
 def official(
-    data: Path,
+    data: Path | None,
     pairs: int | None,
     json_file: Path | None,
     names: tuple[str, ...],
@@ -126,15 +132,15 @@ def official(
     page: Path,
     records: Path | None,
 ) -> None:
-    """Whole test lists of public sets by the published protocol, beside published figures; --pairs: of each list."""
+    """Whole test lists of public sets by the published protocol, beside published figures."""
     records = records or page.with_suffix("")
     try:
-        lists = official_lists.lists_in(data, names)
+        lists = official_lists.lists_in(data, names) if data else []
     except ValueError as error:
         raise click.ClickException(str(error)) from None
     official_records.run(lists, Setting(rotate, scale), pairs, records, workers or usable_cores())
     results_page.write(records, page)
-    report(results_page.tables(records, [chosen.name for chosen in lists]), data, json_file)
+    report(results_page.tables(records, [chosen.name for chosen in lists] or names), data, json_file)
     click.echo(f"\nWritten: {page}")
 
 
@@ -486,7 +492,7 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
 )
 @click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
 def paper(data: Path | None, pairs: int, records: Path, page: Path, only: tuple[str, ...]) -> None:
-    """All tables and figures of ZoomOut's paper on one page, beside the published figures."""
+    """Tables and figures of ZoomOut's paper on one page, beside the published figures."""
     try:
         failures = paper_page.run(data, pairs, page, only, records)
     except ValueError as error:

@@ -70,7 +70,7 @@ def measure(chosen: OfficialList, target_name: str, source_name: str, setting: S
     With a truth, `error` is the mean geodesic error of all target vertices that have a partner, times 100, and `curve`
     the shares of `benchmarks.curves.share_below`. An image that no path connects to the partner counts as far as the
     vertex that is farthest from it. If the truth is a map, `IoU` is the intersection of the vertices that have a
-    partner, by the result and by the truth, over their union; None if all have one by both.
+    partner, by the result and by the truth, over their union.
 
     Without a truth, the map is compared with other maps that should agree with it; mean distances times 100: `turned`,
     `scaled` and `mirrored`, from shapes placed so; `cycle`, from the target by way of the source and a third shape back
@@ -109,9 +109,9 @@ def seed_of(*names: str) -> int:
     return int.from_bytes(blake2b("\n".join(names).encode(), digest_size=4).digest(), "big")
 
 
-def overlap(one: Booleans, other: Booleans) -> float | None:
-    """Intersection over union of two masks (n,); None if both have every vertex, so that there is nothing to find."""
-    return None if (one & other).all() else float((one & other).sum() / max((one | other).sum(), 1))
+def overlap(one: Booleans, other: Booleans) -> float:
+    """Intersection over union of two masks (n,)."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
 
 
 def distances(path: Path, image: Integers, truth: Integers) -> Floats:

@@ -14,6 +14,7 @@ from benchmarks.official.lists import NONE
 from benchmarks.official.measure import Setting
 from benchmarks.official.records import sets_in
 from benchmarks.tables import Record, Tables, as_markdown, over
+from zoomout_core.arrays import Floats
 from zoomout_core.matching.notes import SURE_CERTAINTY
 
 OURS = "zo.match"
@@ -25,6 +26,13 @@ AGREEMENTS = "turned", "scaled", "mirrored", "cycle"
 # Percentage of the target's area above which a map that is turned over has left and right exchanged.
 TURNED_OVER = 50
 MAX_WRONG = 10
+# Columns of the table of all sets, before the best published methods.
+SUMMARY = (
+    *("set", "input", "pairs", "of", "error", "without self-pairs", "success %", "mIoU", "all agree %"),
+    *("certain", "certain and wrong", "certain, not all agree", "seconds"),
+)
+# Figures of our maps that are listed among published ones.
+FIGURES = "error", "without self-pairs", "mIoU", "success %"
 
 
 def tables(folder: Path, names: Sequence[str] = ()) -> Tables:
@@ -46,7 +54,8 @@ def tables(folder: Path, names: Sequence[str] = ()) -> Tables:
         found[name] = rows
         found[f"{name}, published"] = _standing(about, rows)
         found[f"{name}, wrong"] = _wrong(about, records)
-    found["sets"] = [{column: row.get(column) for column in _columns(found["sets"])} for row in found["sets"]]
+    best_of = dict.fromkeys(column for row in found["sets"] for column in row if column.startswith("best "))
+    found["sets"] = [{column: row.get(column) for column in (*SUMMARY, *best_of)} for row in found["sets"]]
     return found
 
 
@@ -69,6 +78,15 @@ def rows_of(name: str, about: Record, records: Sequence[Record]) -> list[Record]
 
 def write(folder: Path, page: Path) -> None:
     """Write the page, and a figure for each set with a truth, from all records of a folder."""
+    for name, _, records in sets_in(folder):
+        curves = _curves(records)
+        if curves:
+            draw_curves(folder / f"{name}.png", {name: curves})
+    page.write_text(as_page(folder))
+
+
+def as_page(folder: Path) -> str:
+    """The text of the page, which is beside the folder of the records."""
     lines = [
         "# Results on public sets",
         "",
@@ -81,7 +99,7 @@ def write(folder: Path, page: Path) -> None:
         "shapes are of different species.",
         f"- *certain*: pairs with a certainty of at least {100 * SURE_CERTAINTY:.0f} %.",
         "- *mIoU*: intersection over union, by vertices of the target, of the region that has a partner by the result "
-        "and by the truth, in percent; pairs in which both are the whole target do not count.",
+        "and by the truth, in percent.",
         "- *seconds*: of a whole match, without reading files; median and 95 % quantile. *processor seconds*: the "
         "median of the time that it computes, which depends less on what else the machine does.",
         "- *turned*: both shapes by random rotations of their own; *scaled*: the target by a random factor between 0.5 "
@@ -99,11 +117,10 @@ def write(folder: Path, page: Path) -> None:
             lines += ["", "Beside published methods:", "", as_markdown(found[f"{name}, published"])]
         if found[f"{name}, wrong"]:
             lines += ["", "Wrong maps, the most certain first:", "", as_markdown(found[f"{name}, wrong"])]
-        figure = folder / f"{name}.png"
-        if _draw(figure, name, records):
-            lines += ["", f"![Share of vertices up to each error]({folder.name}/{figure.name})"]
+        if _curves(records):
+            lines += ["", f"![Share of vertices up to each error]({folder.name}/{name}.png)"]
         lines += ["", f"<sub>Code {records[0]['code']}; {about['made with']}</sub>"]
-    page.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 # --- rows ---------------------------------------------------------------------------------------------------------
@@ -210,45 +227,41 @@ def _published(about: Record) -> list[Record]:
 
 
 def _best(published: Sequence[Record]) -> Record:
-    """The best published method of each kind, with its figure; by error, or by mIoU if no errors are published."""
-    found: Record = {}
-    for kind in dict.fromkeys(entry["kind"] for entry in published):
-        of_kind = [entry for entry in published if entry["kind"] == kind]
-        by_error = [entry for entry in of_kind if entry["error"] is not None]
-        best = (
-            min(by_error, key=lambda entry: entry["error"])
-            if by_error
-            else max(of_kind, key=lambda entry: entry["mIoU"])
-        )
-        figure = f"{best['error']:.4g}" if by_error else f"mIoU {best['mIoU']:.4g}"
-        found[f"best {kind}"] = f"{figure} ({best['method']})"
-    return found
+    """The best published method of each kind, with its figure."""
+    figure = _ranked_by(published)
+    unit = "mIoU " if figure == "mIoU" else ""
+    best: dict[str, Record] = {}
+    for entry in sorted((entry for entry in published if entry[figure] is not None), key=lambda e: _rank(e, figure)):
+        best.setdefault(entry["kind"], entry)
+    return {f"best {kind}": f"{unit}{entry[figure]:.4g} ({entry['method']})" for kind, entry in best.items()}
 
 
 def _standing(about: Record, rows: Sequence[Record]) -> list[Record]:
-    """Published methods and ours, the smallest errors first, then those of which only the mIoU is known."""
+    """Published methods and ours, the best first."""
     published = _published(about)
     if not published:
         return []
     ours = [
         {"method": f"{OURS}, {row['input']}", "kind": "nothing trained"}
-        | {column: row.get(column) for column in ("error", "without self-pairs", "mIoU", "success %")}
+        | {column: row.get(column) for column in FIGURES}
         for row in rows
     ]
-
-    def place(row: Record) -> tuple[float, float]:
-        error, overlap = row.get("error"), row.get("mIoU")
-        by_overlap = -overlap if overlap is not None else 0.0
-        return (0.0, by_overlap) if not has_errors or error is None else (error, by_overlap)
-
-    has_errors = any(entry["error"] is not None for entry in published)
+    figure = _ranked_by(published)
     return [
         {column: row.get(column) for column in ("method", "kind", *FIGURES, "source")}
-        for row in sorted([*ours, *published], key=place)
+        for row in sorted([*ours, *published], key=lambda row: _rank(row, figure))
     ]
 
 
-FIGURES = "error", "without self-pairs", "mIoU", "success %"
+def _ranked_by(published: Sequence[Record]) -> str:
+    """The figure that most published methods have."""
+    return max(("error", "mIoU"), key=lambda figure: sum(entry[figure] is not None for entry in published))
+
+
+def _rank(row: Record, figure: str) -> float:
+    """A number that is smaller for better methods by a figure, and largest for those without it."""
+    value = row.get(figure)
+    return np.inf if value is None else value if figure == "error" else -value
 
 
 # --- text and figures ---------------------------------------------------------------------------------------------
@@ -270,21 +283,13 @@ def _sentences(about: Record, rows: Sequence[Record]) -> list[str]:
     return [*said, *([""] if said else []), measured]
 
 
-def _draw(path: Path, name: str, records: Sequence[Record]) -> bool:
-    """Draw the mean cumulative curve of each setting, if there are any."""
-    curves = {
+def _curves(records: Sequence[Record]) -> dict[str, Floats]:
+    """The mean cumulative curve of each setting that has any."""
+    return {
         f"{OURS}, {setting}": np.mean([record["curve"] for record in of_setting], axis=0)
         for setting in SETTINGS
         if (of_setting := [record for record in records if record["setting"] == setting and "curve" in record])
     }
-    if curves:
-        draw_curves(path, {name: curves})
-    return bool(curves)
-
-
-def _columns(rows: Sequence[Record]) -> list[str]:
-    """The columns of rows that have different ones, in an order that suits each."""
-    return list(dict.fromkeys(column for row in rows for column in row))
 
 
 def _some(count: int) -> int | None:

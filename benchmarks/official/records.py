@@ -3,7 +3,7 @@
 
 A folder has two files for each set: `NAME.json` describes the list (`describe`), and `NAME.jsonl` has the records. A
 record is one of a pair in a setting by a version of the code: an interrupted run is resumed, and records of other
-code are not mixed with it.
+code are not mixed with it. Pairs that failed are tried again.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
     for chosen in lists:
         (folder / f"{chosen.name}.json").write_text(json.dumps(describe(chosen), indent=1))
         path = folder / f"{chosen.name}.jsonl"
-        there = {_key(record) for record in read(path)}
+        there = {_key(record) for record in read(path) if "failed" not in record}
         # Pairs of one source follow each other, since its distances are kept.
         for target, source in sorted(chosen.sample(pairs), key=lambda pair: pair[::-1]):
             key: Record = {"code": code, "target": target, "source": source, "setting": setting.name}
@@ -62,7 +62,7 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
 def describe(chosen: OfficialList) -> Record:
     """The protocol of a list, its size, its kind of truth, and what its pairs are measured with."""
     return {
-        "protocol": chosen.protocol,
+        "protocol": {key: value for key, value in chosen.protocol.items() if key in ("protocol", "published")},
         "pairs": len(chosen.pairs),
         "self-pairs": sum(target == source for target, source in chosen.pairs),
         "truth": chosen.truth_kind,
@@ -73,8 +73,8 @@ def describe(chosen: OfficialList) -> Record:
 
 
 def latest(records: Sequence[Record]) -> list[Record]:
-    """The records by the code that measured last."""
-    return [record for record in records if record["code"] == records[-1]["code"]]
+    """The records by the code that measured last, one for each pair and setting."""
+    return list({_key(record): record for record in records if record["code"] == records[-1]["code"]}.values())
 
 
 def sets_in(folder: Path, names: Collection[str] = ()) -> Iterator[tuple[str, Record, list[Record]]]:

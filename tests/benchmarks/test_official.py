@@ -20,7 +20,7 @@ from benchmarks.curves import THRESHOLDS
 from benchmarks.official import measure as measuring
 from benchmarks.official import page as pages
 from benchmarks.official import records as recording
-from benchmarks.official.lists import MAPS, NONE, TEMPLATE, OfficialList, lists_in
+from benchmarks.official.lists import MAPS, NONE, TEMPLATE, OfficialList, _truth, lists_in
 from benchmarks.official.measure import Setting, distances, measure, overlap
 from benchmarks.stored import read
 from benchmarks.tables import Record
@@ -183,10 +183,10 @@ def test_the_error_is_over_all_vertices_that_have_a_partner(tmp_path: Path, matc
     assert record["seconds"] > 0
 
 
-def test_overlap_counts_vertices_unless_there_is_nothing_to_find() -> None:
+def test_overlap_counts_vertices() -> None:
     one, other = np.array([True, True, False, False]), np.array([True, False, True, False])
     assert overlap(one, other) == pytest.approx(1 / 3)
-    assert overlap(one | True, other | True) is None
+    assert overlap(one | True, other | True) == 1
     assert overlap(one & False, other & False) == 0
 
 
@@ -240,6 +240,12 @@ def test_a_pair_without_a_map_is_recorded_as_failed(tmp_path: Path, match_to: Ma
     (row,) = pages.rows_of("set", about, records)
     assert (row["pairs"], row["no map"], row["success %"]) == (2, 1, 50)
     assert pages.tables(tmp_path)["set, wrong"][0]["no map"] == records[0]["failed"]
+    np.savez(tmp_path / "set" / "truth.npz", a=[0], b=[0], c=[0])
+    _truth.cache_clear()
+    recording.run([chosen], Setting(), None, tmp_path, 1)
+    ((_, about, records),) = recording.sets_in(tmp_path)
+    (row,) = pages.rows_of("set", about, records)
+    assert (row["pairs"], row["no map"], row["success %"]) == (2, None, 100)
 
 
 # --- tables and the page ------------------------------------------------------------------------------------------
@@ -323,6 +329,8 @@ def test_methods_of_which_only_the_overlap_is_published_are_sorted_by_it() -> No
         ("B", "trained"),
     ]
     assert pages._best(standing[:1]) == {"best trained": "mIoU 80 (A)"}
+    unknown = {"method": "C", "kind": "axiomatic", "error": 2.0, "mIoU": None}
+    assert pages._best([*standing[:1], standing[2], unknown]) == {"best trained": "mIoU 80 (A)"}
 
 
 def test_a_set_without_truth_has_figures_of_agreement(tmp_path: Path) -> None:
@@ -337,6 +345,11 @@ def test_a_set_without_truth_has_figures_of_agreement(tmp_path: Path) -> None:
     (tmp_path / "set.jsonl").write_text("\n".join(map(json.dumps, records)))
     pages.write(tmp_path, tmp_path / "page.md")
     assert "certain, not all agree" in (tmp_path / "page.md").read_text()
+
+
+def test_the_page_of_the_documentation_is_what_its_records_make() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    assert pages.as_page(docs / "results") == (docs / "results.md").read_text()
 
 
 def run_command(data: Path, folder: Path, *options: str) -> Record:
@@ -357,6 +370,11 @@ def test_the_command_measures_reports_and_writes_the_page(tmp_path: Path, match_
     match_to(EVERY)
     row = run_command(tmp_path, tmp_path, "--rotate", "--scale", "--workers", "1")
     assert (row["input"], row["pairs"], row["error"]) == ("turned and scaled", 1, 0)
+    page = tmp_path / "results.md"
+    before = page.read_text()
+    page.unlink()
+    assert CliRunner().invoke(main, ["official", "--page", str(page)]).exit_code == 0
+    assert page.read_text() == before
 
 
 @pytest.mark.slow
