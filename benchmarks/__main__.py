@@ -35,7 +35,12 @@ from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
 from benchmarks import tuning as tuning_table
 from benchmarks import wrap as wrap_table
+from benchmarks.official import lists as official_lists
+from benchmarks.official import page as results_page
+from benchmarks.official import records as official_records
+from benchmarks.official.measure import Setting
 from benchmarks.tables import NOT_SHOWN, Tables, as_text
+from zoomout_core.runtime.threads import usable_cores
 
 
 @click.group()
@@ -93,6 +98,53 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 
 
 @main.command()
+@click.option(
+    "--data",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of sets; without it, the page is written from the records.",
+)
+@click.option("--pairs", type=click.IntRange(min=1), help="Measure this many pairs of each list, at random.")
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables here too.")
+@click.option("--set", "names", multiple=True, help="Measure this set alone.")
+@click.option("--rotate", is_flag=True, help="Turn each shape by a random rotation, which is the same in each run.")
+@click.option("--scale", is_flag=True, help="Scale the target by a random factor between 0.5 and 2.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes to match in; one per core if not given.")
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("docs/results.md"),
+    show_default=True,
+    help="Write the page of results here.",
+)
+@click.option(
+    "--records",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of the records, which a later run resumes; beside the page, and named like it, if not given.",
+)
+def official(
+    data: Path | None,
+    pairs: int | None,
+    json_file: Path | None,
+    names: tuple[str, ...],
+    rotate: bool,
+    scale: bool,
+    workers: int | None,
+    page: Path,
+    records: Path | None,
+) -> None:
+    """Whole test lists of public sets by the published protocol, beside published figures."""
+    records = records or page.with_suffix("")
+    try:
+        lists = official_lists.lists_in(data, names) if data else []
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    official_records.run(lists, Setting(rotate, scale), pairs, records, workers or usable_cores())
+    results_page.write(records, page)
+    report(results_page.tables(records, [chosen.name for chosen in lists] or names), data, json_file)
+    click.echo(f"\nWritten: {page}")
+
+
+@main.command()
 @common_options
 def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """Whole matches without the stages that few shapes need, on the sets that need them."""
@@ -102,9 +154,32 @@ def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
 @main.command()
 @common_options
 @figure_option
-def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+@click.option(
+    "--features",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Start from features in this folder, such as learned descriptors: an array (vertices, features) in "
+    "SET/NAME.npy for each shape.",
+)
+def refinement(
+    data: Path, pairs: int | None, json_file: Path | None, figure: Path | None, features: Path | None
+) -> None:
     """ZoomOut, ICP, Deblur, PMF, RHM and BCICP from the same initial maps, beside the paper's figures."""
-    report(refinement_tables.run(data, pairs, figure), data, json_file)
+    if features is None:
+        report(refinement_tables.run(data, pairs, figure), data, json_file)
+        return
+    try:
+        tables = refinement_tables.run_features(data, features, pairs, figure)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    report(tables, data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def shrec19(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """The same methods on people of SHREC'19, beside the paper's figures."""
+    report(refinement_tables.run_shrec19(data, pairs, figure), data, json_file)
 
 
 @main.command()
@@ -390,9 +465,24 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
 
 @main.command()
 @click.option(
-    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+    "--data",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of meshes; without it, the page is written from the records beside it.",
 )
-@click.option("--pairs", type=click.IntRange(min=1), help="Use this many pairs of each set, evenly spread.")
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    help="Use this many pairs of each set, evenly spread, where it has them.",
+)
+@click.option(
+    "--records",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("build/paper"),
+    show_default=True,
+    help="Keep the records of single pairs here, from which an interrupted run is resumed.",
+)
 @click.option(
     "--page",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -401,10 +491,10 @@ def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: P
     help="Write the page here, and figures and records to a folder beside it.",
 )
 @click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
-def paper(data: Path, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
-    """All tables and figures of ZoomOut's paper on one page, beside the published figures."""
+def paper(data: Path | None, pairs: int, records: Path, page: Path, only: tuple[str, ...]) -> None:
+    """Tables and figures of ZoomOut's paper on one page, beside the published figures."""
     try:
-        failures = paper_page.run(data, pairs, page, only)
+        failures = paper_page.run(data, pairs, page, only, records)
     except ValueError as error:
         raise click.ClickException(str(error)) from None
     if failures:

@@ -6,7 +6,7 @@ Every figure is computed from records, one per pair and method, so that failures
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +31,7 @@ from benchmarks.datasets import (
     sets_of_parts_in,
 )
 from benchmarks.pictures import Picture, draw
-from benchmarks.tables import Record
+from benchmarks.tables import Record, over
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
 from zoomout_core.matching.notes import SURE_CERTAINTY
@@ -256,14 +256,14 @@ def _rows(records: list[Record]) -> list[Record]:
                 "method": method,
                 "pairs": len(chosen),
                 "success %": 100 * len(right) / len(chosen),
-                "mean": _over(np.mean, chosen, "error"),
-                "median": _over(np.median, chosen, "error"),
-                "seconds": _over(np.median, chosen, "seconds"),
-                "turned over %": _over(np.mean, chosen, "turned over %"),
-                "covered %": _over(np.mean, chosen, "covered %"),
-                "rank correlation": _over(np.median, chosen, "rank correlation"),
-                "trusted and right %": _over(np.median, right, "trusted and right %"),
-                "not trusted %": _over(np.median, right, "not trusted %"),
+                "mean": over(np.mean, chosen, "error"),
+                "median": over(np.median, chosen, "error"),
+                "seconds": over(np.median, chosen, "seconds"),
+                "turned over %": over(np.mean, chosen, "turned over %"),
+                "covered %": over(np.mean, chosen, "covered %"),
+                "rank correlation": over(np.median, chosen, "rank correlation"),
+                "trusted and right %": over(np.median, right, "trusted and right %"),
+                "not trusted %": over(np.median, right, "not trusted %"),
             }
         )
     return rows
@@ -280,16 +280,16 @@ def _rows_of_parts(records: list[Record]) -> list[Record]:
                 "set": kind,
                 "pairs": len(chosen),
                 "success %": 100 * len(right) / len(chosen),
-                "mean": _over(np.mean, chosen, "error"),
-                "median": _over(np.median, chosen, "error"),
+                "mean": over(np.mean, chosen, "error"),
+                "median": over(np.median, chosen, "error"),
                 "PFM's mean": pfm,
                 "trained": trained,
-                "overlap on source": _over(np.mean, chosen, "overlap on source"),
-                "of right ones": _over(np.mean, right, "overlap on source"),
-                "overlap on target": _over(np.mean, chosen, "overlap on target"),
-                "share off by %": _over(np.mean, chosen, "share off by %"),
-                "certainty": _over(np.mean, chosen, "certainty"),
-                "seconds": _over(np.median, chosen, "seconds"),
+                "overlap on source": over(np.mean, chosen, "overlap on source"),
+                "of right ones": over(np.mean, right, "overlap on source"),
+                "overlap on target": over(np.mean, chosen, "overlap on target"),
+                "share off by %": over(np.mean, chosen, "share off by %"),
+                "certainty": over(np.mean, chosen, "certainty"),
+                "seconds": over(np.median, chosen, "seconds"),
             }
         )
     return rows
@@ -311,15 +311,9 @@ def _calibration(records: list[Record]) -> list[Record]:
                     "set": name,
                     "certainty %": f"{100 * low:.0f} to {100 * high:.0f}",
                     "maps": len(chosen),
-                    "announced %": _over(lambda values: 100 * np.mean(values), chosen, "certainty"),
-                    "right %": _over(lambda values: 100 * np.mean(values), chosen, "right"),
+                    "announced %": over(lambda values: 100 * np.mean(values), chosen, "certainty"),
+                    "right %": over(lambda values: 100 * np.mean(values), chosen, "right"),
                     "flips": sum(flips) if flips else None,
                 }
             )
     return rows
-
-
-def _over(statistic: Callable[[list[float]], Any], records: list[Record], column: str) -> float | None:
-    """A statistic of a column over the records that have it."""
-    values = [record[column] for record in records if record.get(column) is not None]
-    return float(statistic(values)) if values else None

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from benchmarks.compared import mean_curves
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.stored import stored
+from benchmarks.tables import Record
 from zoomout_core.arrays import Floats
 
 
@@ -28,13 +31,10 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
         pairs: number of pairs of each set, evenly spread over its list.
         figure: an image file for the share of places below each error, a panel for each kind of target.
     """
-    records = []
+    records: list[Record] = []
     for folder in (folder for folder in sets_in(data) if (folder / TEMPLATE).is_file()):
         for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
-            result, errors = match(load_pair(folder, *names))
-            target, source = (name.partition("_")[0] for name in names)
-            measured = {"error": float(np.nanmean(errors)), "certainty": result.certainty, "curve": share_below(errors)}
-            records.append({"target": target, "source": source} | measured)
+            records += stored((folder.name, *names), partial(_of_names, folder, *names))
     kinds = sorted({record["target"] for record in records} | {record["source"] for record in records})
     rows: list[dict[str, Any]] = []
     right: list[dict[str, Any]] = []
@@ -53,6 +53,13 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     if figure is not None and records:
         draw_curves(figure, mean_curves("target", records, "source"))
     return {"rows": rows, "right": right, "pairs": records}
+
+
+def _of_names(folder: Path, *names: str) -> list[Record]:
+    result, errors = match(load_pair(folder, *names))
+    target, source = (name.partition("_")[0] for name in names)
+    measured = {"error": float(np.nanmean(errors)), "certainty": result.certainty, "curve": share_below(errors)}
+    return [{"target": target, "source": source} | measured]
 
 
 def match(pair: PairOfMeshes) -> tuple[zo.MatchResult, Floats]:

@@ -8,6 +8,7 @@ the images of the known places are sought among all vertices at the end.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ import zoomout_core as zo
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, evenly, is_far, load_pair, sets_in, shipped_map, shipped_pairs
+from benchmarks.stored import stored
+from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis, upsample
@@ -42,29 +45,37 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
 
     Args:
         data: the folder of the sets.
-        pairs: number of pairs of each set, evenly spread, ten at most.
+        pairs: number of pairs of each set, evenly spread; ten by default.
         figure: an image file for the errors by size.
     """
-    sized: list[dict[str, Any]] = []
-    noisy: list[dict[str, Any]] = []
+    found: list[Record] = []
     for folder in sets_in(data):
         names = [] if is_far(folder.name) else shipped_pairs(folder, START)
-        chosen = evenly(names, min(pairs or PAIRS, PAIRS))
+        chosen = evenly(names, pairs or PAIRS)
         for number, each in enumerate(tqdm(chosen, desc=folder.name, leave=False)):
-            growth = _Growth.of(load_pair(folder, *each))
-            initial = shipped_map(folder, START, *each)
-            starts = [zo.functional_map_of(initial, growth.source, growth.target, size, size) for size in SIZES]
-            for size, before, after in zip(SIZES, growth.errors(starts), growth.refined_errors(starts), strict=True):
-                sized.append({"size": size, "initial": before, "error": after})
             draws = DRAWS // len(chosen) + (number < DRAWS % len(chosen))
-            true, random = true_map(growth.pair, growth.source, growth.target, NOISY_SIZE), np.random.default_rng(0)
-            for noise in NOISES:
-                drawn = true + noise * random.standard_normal((draws, *true.shape))
-                noisy += [{"noise": noise, "error": error} for error in growth.refined_errors(list(drawn))]
+            found += stored((folder.name, *each, str(draws)), partial(_of_names, folder, each, draws))
+    sized, noisy = ([record for record in found if column in record] for column in ("size", "noise"))
     rows = [_of_size(sized, size) for size in SIZES if sized]
     if figure is not None and rows:
         _draw(rows, figure)
     return {"rows": rows, "noise": [_of_noise(noisy, n) for n in NOISES if noisy]}
+
+
+def _of_names(folder: Path, names: tuple[str, str], draws: int) -> list[Record]:
+    """The records of a pair: one for each size, and one for each of so many draws of each noise."""
+    growth = _Growth.of(load_pair(folder, *names))
+    initial = shipped_map(folder, START, *names)
+    starts = [zo.functional_map_of(initial, growth.source, growth.target, size, size) for size in SIZES]
+    records: list[Record] = [
+        {"size": size, "initial": before, "error": after}
+        for size, before, after in zip(SIZES, growth.errors(starts), growth.refined_errors(starts), strict=True)
+    ]
+    true, random = true_map(growth.pair, growth.source, growth.target, NOISY_SIZE), np.random.default_rng(0)
+    for noise in NOISES:
+        drawn = true + noise * random.standard_normal((draws, *true.shape))
+        records += [{"noise": noise, "error": error} for error in growth.refined_errors(list(drawn))]
+    return records
 
 
 def true_map(pair: PairOfMeshes, source: zo.SpectralBasis, target: zo.SpectralBasis, k: int) -> Floats:

@@ -7,6 +7,7 @@ frequencies, and fitting the others overfits; a small map, refined by ZoomOut, g
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -17,6 +18,7 @@ import zoomout_core as zo
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
 from benchmarks.refinement import ISOMETRIC_LIMIT, K_SIGNATURES
+from benchmarks.stored import stored
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
@@ -25,8 +27,8 @@ from zoomout_core.maps.nearest import nearest
 SIZES = list(range(10, 121, 10))
 START, STEP = 20, 5
 FITTED, REFINED, TRUE = "fitted", f"ZoomOut from {START}", "true"
-# Sets of nearly isometric shapes, and maximum number of pairs of each.
-SETS, MAX_PAIRS = ("faust_r", "tosca_r"), 3
+# Sets of nearly isometric shapes, and default number of pairs of each.
+SETS, PAIRS = ("faust_r", "tosca_r"), 3
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
@@ -39,14 +41,14 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
 
     Args:
         data: the folder of the sets; nearly isometric ones are used.
-        pairs: number of pairs of each set, evenly spread; three at most.
+        pairs: number of pairs of each set, evenly spread; three by default.
         figure: an image file for the mean errors by size.
     """
     records: list[Record] = []
     for folder in sets_in(data):
         if folder.name in SETS:
-            for names in tqdm(pair_names(folder, min(pairs or MAX_PAIRS, MAX_PAIRS)), desc=folder.name, leave=False):
-                records += _of_pair(load_pair(folder, *names))
+            for names in tqdm(pair_names(folder, pairs or PAIRS), desc=folder.name, leave=False):
+                records += stored((folder.name, *names), partial(_of_names, folder, *names))
     rows = [_row(records, k) for k in SIZES if records]
     if figure is not None and rows:
         lines = {method: (SIZES, [row[f"{method}: mean"] for row in rows]) for method in (FITTED, TRUE)}
@@ -56,7 +58,8 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     return {"rows": rows, "pairs": records}
 
 
-def _of_pair(pair: PairOfMeshes) -> list[Record]:
+def _of_names(folder: Path, target_name: str, source_name: str) -> list[Record]:
+    pair = load_pair(folder, target_name, source_name)
     bases = zo.eigenbasis(pair.source, K_SIGNATURES), zo.eigenbasis(pair.target, K_SIGNATURES)
     signatures = zo.wave_kernel_signature(bases[0]), zo.wave_kernel_signature(bases[1])
     operators = (

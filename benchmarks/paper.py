@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every table and figure of ZoomOut's paper on one page, next to the published figures."""
+"""Tables and figures of ZoomOut's paper on one page, next to the published figures."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import platform
 import traceback
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -25,12 +27,18 @@ from benchmarks import (
     overfitting,
     partial,
     point_clouds,
+    readings,
     refinement,
     signs,
     step_size,
     symmetry,
 )
+from benchmarks.stored import storing
 from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
+
+# Code that computes maps, besides the core's and that of a section.
+HERE = Path(__file__).parent
+CODE = [HERE / "baselines", HERE / "starts.py", HERE / "flips.py"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +49,8 @@ class Section:
         name: the name of its command, and of the files of its figure and its records.
         title: its heading.
         published: the paper's figures.
-        reading: why figures here differ from the published ones, and what a reader should notice.
+        setup: what is compared here, and how it differs from the paper; nothing that the figures decide.
+        reading: sentences from the figures of the tables.
         run: computes the tables from the folder of the sets, the number of pairs, and the file for the figure, which it
             may not write.
     """
@@ -49,7 +58,8 @@ class Section:
     name: str
     title: str
     published: str
-    reading: str
+    setup: str
+    reading: Callable[[Tables], list[str]]
     run: Callable[[Path, int | None, Path], Tables]
 
 
@@ -57,127 +67,139 @@ SECTIONS = (
     Section(
         "refinement",
         "Refinement",
-        "It is more exact than ICP, Deblur, RHM, PMF and BCICP from the same initial maps, 19 times as fast as "
-        "BCICP, and 170 times with samples.",
-        "It is the most exact here, too, if the start is right; where limbs are exchanged in the start (a "
-        "pair of FAUST, of TOSCA, of the independent meshes each) no method recovers, and means say little. Errors are "
-        "larger than published, as these meshes are remeshed one by one and starts are worse. It is 1.7 times as fast "
-        "as BCICP, and 16 times with samples: the program of BCICP's authors takes 184 s, ours 2 s, for both spend "
-        "their time in nearest neighbours, which products of matrices find a hundred times as fast. Far from isometry "
-        "it follows its start, as the paper says of it; `zo.match` begins with none of these and is right on all.",
-        lambda d, n, f: refinement.run(d, min(n or refinement.PAPER_PAIRS, refinement.PAPER_PAIRS), f),
+        "ZoomOut is more accurate than ICP, Deblur, RHM, PMF and BCICP from the same initial maps, 19 times "
+        "as fast as BCICP, and 170 times with samples.",
+        "The meshes are remeshed one by one. SHOT descriptors replace learned ones. `zo.match` has no initial map.",
+        readings.refinement,
+        refinement.run,
+    ),
+    Section(
+        "shrec19",
+        "SHREC'19",
+        "On 430 pairs, from an initial mean of 60.4, ZoomOut with samples reaches 28.8, and BCICP 30.1; ZoomOut is 290 "
+        "times as fast.",
+        "The pairs are those among the shapes at hand, remeshed to 5,000 vertices; the paper's have 5,000 to 200,000. "
+        "Initial maps are from wave kernel signatures and two random landmarks, not the paper's own. `zo.match` has no "
+        "initial map.",
+        readings.refinement,
+        refinement.run_shrec19,
     ),
     Section(
         "step_size",
         "Step size",
-        "Steps of 1 to 10 are as good as each other.",
-        "The same. Maps are refined on 1,500 samples, with which all steps take minutes instead of an hour; on all "
-        "vertices errors are smaller, in the same order.",
+        "Steps of 1 to 10 are equally accurate.",
+        "Maps are refined on 1,500 samples.",
+        readings.step_size,
         step_size.run,
     ),
     Section(
         "initial_size",
         "Size of the initial map",
-        "Small initial maps do, and noise is borne.",
-        "From a size of ten on, a larger start gains nothing; below it some pairs end with limbs exchanged. Noise up "
-        "to half of the size of an entry changes no outcome: what fails with it fails without it, by the size of "
-        "four alone.",
+        "Small initial maps are enough, and noise hardly matters.",
+        "A pair ends right if its error is below 80.",
+        readings.initial_size,
         initial_size.run,
     ),
     Section(
         "overfitting",
         "Size of a fitted map",
-        "What descriptors are fitted by grows worse with its size, the one of size 20 better by ZoomOut.",
-        "The error of fits falls up to size 20 and wavers from there on, since descriptors decide no more; that of "
-        "ZoomOut falls on, with that of the true map of the same size below it.",
+        "Maps fitted to descriptors get worse as they get larger; ZoomOut from the fitted map of size 20 gets better.",
+        "",
+        readings.overfitting,
         overfitting.run,
     ),
     Section(
         "signs",
         "Symmetries from signs",
-        "Of all signs of the first four eigenfunctions, a vase's three symmetries commute best with the Laplacian.",
-        "The vase's three come first, and all other signs commute six times worse. Of the alien, whose limbs are thin, "
-        "front and back are a symmetry nearly as well as left and right. The lion's is not among these signs.",
+        "Among all signs of the first four eigenfunctions, the three symmetries of a vase commute best with "
+        "the Laplacian.",
+        "",
+        readings.signs,
         signs.run,
     ),
     Section(
         "symmetry",
         "Symmetries",
         "From an orientation-reversing initial map of 68.0, ZoomOut reaches 16.1 on FAUST, BCICP 29.2.",
-        "The start is about as exact as the published one. Here every person is meshed anew, not alike on both sides, "
-        "with 5,000 vertices, and the truth itself, read off its own functional map, misses by 20; the paper has "
-        "FAUST's own meshes. Starts that exchange limbs decide the means: medians tell more. BCICP is as exact here, "
-        "and not 9 but 2 times slower than ZoomOut, since both take the nearest neighbours of all vertices by products "
-        "of matrices, which leaves little else to be slow. `zo.detect_symmetry` begins with nothing.",
+        "Every person is remeshed with 5,000 vertices, not alike on both sides; the paper has FAUST's own "
+        "meshes. `zo.detect_symmetry` has no initial map.",
+        readings.symmetry,
         lambda d, n, f: symmetry.run(d, n, False, f),
     ),
     Section(
         "large",
         "Large meshes",
-        "On FARM, of up to 50,000 vertices, initial 82.1, ICP 57.8 to 78.9, RHM 60.3, ZoomOut 28.3 in 77 s, and 29.3 "
-        "in 1.2 s with samples.",
-        "FARM's shapes are not at hand; these are TOSCA's, whose pairs are isometric, so that all errors are smaller. "
-        "ZoomOut is the most exact from the same start, here too. ICP gains more than in the paper, and fails only "
-        "where its functional map is as large as ZoomOut's last one. Of `zo.match` the seconds include the bases.",
+        "On FARM, with up to 50,000 vertices: initial 82.1, ICP 57.8 to 78.9, RHM 60.3, ZoomOut 28.3 in 77 s,"
+        " and 29.3 in 1.2 s with samples.",
+        "FARM's shapes are not at hand: these are TOSCA's, whose pairs are isometric. The seconds of "
+        "`zo.match` include the bases.",
+        readings.large,
         large.run,
     ),
     Section(
         "downsampled",
         "Refined on fewer vertices",
-        "Maps that are refined on 500 to 5000 vertices and carried to all are nearly as exact.",
-        "So it is if the functional map carries them; by nearest vertices a small mesh's spacing stays. The core's "
-        "last rounds on all vertices recover nearly all that samples cost.",
+        "Maps that are refined on 500 to 5000 vertices and carried to all are nearly as accurate.",
+        "",
+        readings.downsampled,
         downsampled.run,
     ),
     Section(
         "point_clouds",
         "Point clouds",
         "Initial 51.0, ICP 49.7, ZoomOut with samples 22.3.",
-        "The order is the paper's. Clouds of TOSCA have noise, and touching limbs that the surface through the points "
-        "joins, which no map of eigenfunctions mends. `zo.match` finds the map without the landmarks that the others "
-        "begin with.",
-        lambda d, n, f: point_clouds.run(d, min(n or point_clouds.PAPER_PAIRS, point_clouds.PAPER_PAIRS), f),
+        "Clouds of TOSCA have noise, and touching limbs, which the surface through the points joins. "
+        "`zo.match` has none of the landmarks that the others begin with.",
+        readings.point_clouds,
+        point_clouds.run,
     ),
     Section(
         "discretisation",
         "Discretisations",
         "Maps hardly depend on how a shape is meshed.",
-        "Nor do they here: every kind against every other kind, other people throughout, with nothing given.",
+        "Each kind of mesh against each other kind, of other people, with nothing given.",
+        readings.discretisation,
         discretisation.run,
     ),
     Section(
         "clutter",
         "An object in clutter",
-        "In a Hamiltonian basis it covers more of the object in the scene than LMH's first step.",
-        "LMH and ZoomOut are given the same sparse true matches. PFM and `zo.match` are given none, and take the model "
-        "for a part of the scene, or for all of it, which it is not.",
+        "In a Hamiltonian basis, ZoomOut covers more of the object in the scene than LMH's first step.",
+        "LMH and ZoomOut are given the same sparse true matches. PFM and `zo.match` are given none.",
+        readings.clutter,
         clutter.run,
     ),
     Section(
         "partial",
         "Parts of shapes",
-        "On SHREC'16 cuts it takes 6 s and PFM 70 s; errors are shown as curves beside PFM, GTM, FC and CPD.",
-        "PFM and ZoomOut begin with the same functional map of SHOT descriptors, whose seconds count for both; many "
-        "parts fail in it already; `zo.match` begins with neither. From there ZoomOut covers more and takes less than "
-        "half of the time; on holes and missing pieces more of its places are right, while PFM takes some cuts off a "
-        "wrong start. PFM's weights are ours, as its descriptors are scaled otherwise.",
+        "On SHREC'16 cuts, ZoomOut takes 6 s and PFM 70 s; errors are shown as curves beside PFM, GTM, FC and CPD.",
+        "PFM and ZoomOut begin with the same functional map of SHOT descriptors, whose seconds count for "
+        "both. PFM's weights are ours, as its descriptors are scaled otherwise. `zo.match` has no initial "
+        "map.",
+        readings.partial,
         partial.run,
     ),
 )
 
 
-def run(data: Path, pairs: int | None, page: Path, only: tuple[str, ...] = ()) -> list[str]:
+def run(
+    data: Path | None, pairs: int | None, page: Path, only: tuple[str, ...] = (), pair_records: Path | None = None
+) -> list[str]:
     """Compute the tables one after the other and write the page.
 
     Figures and records are written to a folder beside the page, named like it without the extension: `NAME.png`,
     `NAME.json`. An earlier section that is not requested now is taken from its records, which have the tables but not
     single pairs. A section that fails is named on the page, and the others are computed nevertheless.
 
+    Most sections take hours. Their records of single pairs are appended to files in another folder, from which a run
+    that was interrupted is resumed.
+
     Args:
-        data: folder of the sets.
+        data: folder of the sets; None to write the page from the records alone.
         pairs: number of pairs of each set, evenly spread; by default each table's own choice.
         page: the Markdown file to write.
         only: names of the sections to compute; all if empty.
+        pair_records: folder of the records of single pairs, `NAME.jsonl`; nothing is resumed without it.
 
     Returns:
         The failures, one sentence each.
@@ -187,14 +209,17 @@ def run(data: Path, pairs: int | None, page: Path, only: tuple[str, ...] = ()) -
     """
     folder = page.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    for section in tqdm(chosen_sections(only)):
-        _records_file(folder, section).write_text(json.dumps(_make(section, data, pairs, folder), indent=1))
+    if data is not None:
+        for section in tqdm(chosen_sections(only)):
+            _records_file(folder, section).write_text(
+                json.dumps(_make(section, data, pairs, folder, pair_records), indent=1)
+            )
     made = {
         section: json.loads(_records_file(folder, section).read_text())
         for section in SECTIONS
         if _records_file(folder, section).is_file()
     }
-    page.write_text(_page(made, folder))
+    page.write_text(as_page(made, folder))
     return [f"{section.name}: {record['failed']}" for section, record in made.items() if record["failed"]]
 
 
@@ -215,37 +240,58 @@ def _records_file(folder: Path, section: Section) -> Path:
     return folder / f"{section.name}.json"
 
 
-def _make(section: Section, data: Path, pairs: int | None, folder: Path) -> Record:
+def _make(section: Section, data: Path, pairs: int | None, folder: Path, pair_records: Path | None) -> Record:
     """The tables of a section, how they were computed, and the reason if that failed."""
     begin = perf_counter()
     tables: Tables = {}
     failed = None
     figure = folder / f"{section.name}.png"
-    figure.unlink(missing_ok=True)
+    drawn = folder / f"{section.name}_new.png"
+    reused: list[float] = []
     try:
-        made = section.run(data, pairs, figure)
+        with _storing(section, pair_records, reused):
+            made = section.run(data, pairs, drawn)
         tables = {name: rows for name, rows in made.items() if rows and name != NOT_SHOWN}
     except Exception as error:  # the page names the section, and the long run goes on
         traceback.print_exc()
         failed = f"{type(error).__name__}: {error}"
     if not failed and not tables.get("rows"):
         failed = "the folder holds nothing that this table is made from"
+    figure.unlink(missing_ok=True)
+    if drawn.is_file():
+        drawn.replace(figure)
     return {
         "tables": tables,
         "failed": failed,
-        "seconds": perf_counter() - begin,
+        "seconds": perf_counter() - begin + sum(reused),
         "pairs": pairs,
         "made with": f"{os.cpu_count()} cores, Python {platform.python_version()}, numpy {np.__version__}, "
         f"scipy {scipy.__version__}",
     }
 
 
-def _page(made: Mapping[Section, Record], folder: Path) -> str:
+@contextmanager
+def _storing(section: Section, folder: Path | None, reused: list[float]) -> Iterator[None]:
+    """A context in which the records of a section's pairs are kept in a folder, if one is given.
+
+    The seconds that reused ones took are added to a list.
+    """
+    if folder is None:
+        yield
+        return
+    code = [*CODE, Path(inspect.getfile(section.run))]
+    with storing(folder / f"{section.name}.jsonl", code) as store:
+        yield
+    reused += store.reused
+
+
+def as_page(made: Mapping[Section, Record], folder: Path) -> str:
+    """The text of the page, from the records of its sections and the folder of their figures."""
     minutes = sum(record["seconds"] for record in made.values()) / 60
     lines = [
         "# The paper, reproduced",
         "",
-        "Every table and figure of ZoomOut (Melzi, Ren, Rodolà, Sharma, Wonka and Ovsjanikov 2019), made by "
+        "Tables and figures of ZoomOut (Melzi, Ren, Rodolà, Sharma, Wonka and Ovsjanikov 2019), made by "
         "`python -m benchmarks paper --data FOLDER --pairs N`, which writes this page. Errors are mean geodesic "
         "distances between a point's image and its true place, at unit area of the source, times 1000. A pair failed "
         "above 80 (130, where shapes are far from isometric). *ZoomOut* is the paper's, from the same initial map as "
@@ -258,8 +304,12 @@ def _page(made: Mapping[Section, Record], folder: Path) -> str:
         lines += ["", f"## {section.title}", "", f"*Published*: {section.published}"]
         if record["failed"]:
             lines += ["", f"**Could not be made**: {record['failed']}."]
-        elif section.reading:
-            lines += ["", f"*Here*: {section.reading}"]
+        else:
+            lines += ["", f"*Here*: {section.setup}".rstrip()]
+            lines += [
+                "",
+                *(f"- {sentence.replace('*', chr(92) + '*')}" for sentence in section.reading(record["tables"])),
+            ]
         for name, rows in record["tables"].items():
             lines += ["", *([] if name == "rows" else [f"{name[0].upper()}{name[1:]}:", ""]), as_markdown(rows)]
         if (folder / f"{section.name}.png").is_file():

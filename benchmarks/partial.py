@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
@@ -20,7 +20,8 @@ from benchmarks.baselines.fc import fc
 from benchmarks.baselines.gtm import gtm
 from benchmarks.baselines.pfm import Partial, first_map, pfm
 from benchmarks.curves import draw_curves, share_below
-from benchmarks.datasets import PairOfParts, part_names, region_of, sets_of_parts_in
+from benchmarks.datasets import PairOfParts, kind_of_part, part_names, region_of, sets_of_parts_in
+from benchmarks.stored import stored
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import vertex_areas
@@ -139,9 +140,10 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     seen = dict.fromkeys(KINDS, 0)
     for folder in sets_of_parts_in(data):
         for name in tqdm(part_names(folder, pairs, KINDS), desc=folder.name, leave=False):
-            part = Part.load(folder, name)
-            records += _of_pair(part, with_slow=seen[part.kind] < FEW)
-            seen[part.kind] += 1
+            kind = kind_of_part(name)
+            with_slow = seen[kind] < FEW
+            seen[kind] += 1
+            records += stored((name, *(["slow"] if with_slow else [])), partial(_of_name, folder, name, with_slow))
     if not records:
         return {"rows": []}
     if figure is not None:
@@ -149,7 +151,8 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     return {"rows": _rows(records), "pairs": records}
 
 
-def _of_pair(part: Part, with_slow: bool) -> list[Record]:
+def _of_name(folder: Path, name: str, with_slow: bool) -> list[Record]:
+    part = Part.load(folder, name)
     took: dict[str, float] = {}
     records: list[Record] = []
     for method, (vertex_of, needs, is_slow) in METHODS.items():

@@ -9,6 +9,7 @@ clouds and initial maps are not available: initial maps here come from wave kern
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -26,6 +27,7 @@ from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.discretisation import match
 from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
+from benchmarks.stored import stored
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
@@ -34,8 +36,6 @@ from zoomout_core.mesh.triangles import triangle_areas
 POINTS = 8000
 # Prefixes of the sets from whose meshes points are drawn.
 SAMPLED = "tosca"
-# Pairs of each set on the page of all tables; a pair takes 20 s in each direction.
-PAPER_PAIRS = 5
 K_FINAL, STEP, SAMPLES = 120, 5, 500
 MATCH = "zo.match, nothing given"
 # Mean errors; the paper has no times.
@@ -71,15 +71,8 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
         if sampled and (is_far(folder.name) or not folder.name.startswith(SAMPLED)):
             continue
         for number, names in enumerate(tqdm(_names(folder, pairs), desc=folder.name, leave=False)):
-            for direction, pair in _pairs(load_pair(folder, *names), number, sampled):
-                about = {"set": folder.name, "direction": direction}
-                records += compare(pair, _methods(pair, number), about)[0]
-                begin = perf_counter()
-                result, errors = match(pair)
-                seconds = perf_counter() - begin
-                measured = {"error": float(np.nanmean(errors)), "seconds": seconds, "curve": share_below(errors)}
-                about |= {"target": pair.target_name, "source": pair.source_name, "method": MATCH}
-                records.append(about | measured | {"certainty": result.certainty})
+            key = (folder.name, *names, str(number))
+            records += stored(key, partial(_of_names, folder, names, number, sampled))
     if figure is not None and records:
         draw_curves(figure, mean_curves("set", records))
     matches = [record for record in records if record["method"] == MATCH]
@@ -89,6 +82,20 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
         "match": [_row(matches, *kind) for kind in kinds],
         "pairs": records,
     }
+
+
+def _of_names(folder: Path, names: tuple[str, str], seed: int, sampled: bool) -> list[Record]:
+    records: list[Record] = []
+    for direction, pair in _pairs(load_pair(folder, *names), seed, sampled):
+        about = {"set": folder.name, "direction": direction}
+        records += compare(pair, _methods(pair, seed), about)[0]
+        begin = perf_counter()
+        result, errors = match(pair)
+        seconds = perf_counter() - begin
+        measured = {"error": float(np.nanmean(errors)), "seconds": seconds, "curve": share_below(errors)}
+        about |= {"target": pair.target_name, "source": pair.source_name, "method": MATCH}
+        records.append(about | measured | {"certainty": result.certainty})
+    return records
 
 
 def _methods(pair: PairOfMeshes, seed: int) -> dict[str, Integers | Callable[[], Integers]]:

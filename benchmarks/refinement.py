@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -24,8 +24,17 @@ from benchmarks.compared import mean_curves
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.flips import with_flipped_edges
-from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, from_shot, from_signatures, landmarks_of
-from benchmarks.tables import Record, Tables
+from benchmarks.starts import (
+    K_INITIAL,
+    K_SIGNATURES,
+    from_descriptors,
+    from_landmarks,
+    from_shot,
+    from_signatures,
+    landmarks_of,
+)
+from benchmarks.stored import stored
+from benchmarks.tables import Record, Tables, over
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
 from zoomout_core.mesh.surface import Surface
@@ -47,8 +56,6 @@ FLIPPED = 0.125
 # Kinds of meshes of one surface that are refined from one to the other: others have loose parts, or 14,000 vertices, of
 # which BCICP and RHM take minutes a pair.
 KINDS = ("dense", "iso")
-# Pairs of each set on the page of all tables; a pair takes 30 s.
-PAPER_PAIRS = 4
 # Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps; mean
 # errors after random flips of edges, from two landmarks; and on FAUST and SCAPE resampled, from learned descriptors.
 PUBLISHED: dict[str, tuple[float, float | None]] = {
@@ -80,6 +87,16 @@ PUBLISHED_RESAMPLED: dict[str, tuple[float, float | None]] = {
     "BCICP": (26.0, None),
     "ZoomOut": (21.7, None),
     "ZoomOut*": (24.6, None),
+}
+# On SHREC'19.
+SHREC19: dict[str, tuple[float, float | None]] = {
+    "initial": (60.4, None),
+    "ICP": (47.0, None),
+    "Deblur": (55.4, None),
+    "PMF": (51.8, None),
+    "RHM": (42.6, None),
+    "BCICP": (30.1, None),
+    "ZoomOut*": (28.8, None),
 }
 
 
@@ -155,6 +172,8 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     of both meshes flipped, from two random landmarks (`from_landmarks`); in sets with several meshes of one surface,
     meshes of different kinds are refined from SHOT descriptors (`from_shot`); the paper used learned ones.
 
+    A pair takes about 30 s.
+
     Args:
         data: the folder of the sets; sets without any of these are left out.
         pairs: number of pairs of each set, evenly spread over its list.
@@ -163,12 +182,77 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     Returns:
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
     """
+    settings = [each for folder in sets_in(data) for each in _settings(folder)]
+    return _refine(settings, pairs, figure)
+
+
+def run_shrec19(data: Path, pairs: int | None, figure: Path | None) -> Tables:
+    """Refine maps between the people of SHREC'19 with every method, from two random landmarks (`from_landmarks`).
+
+    Arguments and tables are those of `run`.
+    """
+    settings = [
+        Setting(folder.name, pair_names(folder, None), partial(load_pair, folder), _start_from_landmarks, None, SHREC19)
+        for folder in sets_in(data)
+        if folder.name.startswith("shrec19")
+    ]
+    return _refine(settings, pairs, figure)
+
+
+def run_features(data: Path, features: Path, pairs: int | None, figure: Path | None) -> Tables:
+    """Refine initial maps from features in files, such as learned descriptors, with every method.
+
+    Other arguments and tables are those of `run`.
+
+    Args:
+        data: the folder of the sets.
+        features: folder with a file `SET/NAME.npy` for each shape of a set: an array (n, d) of features of its
+            vertices, the same ones for all shapes of the set. Pairs of shapes without a file are left out.
+        pairs: number of pairs of each set.
+        figure: an image file for the curves.
+
+    Raises:
+        ValueError: a file does not have features of each vertex.
+    """
+    settings = []
+    for folder in sets_in(data):
+        there = {path.stem for path in (features / folder.name).glob("*.npy")}
+        listed = [names for names in pair_names(folder, None) if there.issuperset(names)]
+        begin = partial(_start_from_features, features / folder.name)
+        published = PUBLISHED_RESAMPLED if folder.name.startswith(("faust", "scape")) else {}
+        settings.append(Setting(f"{folder.name}, features", listed, partial(load_pair, folder), begin, None, published))
+    return _refine([setting for setting in settings if setting.pairs], pairs, figure)
+
+
+def _start_from_features(folder: Path, pair: PairOfMeshes) -> tuple[Integers, Integers]:
+    of_source, of_target = (
+        _features(folder / f"{name}.npy", surface)
+        for name, surface in ((pair.source_name, pair.source), (pair.target_name, pair.target))
+    )
+    return (
+        from_descriptors(pair.source, pair.target, of_source, of_target),
+        from_descriptors(pair.target, pair.source, of_target, of_source),
+    )
+
+
+def _features(path: Path, surface: Surface) -> Floats:
+    """(n, d) the features of a surface in a file."""
+    found = np.load(path)
+    if found.ndim != 2 or len(found) != len(surface.vertices):
+        raise ValueError(
+            f"{path} has an array of shape {found.shape}, but needs a row for each of {len(surface.vertices)} vertices."
+        )
+    return np.asarray(found, dtype=float)
+
+
+def _refine(settings: Sequence[Setting], pairs: int | None, figure: Path | None) -> Tables:
+    """The tables of settings."""
     records: list[Record] = []
     rows: list[Record] = []
-    for setting in (each for folder in sets_in(data) for each in _settings(folder)):
+    for setting in settings:
         found: list[Record] = []
         for names in tqdm(evenly(setting.pairs, pairs), desc=setting.name, leave=False):
-            found += _of_pair(setting, setting.load(*names))
+            found += stored((setting.name, *names), partial(_of_names, setting, *names))
         records += found
         rows += _rows(setting, found)
     if not records:
@@ -317,7 +401,8 @@ METHODS: dict[str, Callable[[Start], Maps]] = {
 # --- records ------------------------------------------------------------------------------------------------
 
 
-def _of_pair(setting: Setting, pair: PairOfMeshes) -> list[Record]:
+def _of_names(setting: Setting, target_name: str, source_name: str) -> list[Record]:
+    pair = setting.load(target_name, source_name)
     initial, initial_back = setting.begin(pair)
     if initial is None or initial_back is None:
         return []
@@ -387,18 +472,12 @@ def _rows(setting: Setting, records: list[Record]) -> list[Record]:
                 "mean": float(errors.mean()),
                 "median": float(np.median(errors)),
                 "failed %": 100 * float((errors > limit).mean()),
-                "covered %": _over(np.mean, chosen, "covered %"),
-                "bijectivity": _over(np.mean, chosen, "bijectivity"),
-                "edge distortion": _over(np.mean, chosen, "edge distortion"),
-                "seconds": _over(np.median, chosen, "seconds"),
+                "covered %": over(np.mean, chosen, "covered %"),
+                "bijectivity": over(np.mean, chosen, "bijectivity"),
+                "edge distortion": over(np.mean, chosen, "edge distortion"),
+                "seconds": over(np.median, chosen, "seconds"),
                 "published mean": published and published[0],
                 "published s": published and published[1],
             }
         )
     return rows
-
-
-def _over(statistic: Callable[[list[float]], Any], records: list[Record], column: str) -> float | None:
-    """A statistic of a column, over the records that have it."""
-    values = [record[column] for record in records if record.get(column) is not None]
-    return float(statistic(values)) if values else None

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike
 
 import zoomout_core as zo
 from benchmarks.datasets import PairOfMeshes
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import Surface
 
 # Size of fitted functional maps, and number of eigenfunctions in their signatures.
 K_INITIAL, K_SIGNATURES = 20, 200
 # Number of random landmarks.
 LANDMARKS = 2
-# Number of principal components of SHOT descriptors.
+# Largest number of principal components of descriptors.
 PRINCIPAL = 60
 # Numbers of energies of wave kernel signatures, and of the kernels at each landmark.
 ENERGIES = 100
@@ -60,13 +60,18 @@ def landmarks_of(pair: PairOfMeshes, seed: int = 0) -> tuple[Integers, Integers]
 
 
 def from_shot(source: Surface, target: Surface) -> Integers:
-    """(n_t,) the map from SHOT descriptors with radii of a tenth and a fifth of the square root of the area.
+    """(n_t,) the map from SHOT descriptors with radii of a tenth and a fifth of the square root of the area."""
+    of_source, of_target = (np.hstack([zo.shot(each, radius) for radius in (0.1, 0.2)]) for each in (source, target))
+    return from_descriptors(source, target, of_source, of_target)
 
-    Their 704 components are reduced to the principal ones of both shapes together.
+
+def from_descriptors(source: Surface, target: Surface, of_source: Floats, of_target: Floats) -> Integers:
+    """(n_t,) the map from descriptors (n_s, d) and (n_t, d).
+
+    They are reduced to the principal components of both shapes together.
     """
     basis_source, basis_target = zo.eigenbasis(source, K_SIGNATURES), zo.eigenbasis(target, K_SIGNATURES)
-    described = [np.hstack([zo.shot(each, radius) for radius in (0.1, 0.2)]) for each in (source, target)]
-    axes = np.linalg.eigh(np.cov(np.vstack(described).T))[1][:, -PRINCIPAL:]
-    of_source, of_target = (each @ axes for each in described)
-    functional_map = zo.fit_functional_map(basis_source, basis_target, of_source, of_target, K_INITIAL)
+    covariance = np.atleast_2d(np.cov(np.vstack([of_source, of_target]).T))
+    axes = np.linalg.eigh(covariance)[1][:, -PRINCIPAL:]
+    functional_map = zo.fit_functional_map(basis_source, basis_target, of_source @ axes, of_target @ axes, K_INITIAL)
     return zo.vertex_map_of(functional_map, basis_source, basis_target)

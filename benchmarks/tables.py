@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 from tabulate import tabulate
@@ -22,6 +23,12 @@ def as_text(rows: list[Record]) -> str:
 def as_markdown(rows: list[Record]) -> str:
     """The same as a Markdown table."""
     return _table(rows, "github")
+
+
+def over(statistic: Callable[[list[float]], Any], records: Sequence[Record], column: str) -> float | None:
+    """A statistic of a column over the records that have it; None if none has."""
+    values = [record[column] for record in records if record.get(column) is not None]
+    return float(statistic(values)) if values else None
 
 
 def _table(rows: list[Record], form: str) -> str:

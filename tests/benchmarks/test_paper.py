@@ -21,7 +21,7 @@ def section(name: str, tables: Tables) -> paper.Section:
         figure.write_bytes(b"")
         return tables
 
-    return paper.Section(name, name.title(), "It is so.", "It is nearly so.", run)
+    return paper.Section(name, name.title(), "It is so.", "Made here.", lambda made: [f"{len(made['rows'])} row."], run)
 
 
 ROWS: Tables = {
@@ -43,6 +43,7 @@ def test_a_page_has_each_section_with_its_tables_and_figure(tmp_path: Path, monk
     assert "![One](paper/one.png)" in text
     assert "--pairs 3" in text
     assert "**Could not be made**: RuntimeError: no bases." in text
+    assert "*Here*: Made here.\n\n- 1 row.\n" in text
     assert "curve" not in text
     assert "pairs" not in json.loads((tmp_path / "docs" / "paper" / "one.json").read_text())["tables"]
 
@@ -54,6 +55,16 @@ def test_a_section_is_made_anew_and_the_others_are_kept(tmp_path: Path, monkeypa
     monkeypatch.setattr(paper, "SECTIONS", (section("one", {}), section("two", ROWS)))
     assert paper.run(tmp_path, None, page, ("two",)) == []
     assert page.read_text().count("| ICP") == 2
+
+
+def test_without_data_the_page_is_written_from_its_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "paper.md"
+    monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS),))
+    paper.run(tmp_path, None, page)
+    before = page.read_text()
+    page.unlink()
+    assert CliRunner().invoke(main, ["paper", "--page", str(page)]).exit_code == 0
+    assert page.read_text() == before
 
 
 def test_the_command_names_sections_that_fail_and_that_it_does_not_know(
