@@ -124,6 +124,13 @@ def test_a_match_that_is_probably_wrong_is_refused(
     assert said.startswith("Red: ")
 
 
+def test_a_match_that_may_be_wrong_is_no_success(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoomout_core.matching.result.MatchResult.certainty", 0.8)
+    code, said = run(folder / "template.ply", folder / "marks.csv", folder / "target.ply", "-o", tmp_path / "out.csv")
+    assert code == 0
+    assert said.startswith("Amber: The match may be wrong: it is 80% certain.")
+
+
 @pytest.mark.parametrize(
     ("marks", "output", "sentence"),
     [

@@ -35,12 +35,13 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.mirror_image import mirror_candidate
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict, check_verdict
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.progress import portion
 
@@ -188,7 +189,7 @@ def _run_job(
     write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
-    verdict = _verdict(result.verdict, unsure, len(names))
+    verdict = _verdict(result, unsure, len(names))
     report |= {
         "landmarks": [
             {"name": name, "position": point, "confidence": sure}
@@ -200,11 +201,14 @@ def _run_job(
     return [verdict.line, *notes]
 
 
-def _verdict(of_match: Verdict, unsure: list[str], count: int) -> Verdict:
+def _verdict(result: MatchResult, unsure: list[str], count: int) -> Verdict:
     """Whether to use the landmarks: they may be right where the match has faults, but not if it is wrong as a whole."""
+    of_match = result.verdict
     if of_match.level == RED:
         return of_match
+    text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
+    if result.certainty < VERDICT.sure:
+        return Verdict(AMBER, sentences(of_match.sentence, *[text] * bool(unsure)), of_match.advice)
     if unsure:
-        text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
         return Verdict(AMBER, text, message(CHECK))
     return Verdict(GREEN, message(ALL_SURE, count=count), "")

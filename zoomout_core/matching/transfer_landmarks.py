@@ -44,7 +44,7 @@ class LandmarkTuning(Tuning, set_by="specimens"):
         bent: bending energy of a warp that halves the confidence of all landmarks.
     """
 
-    smooth: float = tuned(0.01, "at unit area", 0, 1)
+    smooth: float = tuned(0.025, "at unit area", 0, 1)
     normal_weight: float = tuned(0.02, "at unit area", 0, 1)
     neighbourhood: float = tuned(0.03, "at unit area", 1e-4, 1)
     half_confidence: float = tuned(0.005, "at unit area", 1e-6, 1)
