@@ -46,14 +46,14 @@ def intact(surface: Surface, landmarks: Floats) -> Specimen:
     return Specimen(surface, landmarks, np.ones(len(landmarks), dtype=bool))
 
 
-def broken(surface: Surface, landmarks: Floats) -> Specimen:
+def break_end(surface: Surface, landmarks: Floats) -> Specimen:
     """The end with the landmark that is farthest from the centre is broken off."""
     depth, of_landmarks = _depths(surface, landmarks, 1)
     edge = np.quantile(depth, 1 - BROKEN)
     return _without(surface, depth > edge, landmarks, of_landmarks < edge)
 
 
-def worn(surface: Surface, landmarks: Floats) -> Specimen:
+def wear_end(surface: Surface, landmarks: Floats) -> Specimen:
     """The end with the landmark that is second from the centre is ground down to a plane."""
     depth, of_landmarks = _depths(surface, landmarks, 2)
     edge = np.quantile(depth, 1 - WORN)
@@ -61,7 +61,7 @@ def worn(surface: Surface, landmarks: Floats) -> Specimen:
     return Specimen(surface.with_vertices(flat), landmarks, of_landmarks < edge)
 
 
-def holed(surface: Surface, landmarks: Floats) -> Specimen:
+def make_holes(surface: Surface, landmarks: Floats) -> Specimen:
     """Holes where some landmarks were."""
     radius = HOLE * np.sqrt(surface.area)
     centres = landmarks[farthest_points(landmarks, PLACES)]
@@ -70,7 +70,7 @@ def holed(surface: Surface, landmarks: Floats) -> Specimen:
     return _without(surface, near, landmarks, left)
 
 
-def overgrown(surface: Surface, landmarks: Floats) -> Specimen:
+def grow_over(surface: Surface, landmarks: Floats) -> Specimen:
     """Growths, or matter that was left, over some landmarks: these stay where they were, below."""
     size = np.sqrt(surface.area)
     centres = landmarks[farthest_points(landmarks, 2 * PLACES)[PLACES:]]
@@ -82,7 +82,7 @@ def overgrown(surface: Surface, landmarks: Floats) -> Specimen:
     return Specimen(surface.with_vertices(moved), landmarks, np.ones(len(landmarks), dtype=bool))
 
 
-def of_another_species(surface: Surface, landmarks: Floats) -> Specimen:
+def another_species(surface: Surface, landmarks: Floats) -> Specimen:
     """Longer, narrower, bent and wavy, as a related species may be."""
     centre, size = surface.vertices.mean(axis=0), np.sqrt(surface.area)
     axes = np.linalg.svd(surface.vertices - centre, full_matrices=False)[2]
@@ -103,11 +103,11 @@ def mirror_image(surface: Surface, landmarks: Floats) -> Specimen:
 
 
 DAMAGES: dict[str, Callable[[Surface, Floats], Specimen]] = {
-    "broken": broken,
-    "worn": worn,
-    "holes": holed,
-    "growths": overgrown,
-    "other species": of_another_species,
+    "broken": break_end,
+    "worn": wear_end,
+    "holes": make_holes,
+    "growths": grow_over,
+    "other species": another_species,
 }
 
 

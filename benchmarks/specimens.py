@@ -162,7 +162,7 @@ def _rows(records: list[Record]) -> list[Record]:
     for kind in dict.fromkeys(record["kind"] for record in records):
         for method in (MAP, TRANSFER):
             chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
-            errors, confidence = _joined(chosen, "errors"), _joined(chosen, "confidence")
+            errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
             unsure = confidence < LOW
             row: Record = {"kind": kind, "method": method, "pairs": len(chosen), "mean": float(errors.mean())}
             row |= {"median": float(np.median(errors)), "worst": float(errors.max())}
@@ -182,9 +182,9 @@ def _confidence_rows(records: list[Record]) -> list[Record]:
             for method in (MAP, TRANSFER):
                 chosen = [record for record in used if (record[group], record["method"]) == (name, method)]
                 limits = [np.full(len(each["errors"]), WRONG * each["rigid"]) for each in chosen]
-                errors, confidence = _joined(chosen, "errors"), _joined(chosen, "confidence")
+                errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
                 wrong, unsure = errors > np.concatenate(limits), confidence < LOW
-                present = _joined(chosen, "present")
+                present = _join(chosen, "present")
                 row: Record = {"specimens": name, "method": method, "landmarks": len(errors)}
                 row |= {"missing": int((~present).sum()), "mean of present": float(errors[present].mean())}
                 row |= {"wrong": int(wrong.sum()), "wrong flagged": _share(unsure[wrong])}
@@ -204,7 +204,7 @@ def _mirror_rows(records: list[Record]) -> list[Record]:
     return rows
 
 
-def _joined(records: list[Record], name: str) -> Any:
+def _join(records: list[Record], name: str) -> Any:
     return np.concatenate([each[name] for each in records])
 
 

@@ -53,7 +53,7 @@ def mirror_candidate(result: MatchResult) -> int | None:
         >>> if mirrored is not None:
         ...     result = result.use(mirrored)
     """
-    if _mirrored(result) is None:
+    if _first_mirror_image(result) is None:
         return None
     here, there = (Samples.of(mesh, outward_normals(mesh)) for mesh in (result.source.working, result.target.working))
     return smoother_mirror_image(result, here, there, warp_back(here, there, Correspondences.of(result)))
@@ -72,7 +72,7 @@ def warp_back(here: Samples, there: Samples, known: Correspondences) -> ThinPlat
 
 def smoother_mirror_image(result: MatchResult, here: Samples, there: Samples, back: ThinPlateFit) -> int | None:
     """`mirror_candidate` for samples of source and target, and the warp back along the result."""
-    number = _mirrored(result)
+    number = _first_mirror_image(result)
     if number is None:
         return None
     mirrored = Correspondences.of_candidate(result, number)
@@ -81,7 +81,7 @@ def smoother_mirror_image(result: MatchResult, here: Samples, there: Samples, ba
     return number if smooth and back.bending_energy > MIRROR.ratio * fit.bending_energy else None
 
 
-def _mirrored(result: MatchResult) -> int | None:
+def _first_mirror_image(result: MatchResult) -> int | None:
     """The first mirrored candidate, if the result is not of a mirrored one."""
     if result.candidates[result.chosen].reverses_orientation:
         return None
