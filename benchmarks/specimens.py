@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,6 +14,7 @@ from scipy.stats import rankdata
 from tqdm import tqdm
 
 import zoomout_core as zo
+from benchmarks.damaged_specimens import DAMAGES, Specimen, intact, mirror_image
 from benchmarks.datasets import evenly
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
@@ -21,19 +24,32 @@ from zoomout_core.matching.registration.smooth_warp import outward_normals
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
 
-# An error counts as wrong if it exceeds this multiple of its kind's median.
-WRONG = 2.0
+# A landmark is wrong if it is off by more than this share of the mean error of the best rigid fit of its specimen.
+WRONG = 0.5
+# Among the small errors on intact specimens, those above this multiple of their kind's median are large.
+LARGE = 2.0
 # Rotation (seeded) and scale of a target that must not change the result.
 SEED, SCALE = 5, 37.0
+INTACT, MIRRORED = "intact", "mirror image"
+# Ways to place landmarks (q, 3) along a match: (q, 3) points and (q,) confidence.
+Methods = dict[str, Callable[[MatchResult, Floats], tuple[Floats, Floats]]]
 
 
 def run(data: Path, pairs: int | None) -> Tables:
     """Place landmarks, and measure their distances from the true places, in millimetres.
 
-    `rows`: for each kind of specimen and each method the mean and worst error, the error of the best rigid fit of the
-    true landmarks, the share of landmarks whose confidence is below one half, the area under the ROC curve of
+    `rows`: for each kind of intact specimens and each method the mean and worst error, the error of the best rigid fit
+    of the true landmarks, the share of landmarks whose confidence is below one half, the area under the ROC curve of
     confidence against errors above twice the median, the number of landmarks on a side that faces away from the true
-    one, and seconds per pair. `invariance`: how far landmarks move, at most, if a target is turned and scaled.
+    one, and seconds per pair.
+
+    `confidence`: whether confidence tells wrong landmarks from right ones, on intact specimens and on the same ones
+    damaged, for each kind and for each damage. A landmark is wrong if it is farther from where it is, or was, than half
+    of the mean error of the best rigid fit.
+
+    `mirror images`: errors if the target is mirrored, with and without the mirrored candidate.
+
+    `invariance`: how far landmarks move, at most, if a target is turned and scaled.
 
     Args:
         data: a folder with the set `specimens`, or the set itself.
@@ -44,26 +60,50 @@ def run(data: Path, pairs: int | None) -> Tables:
     truth = dict(np.load(folder / "landmarks.npz"))
     records: list[Record] = []
     moved: list[Record] = []
+    seen: dict[str, int] = {}
     for target_name, source_name in tqdm(evenly(listed, pairs), leave=False):
         kind = target_name.partition("_")[0]
         source, target = (zo.read_surface(folder / "shapes" / f"{name}.ply") for name in (source_name, target_name))
         on_source, on_target = truth[source_name], truth[target_name]
-        begin = process_time()
-        result = zo.match(source, target)
-        matched = process_time() - begin
         about = {"kind": kind, "target": target_name, "source": source_name}
-        about |= {"rigid": float(rigid_errors(on_source, on_target).mean())}
-        for method, place in METHODS.items():
-            begin = process_time()
-            points, confidence = place(result, on_source)
-            taken = matched + process_time() - begin
-            errors = np.linalg.norm(points - on_target, axis=1)
-            found = {"errors": errors.tolist(), "confidence": confidence.tolist(), "seconds": taken}
-            records.append(about | {"method": method, "swaps": swapped_sides(points, on_target, target)} | found)
-        if kind not in {row["kind"] for row in moved}:
-            change = change_if_turned(source, target, on_source, zo.transfer_landmarks(result, on_source).points)
+        number = seen[kind] = seen.get(kind, -1) + 1
+        damage = list(DAMAGES)[number % len(DAMAGES)]
+        specimens = {INTACT: intact(target, on_target), damage: DAMAGES[damage](target, on_target)}
+        if number == 0:
+            specimens[MIRRORED] = mirror_image(target, on_target)
+        for condition, specimen in specimens.items():
+            methods = MIRRORED_METHODS if condition == MIRRORED else METHODS
+            for found in placements(source, on_source, specimen, methods):
+                records.append(about | {"condition": condition} | found)
+        if number == 0:
+            intact_ones = [record for record in records if record["method"] == TRANSFER and record["kind"] == kind]
+            change = change_if_turned(source, target, on_source, np.array(intact_ones[0]["points"]))
             moved.append({"kind": kind, "target": target_name, "source": source_name, "moved": change})
-    return {"rows": _rows(records), "invariance": moved, NOT_SHOWN: records}
+    return {
+        "rows": _rows([record for record in records if record["condition"] == INTACT]),
+        "confidence": _confidence_rows(records),
+        "mirror images": _mirror_rows(records),
+        "invariance": moved,
+        NOT_SHOWN: records,
+    }
+
+
+def placements(source: Surface, landmarks: Floats, specimen: Specimen, methods: Methods) -> list[Record]:
+    """The places of landmarks (q, 3) on a specimen by some methods, and their errors."""
+    begin = process_time()
+    result = zo.match(source, specimen.surface)
+    matched = process_time() - begin
+    found = []
+    for method, place in methods.items():
+        begin = process_time()
+        points, confidence = place(result, landmarks)
+        taken = matched + process_time() - begin
+        errors = np.linalg.norm(points - specimen.landmarks, axis=1)
+        record: Record = {"method": method, "points": points.tolist(), "errors": errors.tolist()}
+        record |= {"rigid": float(rigid_errors(landmarks, specimen.landmarks).mean())}
+        record |= {"confidence": confidence.tolist(), "present": specimen.present.tolist(), "seconds": taken}
+        found.append(record | {"swaps": swapped_sides(points, specimen.landmarks, specimen.surface)})
+    return found
 
 
 def by_map(result: MatchResult, points: Floats) -> tuple[Floats, Floats]:
@@ -72,7 +112,15 @@ def by_map(result: MatchResult, points: Floats) -> tuple[Floats, Floats]:
     return found.interpolate(result.target.vertices), found.interpolate(result.confidence)
 
 
-METHODS = {"map": by_map, "transfer_landmarks": zo.transfer_landmarks}
+def by_mirror_candidate(result: MatchResult, points: Floats) -> tuple[Floats, Floats]:
+    """Places by `transfer_landmarks`, along a mirrored map if the target is a mirror image."""
+    mirrored = zo.mirror_candidate(result)
+    return zo.transfer_landmarks(result if mirrored is None else result.use(mirrored), points)
+
+
+MAP, TRANSFER = "map", "transfer_landmarks"
+METHODS: Methods = {MAP: by_map, TRANSFER: zo.transfer_landmarks}
+MIRRORED_METHODS: Methods = {TRANSFER: zo.transfer_landmarks, "mirror_candidate": by_mirror_candidate}
 
 
 def rigid_errors(source: Floats, target: Floats) -> Floats:
@@ -112,15 +160,53 @@ def area_under_curve(score: Floats, wrong: Booleans) -> float | None:
 def _rows(records: list[Record]) -> list[Record]:
     rows = []
     for kind in dict.fromkeys(record["kind"] for record in records):
-        for method in METHODS:
+        for method in (MAP, TRANSFER):
             chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
-            errors, confidence = (np.concatenate([each[name] for each in chosen]) for name in ("errors", "confidence"))
+            errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
             unsure = confidence < LOW
             row: Record = {"kind": kind, "method": method, "pairs": len(chosen), "mean": float(errors.mean())}
             row |= {"median": float(np.median(errors)), "worst": float(errors.max())}
             row |= {"worst unflagged": float(errors[~unsure].max(initial=0))}
             row |= {"rigid": float(np.mean([each["rigid"] for each in chosen])), "flagged": float(unsure.mean())}
-            row |= {"AUC": area_under_curve(-confidence, errors > WRONG * np.median(errors))}
+            row |= {"AUC": area_under_curve(-confidence, errors > LARGE * np.median(errors))}
             row |= {"swaps": sum(each["swaps"] for each in chosen)}
             rows.append(row | {"seconds": float(np.mean([each["seconds"] for each in chosen]))})
     return rows
+
+
+def _confidence_rows(records: list[Record]) -> list[Record]:
+    used = [record for record in records if record["condition"] != MIRRORED]
+    rows = []
+    for group in ("kind", "condition"):
+        for name in dict.fromkeys(record[group] for record in used):
+            for method in (MAP, TRANSFER):
+                chosen = [record for record in used if (record[group], record["method"]) == (name, method)]
+                limits = [np.full(len(each["errors"]), WRONG * each["rigid"]) for each in chosen]
+                errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
+                wrong, unsure = errors > np.concatenate(limits), confidence < LOW
+                present = _join(chosen, "present")
+                row: Record = {"specimens": name, "method": method, "landmarks": len(errors)}
+                row |= {"missing": int((~present).sum()), "mean of present": float(errors[present].mean())}
+                row |= {"wrong": int(wrong.sum()), "wrong flagged": _share(unsure[wrong])}
+                row |= {"right flagged": _share(unsure[~wrong]), "AUC": area_under_curve(-confidence, wrong)}
+                rows.append(row)
+    return rows
+
+
+def _mirror_rows(records: list[Record]) -> list[Record]:
+    rows = []
+    for record in records:
+        if record["condition"] == MIRRORED:
+            errors, confidence = np.array(record["errors"]), np.array(record["confidence"])
+            row: Record = {name: record[name] for name in ("kind", "target", "source", "method")}
+            row |= {"mean": float(errors.mean()), "worst": float(errors.max())}
+            rows.append(row | {"flagged": float((confidence < LOW).mean())})
+    return rows
+
+
+def _join(records: list[Record], name: str) -> Any:
+    return np.concatenate([each[name] for each in records])
+
+
+def _share(chosen: Booleans) -> float | None:
+    return float(chosen.mean()) if len(chosen) else None

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from zoomout_core.maps.surface_map import SurfaceMap
     from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
     from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
+    from zoomout_core.matching.mirror_image import mirror_candidate
     from zoomout_core.matching.options import MatchOptions
     from zoomout_core.matching.pipeline import match
     from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
@@ -97,6 +98,7 @@ __all__ = [
     "match",
     "match_by_proximity",
     "match_collection",
+    "mirror_candidate",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
@@ -141,6 +143,7 @@ _HOMES = {
     "maps.surface_map": ("SurfaceMap",),
     "maps.zoomout": ("slanted_sizes", "zoomout", "zoomout_both_ways"),
     "matching.memory_cache": ("forget_shapes", "store_shapes"),
+    "matching.mirror_image": ("mirror_candidate",),
     "matching.options": ("MatchOptions",),
     "matching.pipeline": ("match",),
     "matching.proximity": ("ProximityMatch", "match_by_proximity"),

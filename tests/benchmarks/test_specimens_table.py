@@ -53,4 +53,12 @@ def test_each_kind_has_a_row_for_each_method(tmp_path: Path) -> None:
     assert [(row["kind"], row["method"]) for row in tables["rows"]] == [("bone", name) for name in specimens.METHODS]
     assert all(row["mean"] < row["rigid"] for row in tables["rows"])
     assert tables["invariance"][0]["moved"] < 0.01
-    assert len(tables[NOT_SHOWN]) == 2
+    groups = [row["specimens"] for row in tables["confidence"]]
+    assert groups == [name for name in ("bone", "intact", "broken") for _ in specimens.METHODS]
+    both, intact, broken = tables["confidence"][1::2]
+    assert both["landmarks"] == intact["landmarks"] + broken["landmarks"] == 2 * len(marks)
+    assert 0 == intact["missing"] < broken["missing"] <= broken["wrong"]
+    unaware, aware = tables["mirror images"]
+    assert unaware["flagged"] == 1
+    assert aware["mean"] < 0.5 * unaware["mean"]
+    assert len(tables[NOT_SHOWN]) == 6

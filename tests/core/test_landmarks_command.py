@@ -97,6 +97,19 @@ def test_vertices_arrive_as_vertices_and_another_format_may_be_chosen(folder: Pa
     assert (body.triangles[triangle] == vertices[:, None]).any(axis=1).all()
 
 
+@pytest.mark.slow
+def test_landmarks_on_a_mirror_image_are_placed_with_a_note(folder: Path, numbers: np.ndarray, tmp_path: Path) -> None:
+    body, mirror = hollow(800, 1), np.array([-1.0, 1, 1])
+    write_shape(Surface(mirror * grow(body.vertices), body.triangles[:, ::-1]), tmp_path / "mirrored.ply")
+    given = folder / "template.ply", folder / "marks.csv", tmp_path / "mirrored.ply", "-o", tmp_path / "out.csv"
+    code, said = run(*given)
+    assert code == 0, said
+    assert "The target seems to be a mirror image of the template" in said
+    truth = mirror * grow(hollow(900, 0).vertices[numbers])
+    found = read_landmark_file(tmp_path / "out.csv")
+    assert np.median(np.linalg.norm(found.points - truth, axis=1)) < 0.1
+
+
 def test_a_match_that_is_probably_wrong_is_refused(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,6 +122,13 @@ def test_a_match_that_is_probably_wrong_is_refused(
     code, said = run(*given, "--force")
     assert code == 0
     assert said.startswith("Red: ")
+
+
+def test_a_match_that_may_be_wrong_is_no_success(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoomout_core.matching.result.MatchResult.certainty", 0.8)
+    code, said = run(folder / "template.ply", folder / "marks.csv", folder / "target.ply", "-o", tmp_path / "out.csv")
+    assert code == 0
+    assert said.startswith("Amber: The match may be wrong: it is 80% certain.")
 
 
 @pytest.mark.parametrize(

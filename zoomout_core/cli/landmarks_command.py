@@ -32,14 +32,16 @@ from zoomout_core.landmark_files import (
     write_landmark_file,
 )
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.mirror_image import mirror_candidate
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict, check_verdict
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
-from zoomout_core.messages import message
+from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.progress import portion
 
@@ -50,6 +52,10 @@ SIGNS = np.array([-1.0, -1.0, 1.0])
 ALL_SURE = "All {count} landmarks are placed with confidence."
 SOME_UNSURE = "{unsure} of {count} landmarks are uncertain: {names}."
 CHECK = "Look at these, and move them if needed."
+MIRRORED = (
+    "The target seems to be a mirror image of the template, as a left bone is of a right one, so a mirrored map placed "
+    "its landmarks."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +105,8 @@ def landmarks(
     TEMPLATE and TARGETS are meshes, such as scans of bones and teeth. LANDMARKS is a .csv file with a line
     `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex` for each landmark, or a .mrk.json or .fcsv file of 3D Slicer. The
     landmarks of each target are written with a confidence from 0 to 1: a column in CSV, the description in Slicer.
-    Check landmarks with a confidence below 0.5.
+    Check landmarks with a confidence below 0.5. A target that is a mirror image of TEMPLATE, such as a left bone beside
+    a right one, is matched as such, with a note.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json lists the result of each; a target that fails does not affect the others.
@@ -163,10 +170,14 @@ def _run_job(
     target = as_surface(read_shape(job.target))
     with portion(0.0, MATCHED):
         result = match(template.surface, target, **arguments)
+    notes = [*template.notes]
+    if not candidate and (mirrored := mirror_candidate(result)) is not None:
+        candidate = mirrored
+        notes.append(warning(MIRRORED))
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
-    notes = [*template.notes, *result.notes]
+    notes += result.notes
     report |= {**match_figures(result, template.parts), "notes": notes}
     check_verdict(result.verdict, force, len(result.candidates))
     with portion(MATCHED, 1.0):
@@ -178,7 +189,7 @@ def _run_job(
     write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
-    verdict = _verdict(result.verdict, unsure, len(names))
+    verdict = _verdict(result, unsure, len(names))
     report |= {
         "landmarks": [
             {"name": name, "position": point, "confidence": sure}
@@ -190,11 +201,14 @@ def _run_job(
     return [verdict.line, *notes]
 
 
-def _verdict(of_match: Verdict, unsure: list[str], count: int) -> Verdict:
+def _verdict(result: MatchResult, unsure: list[str], count: int) -> Verdict:
     """Whether to use the landmarks: they may be right where the match has faults, but not if it is wrong as a whole."""
+    of_match = result.verdict
     if of_match.level == RED:
         return of_match
+    text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
+    if result.certainty < VERDICT.sure:
+        return Verdict(AMBER, sentences(of_match.sentence, *[text] * bool(unsure)), of_match.advice)
     if unsure:
-        text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
         return Verdict(AMBER, text, message(CHECK))
     return Verdict(GREEN, message(ALL_SURE, count=count), "")

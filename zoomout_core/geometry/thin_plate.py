@@ -44,11 +44,20 @@ class ThinPlateBasis:
         """(q, k) values of the functions at points (q, 3): one, the coordinates, then the bent ones."""
         return np.hstack([np.ones((len(points), 1)), points, self._distances(points) @ self._weights])
 
-    def jacobians(self, points: Floats, coefficients: Floats) -> Floats:
-        """(q, 3, 3) derivatives at points (q, 3) of a deformation with coefficients (k, 3), by row of its values."""
+    def inverse_distances(self, points: Floats) -> Floats:
+        """(q, j) inverse distances of points (q, 3) from the centres, which the derivatives there consist of."""
+        return np.asarray(1 / np.maximum(self._distances(points), SMALLEST))
+
+    def jacobians(self, points: Floats, coefficients: Floats, inverse: Floats) -> Floats:
+        """(q, 3, 3) derivatives at points (q, 3) of a deformation with coefficients (k, 3), by row of its values.
+
+        Args:
+            points: where.
+            coefficients: of the deformation.
+            inverse: (q, j) the `inverse_distances` of the points.
+        """
         # The gradient of |x - c| is (x - c) / |x - c|; both terms are sums over centres, without an array (q, j, 3).
         weights = self._weights @ coefficients[4:]
-        inverse = 1 / np.maximum(self._distances(points), SMALLEST)
         at_centres = (weights[:, :, None] * self.centres[:, None]).reshape(-1, 9)
         bent = (inverse @ weights)[:, :, None] * points[:, None] - (inverse @ at_centres).reshape(-1, 3, 3)
         return np.asarray(coefficients[1:4].T + bent)
@@ -65,12 +74,10 @@ class ThinPlateFit:
     Attributes:
         basis: its functions.
         coefficients: (k, 3) their coefficients.
-        factor: Cholesky factor of the normal matrix (3k, 3k), as `scipy.linalg.cho_factor` returns it.
     """
 
     basis: ThinPlateBasis
     coefficients: Floats
-    factor: tuple[Floats, bool]
 
     @classmethod
     def of(cls, basis: ThinPlateBasis, rows: Floats, goals: Floats, weights: Floats, stiffness: float) -> ThinPlateFit:
@@ -80,39 +87,48 @@ class ThinPlateFit:
             basis: its functions.
             rows: (n, k) their values at the data's places.
             goals: (n, 3) where these should go.
-            weights: (n, 3, 3) the squared distance of an offset d is d^T W d.
+            weights: (n, 3, 3) the squared distance of an offset d is d^T W d; or (n,) if all directions count alike.
             stiffness: factor of the bending energy.
         """
         k = rows.shape[1]
+        if weights.ndim == 1:  # the coordinates do not depend on each other
+            normal = rows.T @ (weights[:, None] * rows) + stiffness * basis.bending
+            return cls(basis, _solve(normal, rows.T @ (weights[:, None] * goals)))
         normal = np.zeros((k, 3, k, 3))
         for i in range(3):
             for j in range(i, 3):
                 normal[:, i, :, j] = normal[:, j, :, i] = rows.T @ (weights[:, i, j, None] * rows)
             normal[:, i, :, i] += stiffness * basis.bending
-        matrix = normal.reshape(3 * k, 3 * k)
-        matrix[np.diag_indices(3 * k)] += RIDGE * np.trace(matrix) / (3 * k)
-        factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
-        right = rows.T @ np.einsum("nij,nj->ni", weights, goals)
-        return cls(basis, cho_solve(factor, right.ravel()).reshape(k, 3), factor)
+        pulls = rows.T @ np.einsum("nij,nj->ni", weights, goals)
+        return cls(basis, _solve(normal.reshape(3 * k, 3 * k), pulls.reshape(-1, 1)).reshape(k, 3))
+
+    @property
+    def bending_energy(self) -> float:
+        """Its bending energy: zero for affine maps."""
+        return float(np.einsum("ki,kl,li->", self.coefficients, self.basis.bending, self.coefficients))
 
     def deform(self, points: Floats) -> Floats:
         """(q, 3) images of points (q, 3)."""
         return np.asarray(self.basis.at(points) @ self.coefficients)
 
-    def turn(self, points: Floats, normals: Floats) -> Floats:
-        """(q, 3) unit normals of the deformed surface, for the unit normals (q, 3) at points (q, 3) of a surface."""
-        rows = self.basis.jacobians(points, self.coefficients)
+    def turn(self, points: Floats, normals: Floats, inverse: Floats | None = None) -> Floats:
+        """(q, 3) unit normals of the deformed surface, for the unit normals (q, 3) at points (q, 3) of a surface.
+
+        Args:
+            points: on the surface.
+            normals: of the surface there.
+            inverse: (q, j) the basis's `inverse_distances` of the points, if known from an earlier deformation.
+        """
+        inverse = self.basis.inverse_distances(points) if inverse is None else inverse
+        rows = self.basis.jacobians(points, self.coefficients, inverse)
         # The cofactor matrix turns normals; its sign keeps the outside outside under a reflection, too.
         cofactors = np.stack([cross(rows[:, (i + 1) % 3], rows[:, (i + 2) % 3]) for i in range(3)], axis=1)
         handed = np.sign(np.linalg.det(rows))
         return unit_vectors(handed[:, None] * np.einsum("qyx,qx->qy", cofactors, normals))
 
-    def deviations(self, points: Floats) -> Floats:
-        """(q,) standard deviations of the images of points (q, 3), for data of unit variance.
 
-        Large where the data leave the deformation free, as for a slide along a flat region.
-        """
-        values = self.basis.at(points)
-        rows = np.einsum("qk,ij->qikj", values, np.eye(3)).reshape(3 * len(points), -1)
-        variances = np.einsum("rk,kr->r", rows, cho_solve(self.factor, rows.T))
-        return np.sqrt(variances.reshape(-1, 3).sum(axis=1))
+def _solve(normal: Floats, right: Floats) -> Floats:
+    """(n, d) the solution of a normal equation with matrix (n, n), which is overwritten, and right sides (n, d)."""
+    normal[np.diag_indices(len(normal))] += RIDGE * np.trace(normal) / len(normal)
+    factor = cho_factor(normal, overwrite_a=True, check_finite=False)
+    return np.asarray(cho_solve(factor, right, check_finite=False))

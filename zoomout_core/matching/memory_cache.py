@@ -20,6 +20,7 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.components.hulls import hull_of
 from zoomout_core.matching.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
@@ -78,6 +79,16 @@ def cached_working_mesh(surface: Surface) -> WorkingMesh:
         surface.working = mesh
     _meshes.keep(key, mesh)
     return mesh
+
+
+def cached_hull(surface: Surface, tight: bool = False) -> WorkingMesh:
+    """`hull_of`, or at once the hull of another surface of the same arrays."""
+    key = _hash(f"hull, tight: {tight}", surface.vertices, surface.corner_vertex, surface.triangle_corners)
+    hull = _meshes.take(key)
+    if hull is None:
+        hull = hull_of(surface, tight)
+    _meshes.keep(key, hull)
+    return hull
 
 
 def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:

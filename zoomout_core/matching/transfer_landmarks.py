@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats
-from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.thin_plate import ThinPlateFit
+from zoomout_core.matching.mirror_image import smoother_mirror_image, warp_back
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.registration.smooth_warp import (
-    WARP,
     Correspondences,
     Samples,
     Warp,
@@ -26,7 +26,7 @@ from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import stage
-from zoomout_core.runtime.threads import on_one_blas_thread
+from zoomout_core.runtime.threads import on_one_blas_thread, side_by_side
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -39,20 +39,20 @@ class LandmarkTuning(Tuning, set_by="specimens"):
             such as people in two poses, follow the map.
         normal_weight: the distance that counts as much as a unit difference of normals, in the search of the closest
             point.
-        neighbourhood: standard deviation of the Gaussian around a landmark in which its fit is measured.
-        error_scale: expected error per unit of the indicators.
-        half_confidence: expected error at which confidence is a half: twice the median error.
+        neighbourhood: standard deviation of the Gaussian around a landmark in which its surroundings are measured.
+        half_confidence: expected error at which confidence is a half.
+        bent: bending energy of a warp that halves the confidence of all landmarks.
     """
 
-    smooth: float = tuned(0.01, "at unit area", 0, 1)
+    smooth: float = tuned(0.025, "at unit area", 0, 1)
     normal_weight: float = tuned(0.02, "at unit area", 0, 1)
     neighbourhood: float = tuned(0.03, "at unit area", 1e-4, 1)
-    error_scale: float = tuned(1.6, "1", 0, 100)
-    half_confidence: float = tuned(0.004, "at unit area", 1e-6, 1)
+    half_confidence: float = tuned(0.005, "at unit area", 1e-6, 1)
+    bent: float = tuned(0.1, "1", 1e-6, 100)
 
 
 LANDMARKS = LandmarkTuning()
-# Rounding of the indicators of an error, at unit area, below which they do not tell landmarks apart.
+# Rounding of the estimates of an error, at unit area, below which they do not tell landmarks apart.
 EXACT = 3e-4
 # Smallest support of a place by its surroundings, so that errors stay finite.
 MIN_SUPPORT = 0.05
@@ -106,30 +106,34 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
     given = np.atleast_1d(np.asarray(points))
     if given.ndim == 1:
         given = result.source.vertices[vertex_numbers(given, len(result.source.vertices), "Landmarks on the source")]
-    corners, _ = on_surface("source", result.source, given)
+    corners, weights = on_surface("source", result.source, given)
     has_partner = result.source_has_partner[corners].all(axis=1)
     source, target = result.source.working, result.target.working
     with stage("Placing landmarks"):
         normals = outward_normals(source), outward_normals(target)
-        feet = _feet(source, normals[0], source.from_surface(given))
-        here, there = (
-            Samples.of(mesh, each, WARP.points) for mesh, each in zip((source, target), normals, strict=True)
-        )
+        feet = _feet(source, normals[0], source.vertex_of[corners], weights)
+        here, there = (Samples.of(mesh, each) for mesh, each in zip((source, target), normals, strict=True))
         known = Correspondences.of(result)
-        warped = warp(here, there, known)
-    mapped = result.surface_map.preimages(result.source, result.target, given)
-    by_map = target.from_surface(mapped.interpolate(result.target.vertices))
-    off = np.linalg.norm(warped.fit.deform(known.points) - known.partners, axis=1)
-    if not np.median(off) <= LANDMARKS.smooth:
-        confidence = mapped.interpolate(result.confidence)
-        return TransferredLandmarks(target.to_surface(by_map), has_partner * confidence)
+        warped, (back, mirrored) = side_by_side(
+            lambda: warp(here, there, known), lambda: _look_back(result, here, there, known)
+        )
+    if not np.median(known.distances(warped.fit)) <= LANDMARKS.smooth:
+        mapped = result.surface_map.preimages(result.source, result.target, given)
+        places, confidence = mapped.interpolate(result.target.vertices), mapped.interpolate(result.confidence)
+        return TransferredLandmarks(places, has_partner * confidence)
     images = warped.fit.deform(feet.places)
     found = _closest(target, normals[1], images, warped.fit.turn(feet.places, feet.normals))
-    from_map = np.linalg.norm(found.places - by_map, axis=1)
-    expected = _expected_errors(warped, feet.places, from_map, found.agreement)
-    return TransferredLandmarks(
-        target.to_surface(found.places), has_partner / (1 + (expected / LANDMARKS.half_confidence) ** 2)
-    )
+    cycle = np.linalg.norm(back.deform(found.places) - feet.places, axis=1)
+    expected = _expected_errors(warped, known, feet.places, cycle, found.agreement)
+    plausible = has_partner * (not mirrored) / (1 + (back.bending_energy / LANDMARKS.bent) ** 2)
+    confidence = plausible / (1 + (expected / LANDMARKS.half_confidence) ** 2)
+    return TransferredLandmarks(target.to_surface(found.places), confidence)
+
+
+def _look_back(result: MatchResult, here: Samples, there: Samples, known: Correspondences) -> tuple[ThinPlateFit, bool]:
+    """The target warped onto the source, and whether a mirrored candidate deforms it less."""
+    back = warp_back(here, there, known)
+    return back, smoother_mirror_image(result, here, there, back) is not None
 
 
 class _Found(NamedTuple):
@@ -139,10 +143,8 @@ class _Found(NamedTuple):
     agreement: Floats
 
 
-def _feet(mesh: WorkingMesh, normals: Floats, points: Floats) -> _Feet:
-    """The points of a mesh closest to points (q, 3)."""
-    triangle, weights = closest_points(points, mesh.vertices, mesh.triangles)
-    corners = mesh.triangles[triangle]
+def _feet(mesh: WorkingMesh, normals: Floats, corners: Integers, weights: Floats) -> _Feet:
+    """The points with weights (q, 3) at vertices (q, 3) of a mesh with normals (n, 3)."""
     places, turned = (np.einsum("qc,qcx->qx", weights, values[corners]) for values in (mesh.vertices, normals))
     return _Feet(places, unit_vectors(turned))
 
@@ -157,23 +159,31 @@ def _closest(mesh: WorkingMesh, normals: Floats, points: Floats, facing: Floats)
     return _Found(places, np.einsum("qx,qx->q", unit_vectors(there), facing))
 
 
-def _expected_errors(warped: Warp, feet: Floats, from_map: Floats, agreement: Floats) -> Floats:
+def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: Floats, agreement: Floats) -> Floats:
     """(q,) expected errors of landmarks, at unit area.
 
-    Two indicators are estimates of an error: the distance from the place by the map, and the distance that less
-    stiffness moved it. Their geometric mean is scaled by how freely the data let the place slide, and divided by how
-    well surroundings and normals fit.
+    Three distances are estimates of an error: by how much another warp, from the target to the source, misses the
+    start; how far less stiffness moved the place; and how far the map around the landmark is from the warp. Their
+    geometric mean is divided by how well the surroundings and the normals fit.
 
     Args:
         warped: the warp of the source.
+        known: the map's correspondences.
         feet: (q, 3) the landmarks on the source.
-        from_map: (q,) distances between their places by the warp and by the map.
+        cycle: (q,) by how much the warp back misses them.
         agreement: (q,) cosines of the warped source's normals and the target's.
     """
     by_stiffness = np.linalg.norm(warped.fit.deform(feet) - warped.stiffer.deform(feet), axis=1)
-    squared = ((feet[:, None] - warped.places) ** 2).sum(axis=2)
-    near = np.exp(-squared / (2 * LANDMARKS.neighbourhood**2))
-    fitting = near @ warped.weight / np.maximum(near.sum(axis=1), 1e-300)
-    support = np.maximum(fitting * np.maximum(agreement, 0), MIN_SUPPORT)
-    indicators = np.sqrt((from_map + EXACT) * (by_stiffness + EXACT))
-    return np.asarray(LANDMARKS.error_scale * indicators * warped.fit.deviations(feet) / support)
+    near = _gaussian(feet, known.points)
+    # A place without correspondences nearby is as doubtful as the worst map that a warp may start from.
+    by_map = (near @ known.distances(warped.fit) + LANDMARKS.smooth) / (near.sum(axis=1) + 1)
+    estimates = np.cbrt((cycle + EXACT) * (by_stiffness + EXACT) * (by_map + EXACT))
+    around = _gaussian(feet, warped.places)
+    fitting = around @ warped.weight / np.maximum(around.sum(axis=1), 1e-300)
+    return np.asarray(estimates / np.maximum(fitting * np.maximum(agreement, 0), MIN_SUPPORT))
+
+
+def _gaussian(centres: Floats, points: Floats) -> Floats:
+    """(q, n) weights of points (n, 3) around centres (q, 3)."""
+    squared = ((centres[:, None] - points) ** 2).sum(axis=2)
+    return np.asarray(np.exp(-squared / (2 * LANDMARKS.neighbourhood**2)))

@@ -48,7 +48,15 @@ def test_normals_turn_with_the_surface_and_stay_outside_under_a_reflection(point
         assert normals == pytest.approx(sign * unit_vectors(cross(*moved)), abs=1e-3)
 
 
-def test_places_far_from_data_deviate_more(points: Floats) -> None:
-    found = fit(points, points, 1e-3)
-    near, far = found.deviations(np.array([[0.0, 0, 0], [4.0, 0, 0]]))
-    assert far > 3 * near
+def test_one_weight_for_all_directions_is_that_of_a_multiple_of_the_identity(points: Floats) -> None:
+    basis, weights = ThinPlateBasis(points[:60]), np.random.default_rng(3).uniform(0, 1, len(points))
+    given = basis, basis.at(points), smooth(points)
+    one = ThinPlateFit.of(*given, weights, 1e-3)
+    other = ThinPlateFit.of(*given, weights[:, None, None] * np.eye(3), 1e-3)
+    assert one.deform(points[::9]) == pytest.approx(other.deform(points[::9]), abs=1e-7)
+
+
+def test_the_bending_energy_grows_with_the_square_of_the_bend(points: Floats) -> None:
+    bends = [fit(points, points + size * (smooth(points) - points), 1e-6).bending_energy for size in (0.0, 1.0, 3.0)]
+    assert bends[0] == pytest.approx(0, abs=1e-9)
+    assert bends[2] == pytest.approx(9 * bends[1], rel=1e-3)

@@ -13,7 +13,7 @@ from creatures import creature
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.memory_cache import cached_analysis, cached_working_mesh
+from zoomout_core.matching.memory_cache import cached_analysis, cached_hull, cached_working_mesh
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.memory import bytes_of
@@ -55,6 +55,15 @@ def test_a_surface_of_the_same_arrays_is_read_once() -> None:
     assert cached_working_mesh(other) is not first.working
     zo.forget_shapes()
     assert cached_working_mesh(as_new(first)) is not first.working
+
+
+def test_a_surface_of_the_same_arrays_has_one_hull_of_each_kind() -> None:
+    first, again, other = (as_new(creature(count).surface) for count in (600, 600, 500))
+    hull = cached_hull(first)
+    assert hull.is_hull
+    assert cached_hull(again) is hull
+    assert cached_hull(again, tight=True) is not hull
+    assert cached_hull(other) is not hull
 
 
 @pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])

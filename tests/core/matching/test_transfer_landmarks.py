@@ -68,6 +68,10 @@ def test_placement_and_unit_do_not_matter(source: Surface, target: Surface, resu
     assert np.abs(back - zo.transfer_landmarks(result, points).points).max() < 1e-3 * WALL
 
 
+def test_a_specimen_of_the_same_side_is_no_mirror_image(result: MatchResult) -> None:
+    assert zo.mirror_candidate(result) is None
+
+
 def test_a_landmark_without_a_partner_has_no_confidence(source: Surface, result: MatchResult) -> None:
     alone = replace(result, source_has_partner=np.zeros(len(source.vertices), dtype=bool))
     assert (zo.transfer_landmarks(alone, source.vertices[:3]).confidence == 0).all()
@@ -83,6 +87,25 @@ def test_a_wrong_map_has_little_confidence(source: Surface, result: MatchResult)
     )
     wrong = replace(result, surface_map=shuffled, confidence=np.full(len(order), 0.1))
     assert (zo.transfer_landmarks(wrong, points).confidence < 0.5).all()
+
+
+@pytest.mark.slow
+def test_a_landmark_whose_surroundings_are_missing_has_little_confidence(
+    source: Surface, target: Surface, result: MatchResult
+) -> None:
+    points = source.vertices[farthest_points(source.vertices[:COUNT], 20)]
+    sure = np.argmax(zo.transfer_landmarks(result, points).confidence)
+    hole = np.linalg.norm(target.vertices - grow(points[[sure]]), axis=1) < 5 * WALL
+    kept = target.triangles[~hole[target.triangles].any(axis=1)]
+    found = zo.transfer_landmarks(zo.match(source, Surface(target.vertices, kept), **FAST), points[[sure]])
+    assert found.confidence < 0.5
+
+
+def test_a_bent_warp_has_little_confidence(source: Surface, result: MatchResult) -> None:
+    points = source.vertices[farthest_points(source.vertices[:COUNT], 20)]
+    confidence = zo.transfer_landmarks(result, points).confidence
+    with retune(LANDMARKS, bent=1e-6):
+        assert zo.transfer_landmarks(result, points).confidence.max() < 0.01 * confidence.max()
 
 
 def test_shapes_that_no_smooth_deformation_relates_follow_the_map(

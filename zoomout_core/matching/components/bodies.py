@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.components.hulls import hull_of, main_part_coverage, shares_of_outside
+from zoomout_core.matching.components.hulls import main_part_coverage, shares_of_outside
 from zoomout_core.matching.components.main_parts import main_parts
+from zoomout_core.matching.memory_cache import cached_hull
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import portion
@@ -56,7 +57,7 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
     if all(surface.working.component.max() == 0 for surface in surfaces):
         return [Bodies(*main_parts(source, target, seed), 1.0, np.ones(1))]
     with portion(0.0, 0.6):
-        hulls = for_each(hull_of, surfaces)
+        hulls = for_each(cached_hull, surfaces)
     coverage = min(main_part_coverage(*each) for each in zip(surfaces, hulls, strict=True))
     shares = [shares_of_outside(*each) for each in zip(surfaces, hulls, strict=True)]
     outside = [float(each[0]) for each in shares]
@@ -77,5 +78,5 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
 
 def tight_bodies(source: Surface, target: Surface, shares: Floats) -> Bodies:
     """Hulls that separate limbs that touch, for pairs that other bodies match with doubt; `shares` as theirs."""
-    hulls = for_each(partial(hull_of, tight=True), (source, target))
+    hulls = for_each(partial(cached_hull, tight=True), (source, target))
     return Bodies(hulls[0], hulls[1], 1.0, shares)

@@ -41,6 +41,11 @@ OF_ONE = {
 }
 
 
+# Tolerance of the point of the body that is nearest to a vertex without an image, at unit area: on fine meshes, loose
+# flecks are far from many triangles that are about equally close.
+BESIDE_TOLERANCE = 0.01
+
+
 class LiftedMap(NamedTuple):
     """The map between two surfaces."""
 
@@ -129,7 +134,8 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
     if not rest.any():
         return known
     main = np.flatnonzero(on_body[target.triangles[:, 0]])
-    place, weights = closest_points(target.vertices[rest], target.vertices, target.triangles[main])
+    tolerance = BESIDE_TOLERANCE * target.working.scale
+    place, weights = closest_points(target.vertices[rest], target.vertices, target.triangles[main], tolerance)
     return replace_images(known, rest, known.at(source, target, main[place], weights))
 
 

@@ -11,7 +11,7 @@ multiple range images, 1992).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +59,8 @@ class WarpTuning(Tuning, set_by="specimens"):
 
 
 WARP = WarpTuning()
+# Enough to tell smooth warps from others, and for the way back.
+ROUGH_WARP = replace(WARP, centres=60, points=4000, residuals=1000, rounds=2)
 # Confidence below which correspondences are left out, if enough remain.
 MIN_CONFIDENCE = 0.2
 # Scales of Cauchy's weights, in medians of the residuals.
@@ -83,12 +85,17 @@ class Samples(NamedTuple):
     normals: Floats
 
     @classmethod
-    def of(cls, mesh: WorkingMesh, normals: Floats, count: int) -> Samples:
+    def of(cls, mesh: WorkingMesh, normals: Floats) -> Samples:
         """Samples of a mesh with normals (n, 3) at its vertices."""
-        points, on = surface_samples(mesh.vertices, mesh.triangles, count)
+        points, on = surface_samples(mesh.vertices, mesh.triangles, WARP.points)
         corners = mesh.triangles[on]
         weights, _ = closest_on_triangles(points, *(mesh.vertices[corners[:, i]] for i in range(3)))
         return cls(points, unit_vectors(np.einsum("sc,scx->sx", weights, normals[corners])))
+
+    def thin(self, count: int) -> Samples:
+        """At most so many of them, evenly spread."""
+        chosen = evenly(len(self.points), count)
+        return Samples(self.points[chosen], self.normals[chosen])
 
     def rows(self) -> Floats:
         """(s, 6) coordinates for searches of near points with similar normals."""
@@ -163,25 +170,42 @@ class Correspondences(NamedTuple):
         partners = target.from_surface(result.target.vertices[vertices])
         return cls(points, partners, np.maximum(result.confidence[vertices], MIN_CONFIDENCE))
 
+    @classmethod
+    def of_candidate(cls, result: MatchResult, number: int) -> Correspondences:
+        """The few that are known of a candidate before its map is computed."""
+        at, images = result.outline(number)
+        points = result.source.working.from_surface(result.source.vertices[images])
+        partners = result.target.working.from_surface(result.target.vertices[at])
+        return cls(points, partners, np.ones(len(at)))
 
-def warp(here: Samples, there: Samples, known: Correspondences) -> Warp:
+    def swap(self) -> Correspondences:
+        """The same, from the other surface."""
+        return Correspondences(self.partners, self.points, self.trust)
+
+    def distances(self, fit: ThinPlateFit) -> Floats:
+        """(c,) distances between the partners and the images of the points by a deformation."""
+        return np.asarray(np.linalg.norm(fit.deform(self.points) - self.partners, axis=1))
+
+
+def warp(here: Samples, there: Samples, known: Correspondences, how: WarpTuning = WARP) -> Warp:
     """Warp a surface onto another one.
 
     Args:
         here: samples of the surface that is warped.
         there: samples of the other one.
         known: correspondences to start from.
+        how: the numbers of centres, residuals and rounds, and the stiffness.
     """
-    basis = ThinPlateBasis(here.points[farthest_points(here.points, WARP.centres)])
-    fit = stiffer = _fit_to_correspondences(known, basis)
-    rows, tree = basis.at(here.points), cKDTree(there.rows())
-    of_here, of_there = (evenly(len(each.points), WARP.residuals) for each in (here, there))
-    schedule = np.repeat(WARP.stiffness, WARP.rounds)
+    basis = ThinPlateBasis(here.points[farthest_points(here.points, how.centres)])
+    fit = stiffer = _fit_to_correspondences(known, basis, how)
+    rows, inverse, tree = basis.at(here.points), basis.inverse_distances(here.points), cKDTree(there.rows())
+    of_here, of_there = (evenly(len(each.points), how.residuals) for each in (here, there))
+    schedule = np.repeat(how.stiffness, how.rounds)
     for number, stiffness in enumerate(schedule.tolist()):
         advance(number / len(schedule))
-        if number == WARP.rounds:
+        if number == how.rounds:
             stiffer = fit
-        moved = Samples(rows @ fit.coefficients, fit.turn(here.points, here.normals))
+        moved = Samples(rows @ fit.coefficients, fit.turn(here.points, here.normals, inverse))
         towards = np.asarray(tree.query(moved.rows()[of_here])[1])
         back = np.asarray(cKDTree(moved.rows()).query(there.rows()[of_there])[1])
         at, goal = np.concatenate([of_here, back]), np.concatenate([towards, of_there])
@@ -189,19 +213,17 @@ def warp(here: Samples, there: Samples, known: Correspondences) -> Warp:
         distance = np.linalg.norm(there.points[goal] - moved.points[at], axis=1)
         compatible = np.einsum("rx,rx->r", normals, moved.normals[at]) > COMPATIBLE
         weight = compatible / (1 + (distance / (ICP_SCALE * np.median(distance) + EXACT)) ** 2) ** 2
-        across = (1 - WARP.sliding) * np.einsum("ri,rj->rij", normals, normals) + WARP.sliding * np.eye(3)
+        across = (1 - how.sliding) * np.einsum("ri,rj->rij", normals, normals) + how.sliding * np.eye(3)
         weights = weight[:, None, None] * across
         fit = ThinPlateFit.of(basis, rows[at], there.points[goal], weights, stiffness * len(at))
     return Warp(fit, stiffer, here.points[at], weight)
 
 
-def _fit_to_correspondences(known: Correspondences, basis: ThinPlateBasis) -> ThinPlateFit:
+def _fit_to_correspondences(known: Correspondences, basis: ThinPlateBasis, how: WarpTuning) -> ThinPlateFit:
     """The deformation fitted to correspondences, robustly."""
     rows, weight = basis.at(known.points), known.trust
-    for _ in range(WARP.first_rounds):
-        fit = ThinPlateFit.of(
-            basis, rows, known.partners, weight[:, None, None] * np.eye(3), WARP.first_stiffness * len(rows)
-        )
+    for _ in range(how.first_rounds):
+        fit = ThinPlateFit.of(basis, rows, known.partners, weight, how.first_stiffness * len(rows))
         residual = np.linalg.norm(rows @ fit.coefficients - known.partners, axis=1)
         weight = known.trust / (1 + (residual / (CAUCHY_SCALE * np.median(residual) + EXACT)) ** 2)
     return fit
