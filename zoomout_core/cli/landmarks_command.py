@@ -12,17 +12,18 @@ import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.files import MESHES
+from zoomout_core.assets.files import MESHES, inputs_of
 from zoomout_core.assets.part_names import PartName
 from zoomout_core.batch import (
     Job,
+    check_inputs_stay,
     end_with_code,
     plan,
     run_batch,
     say_outcomes,
 )
 from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
-from zoomout_core.command_options import batch_options, match_options, start_arguments
+from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
     FORMATS,
@@ -40,7 +41,6 @@ from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.messages import message
-from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.progress import portion
 
 # Fraction of the progress at the end of matching.
@@ -109,9 +109,9 @@ def landmarks(
     try:
         extension = landmark_ending(positions) if ending is None else f".{ending}"
         jobs = plan(template, targets, output, extension, MESHES, landmark_ending, in_place)
-        for job in jobs:
-            if job.output.parent.is_dir():
-                check_output(job.output, [positions], in_place)
+        if not in_place:
+            files = template, positions, *(job.target for job in jobs), *files_of_options(options)
+            check_inputs_stay(jobs, output, inputs_of(*files))
         arguments, known = start_arguments(**options), read_template(template, positions)
         given = {"landmarks": positions, "candidate": candidate, "force": force, **options}
         outcomes, figures = run_batch(
