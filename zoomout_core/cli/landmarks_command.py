@@ -39,7 +39,7 @@ from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict, check_verdict
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
@@ -151,6 +151,8 @@ def read_template(mesh: str, positions: str) -> Template:
 
 def _distance(surface: Surface, points: Floats) -> float:
     """Mean distance of points from a surface."""
+    if not measurable(points).all():
+        return np.inf
     triangle, weights = closest_points(points, surface.vertices, surface.triangles)
     feet = np.einsum("qc,qcx->qx", weights, surface.vertices[surface.triangles[triangle]])
     return float(np.linalg.norm(feet - points, axis=1).mean())
