@@ -26,7 +26,7 @@ from zoomout_core.assets.asset import (
     to_srgb,
 )
 from zoomout_core.assets.images import image_type
-from zoomout_core.mesh.files import surface_of
+from zoomout_core.mesh.files import drop_broken_faces, surface_of
 from zoomout_core.mesh.obj_files import parse_obj, statements
 from zoomout_core.mesh.opening import file_bytes, shown
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
@@ -44,20 +44,22 @@ def read_obj(path: Path, folders: Iterable[Path] = ()) -> Asset:
         MeshError: it cannot be read, or has no faces.
     """
     content = parse_obj(file_bytes(path))
-    surface = surface_of(content.polygons(), {}, path)
+    given = content.polygons()
+    polygons, kept = drop_broken_faces(given)
+    surface = surface_of(polygons, {}, path)
     uvs, colors = content.coordinates(), content.colors()
-    coordinate = content.corner_coordinates()
+    coordinate = np.array(content.corner_coordinates(), dtype=np.int64)[np.repeat(kept, np.diff(given[2]))]
     reader = _MaterialReader(tuple(folders))
     for library in content.libraries:
         reader.read(library, path.parent)
     attributes = []
-    if uvs and max(coordinate, default=-1) >= 0:
+    if uvs and coordinate.max(initial=-1) >= 0:
         table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without coordinates use the last row
         attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, table[coordinate]))
     if len(colors) == len(surface.vertices):
         attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(np.array(colors))))
     if content.materials:
-        attributes.append(material_numbers(np.array(content.face_materials)))
+        attributes.append(material_numbers(np.array(content.face_materials)[kept]))
     materials = tuple(reader.materials.get(name, Material(name)) for name in content.materials)
     return Asset(surface, tuple(attributes), materials, notes=tuple(reader.notes))
 
