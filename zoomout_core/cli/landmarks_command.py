@@ -22,6 +22,7 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
+from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
 from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
@@ -171,13 +172,14 @@ def _run_job(
     notes = [*template.notes, *result.notes]
     report |= {**match_figures(result, template.parts), "notes": notes}
     check_verdict(result.verdict, force, len(result.candidates))
-    with portion(MATCHED, 1.0):
-        points, confidence = transfer_landmarks(result, template.points)
-    # The nearest corner of the triangle that a point is on: the nearest vertex may be on the other side of a thin wall.
-    on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
-    placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
-    job.output.parent.mkdir(exist_ok=True)
-    write_landmark_file(placed, job.output)
+    with keep_map(partial(save_match, result), job.output):
+        with portion(MATCHED, 1.0):
+            points, confidence = transfer_landmarks(result, template.points)
+        # The nearest corner of the triangle that a point is on: the nearest vertex may be beyond a thin wall.
+        on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
+        placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
+        job.output.parent.mkdir(exist_ok=True)
+        write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
     verdict = _verdict(result.verdict, unsure, len(names))
