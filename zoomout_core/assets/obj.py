@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -49,6 +50,8 @@ def read_obj(path: Path, folders: Iterable[Path] = ()) -> Asset:
     surface = surface_of(polygons, {}, path)
     uvs, colors = content.coordinates(), content.colors()
     coordinate = np.array(content.corner_coordinates(), dtype=np.int64)[np.repeat(kept, np.diff(given[2]))]
+    if coordinate.max(initial=-1) >= len(uvs) or coordinate.min(initial=0) < -1:
+        raise ValueError(f"a face refers to a texture coordinate that is none of its {len(uvs)}")
     reader = _MaterialReader(tuple(folders))
     for library in content.libraries:
         reader.read(library, path.parent)
@@ -100,11 +103,20 @@ class _MaterialReader:
                     self.materials[material] = Material(material, rgba, image)
                 material, color, image = " ".join(words), [1.0, 1.0, 1.0, 1.0], None
             elif keyword == "Kd" and len(words) >= 3:
-                color[:3] = [float(word) for word in words[:3]]
+                color[:3] = self._numbers(words[:3], material) or color[:3]
             elif keyword == "d" and words:
-                color[3] = float(words[-1])
+                color[3:] = self._numbers(words[-1:], material) or color[3:]
             elif keyword == "map_Kd" and words:
                 image = self._image(words, path.parent)
+
+    def _numbers(self, words: list[str], material: str | None) -> list[float]:
+        """The numbers of a statement; none, with a note, if it has others, such as the name of a spectrum."""
+        with suppress(ValueError):
+            found = [float(word) for word in words]
+            if np.isfinite(found).all():
+                return found
+        self._note(f"The colour of the material {shown(material or '')} is not made of numbers, and was left out.")
+        return []
 
     def _image(self, words: list[str], folder: Path) -> bytes | None:
         """The image that a statement names; options precede the name, which may have spaces."""
