@@ -130,7 +130,7 @@ def transfer(
     try:
         jobs = plan(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         if not in_place:
-            files = source, *(job.target for job in jobs), *files_of_options(options)
+            files = [source, *(str(job.target) for job in jobs), *files_of_options(options)]
             check_inputs_stay(jobs, output, inputs_of(*files))
         matching = read_options(**options)
         with progress_bar():

@@ -111,7 +111,7 @@ def landmarks(
         extension = landmark_ending(positions) if ending is None else f".{ending}"
         jobs = plan(template, targets, output, extension, MESHES, landmark_ending, in_place)
         if not in_place:
-            files = template, positions, *(job.target for job in jobs), *files_of_options(options)
+            files = [template, positions, *(str(job.target) for job in jobs), *files_of_options(options)]
             check_inputs_stay(jobs, output, inputs_of(*files))
         arguments, known = start_arguments(**options), read_template(template, positions)
         given = {"landmarks": positions, "candidate": candidate, "force": force, **options}

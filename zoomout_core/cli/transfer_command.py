@@ -106,7 +106,7 @@ def transfer(
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
-        files = source, *(job.target for job in jobs), *files_of_options(options)
+        files = [source, *(str(job.target) for job in jobs), *files_of_options(options)]
         inputs = [] if in_place else inputs_of(*files, folders=folders)
         check_inputs_stay(jobs, output, inputs)
         for job in jobs:
