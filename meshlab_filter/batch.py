@@ -15,7 +15,7 @@ from meshlab_filter.filters import transfer_attributes_by_zoomout
 from meshlab_filter.filters.common import remember_matches
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job, Outcome, run_jobs
-from zoomout_core.cli.maps import keep_map, save_match
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.verdict import GREEN, check_verdict
 
 if TYPE_CHECKING:

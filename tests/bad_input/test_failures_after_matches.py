@@ -17,10 +17,10 @@ import pytest
 from doors import Limit, add_colors, assert_refused, contents, run
 
 import zoomout_core as zo
+from zoomout_core import map_files as maps
 from zoomout_core.cli import (
     collection_command,
     landmarks_command,
-    maps,
     match_command,
     symmetry_command,
     transfer_command,

@@ -86,7 +86,7 @@ def transfer_asset(
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     chosen, skin = select_data(source, kinds)
-    mapped = map_target(match, source.surface, _placed(target.surface), fill_below)
+    mapped = map_target(match, source.surface, _place_all(target.surface), fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
     received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
@@ -112,7 +112,7 @@ def transfer_asset(
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 
-def _placed(surface: Surface) -> Surface:
+def _place_all(surface: Surface) -> Surface:
     """A surface with its vertices that are not numbers, which no face uses, at a place among the others."""
     broken = np.isnan(surface.vertices).any(axis=1)
     if not broken.any():

@@ -22,7 +22,6 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
 from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
@@ -33,6 +32,7 @@ from zoomout_core.landmark_files import (
     read_landmark_file,
     write_landmark_file,
 )
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match

@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from zoomout_core.assets.part_names import PartName
-from zoomout_core.cli.maps import check_map_output, keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines, parts_of, say
 from zoomout_core.command_options import (
     OptionError,
@@ -22,6 +21,7 @@ from zoomout_core.command_options import (
     table_options,
 )
 from zoomout_core.evaluation import flipped_share
+from zoomout_core.map_files import check_map_output, keep_map, save_match
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import OPTIONS, Door, select_options
 from zoomout_core.matching.pipeline import match as match_shapes

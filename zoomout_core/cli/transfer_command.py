@@ -33,7 +33,6 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import (
     OptionError,
@@ -43,6 +42,7 @@ from zoomout_core.command_options import (
     match_options,
     start_arguments,
 )
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
