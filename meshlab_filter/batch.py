@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
+from meshlab_filter.filters.common import remember_matches
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job, Outcome, run_jobs
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.verdict import GREEN, check_verdict
 
 if TYPE_CHECKING:
@@ -46,17 +51,32 @@ def transfer_files(
         try:
             target_id = load_mesh(ms, job.target)
             textures = inputs | texture_files(ms.mesh(target_id), job.target)
-            report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
+            found: list[zo.MatchResult] = []
+            with _keeping_map(found, job.output), remember_matches(found):
+                report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
             figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
-            job.output.parent.mkdir(exist_ok=True)
-            save_beside(ms, job.output, textures, brought, in_place, kept)
+            with _keeping_map(found, job.output):
+                job.output.parent.mkdir(exist_ok=True)
+                save_beside(ms, job.output, textures, brought, in_place, kept)
             figures |= {"transferred": report["transferred"]}
             return _lines(report, job.output.suffix.lower())
         finally:
             _keep_only(ms, source_id)
 
     return run_jobs(jobs, transfer_one)
+
+
+@contextmanager
+def _keeping_map(found: Sequence[zo.MatchResult], output: Path) -> Iterator[None]:
+    """A context of work that keeps the map of the last match, if there was any before it failed, see `keep_map`."""
+    try:
+        yield
+    except Exception:
+        if not found:
+            raise
+        with keep_map(partial(save_match, found[-1]), output):
+            raise
 
 
 def _keep_only(ms: MeshSet, mesh_id: int) -> None:

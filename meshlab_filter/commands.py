@@ -25,9 +25,19 @@ from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
 from zoomout_core.assets.files import inputs_of
-from zoomout_core.batch import FAILED, PARTLY, figures_of, is_folder, plan, say_outcomes, write_report
+from zoomout_core.batch import (
+    FAILED,
+    PARTLY,
+    check_inputs_stay,
+    figures_of,
+    is_folder,
+    plan,
+    say_outcomes,
+    write_report,
+)
 from zoomout_core.command_options import (
     batch_options,
+    files_of_options,
     in_place_option,
     match_options,
     progress_bar,
@@ -118,6 +128,9 @@ def transfer(
     """
     try:
         jobs = plan(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
+        if not in_place:
+            files = [source, *(str(job.target) for job in jobs), *files_of_options(options)]
+            check_inputs_stay(jobs, output, inputs_of(*files))
         matching = read_options(**options)
         with progress_bar():
             outcomes = transfer_files(source, jobs, in_place, force, candidate=candidate, **matching)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -20,7 +20,7 @@ from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.verdict import RefusedMatchError
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY
-from zoomout_core.runtime.outputs import atomic_write, check_output, is_same_file
+from zoomout_core.runtime.outputs import atomic_write, check_no_input, check_output, is_same_file
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -129,6 +129,17 @@ def plan(
         if place.is_dir():
             check_output(job.output, [source, *paths], in_place)
     return jobs
+
+
+def check_inputs_stay(jobs: Sequence[Job], output: str, inputs: Iterable[str | os.PathLike[str]]) -> None:
+    """Check, before the work begins, that neither the files of jobs nor the report beside them replace an input.
+
+    Raises:
+        OutputError: one would.
+    """
+    inputs = tuple(inputs)
+    for path in (*(job.output for job in jobs), *([Path(output) / REPORT] if is_folder(output) else [])):
+        check_no_input(path, inputs)
 
 
 def meshes_of(given: Path, endings: Collection[str], source: Path | None = None) -> list[Path]:

@@ -261,6 +261,11 @@ def read_options(
     return read_values({"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Door.COMMAND_LINE)
 
 
+def files_of_options(options: Mapping[str, Any]) -> list[str]:
+    """The files that the options of `match_options` name."""
+    return [options[name] for name in ("landmarks", "earlier_map", "initial") if options[name]]
+
+
 def check_axis(text: str, option: str) -> Floats:
     """The direction of an option, see `read_axis`.
 

@@ -10,7 +10,9 @@ import copy
 import csv
 import io
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -76,8 +78,8 @@ def landmark_ending(path: str | PathLike[str]) -> str:
 def read_landmark_file(path: str | PathLike[str]) -> LandmarkSet:
     """Read a file of landmarks.
 
-    A line of a CSV file is `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex`; a heading and lines that begin with # are
-    skipped.
+    A line of a CSV file is `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex`, or has the order that a heading with `x`,
+    `y` and `z`, or `vertex`, gives. Lines that begin with # are skipped.
 
     Raises:
         MeshError: the file is missing, not of a supported format, or has no landmarks.
@@ -85,10 +87,11 @@ def read_landmark_file(path: str | PathLike[str]) -> LandmarkSet:
     ending = landmark_ending(path)
     try:
         found = FORMATS[ending][0](decode(file_bytes(existing(path))))
+        FORMATS[ending][1](found)  # what it keeps of a document can be written
     except MeshError:
         raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, csv.Error) as error:
-        reason = " ".join(str(error).split())
+    except (ValueError, csv.Error, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
         raise MeshError(f"{path} could not be read as landmarks ({reason}): check its format.") from error
     if not found.names:
         raise MeshError(f"{path} contains no landmarks: add some.")
@@ -108,31 +111,71 @@ def write_landmark_file(landmarks: LandmarkSet, path: str | PathLike[str]) -> No
     """
     text = FORMATS[landmark_ending(path)][1](landmarks)
     with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+        part.write_bytes(text.encode("utf-8", "replace"))  # JSON may have half a character
 
 
 # --- CSV ------------------------------------------------------------------------------------------------------
 
 
 def _read_csv(text: str) -> LandmarkSet:
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
-    if rows and not _is_number(rows[0][-1]):
+    rows = [[cell.strip() for cell in row] for row in _rows(text)]
+    heading = []
+    if rows and not any(map(_is_number, rows[0])):
         heading, *rows = rows
-        if heading[-1].lower() == "confidence":  # a file of `write_landmark_file`
-            rows = [row[:-1] for row in rows]
+        heading = [cell.lower() for cell in heading]
     widths = sorted({len(row) for row in rows})
     if not rows:
         return LandmarkSet((), np.zeros((0, 3)))
-    if len(widths) > 1 or widths[0] > 4:
-        raise ValueError(f"its lines have {' and '.join(map(str, widths))} entries; name,x,y,z are expected")
-    named = widths[0] in (2, 4)
-    names = tuple(row[0] if named else "" for row in rows)
-    numbers = [row[1:] if named else row for row in rows]
-    if len(numbers[0]) == 1:
-        vertices = np.array([int(row[0]) for row in numbers], dtype=np.int64)
+    if len(widths) > 1 or (heading and len(heading) != widths[0]):
+        raise ValueError(f"its lines have {' and '.join(map(str, sorted({*widths, len(heading)} - {0})))} entries")
+    columns = _columns(heading, widths[0])
+    named = [number for number in range(widths[0]) if number not in columns and heading[number:] != ["confidence"]]
+    if len(columns) == 1 and any(mark in row[columns[0]] for row in rows for mark in ";\t"):
+        raise ValueError("separate entries by commas, and write decimals with a point")
+    names = tuple(row[named[0]] if named else "" for row in rows)
+    if len(columns) == 1:
+        vertices = np.array([_vertex(row[columns[0]]) for row in rows], dtype=np.int64)
         return LandmarkSet(names, np.full((len(rows), 3), np.nan), vertices)
-    return LandmarkSet(names, np.array(numbers, dtype=np.float64))
+    return LandmarkSet(names, np.array([[_number(row[column]) for column in columns] for row in rows]))
+
+
+def _columns(heading: list[str], width: int) -> list[int]:
+    """The columns of the coordinates, or of the vertex: those that the heading names, else the last ones."""
+    for names in (["x", "y", "z"], ["vertex"]):
+        if all(heading.count(name) == 1 for name in names):
+            return [heading.index(name) for name in names]
+    if width > 4:
+        raise ValueError(f"its lines have {width} entries, and no heading with x, y and z")
+    return list(range(width))[-3:] if width > 2 else [width - 1]
+
+
+def _rows(text: str) -> list[list[str]]:
+    """The rows of CSV without empty lines and comments; cells in quotes may contain line breaks."""
+    quoted = False
+
+    def lines() -> Iterator[str]:
+        nonlocal quoted
+        for line in text.split("\n"):
+            if quoted or (line.strip() and not line.startswith("#")):
+                quoted ^= bool(line.count('"') % 2)
+                yield f"{line}\n"
+
+    rows = list(csv.reader(lines()))
+    if quoted:
+        raise ValueError("a quotation mark is not closed")
+    return rows
+
+
+def _number(word: str) -> float:
+    if "_" in word or not _is_number(word):  # Python would read 1_0 as 10
+        raise ValueError(f"{word!r:.40} is not a number")
+    return float(word)
+
+
+def _vertex(word: str) -> int:
+    if not re.fullmatch(r"-?[0-9]{1,18}", word):
+        raise ValueError(f"{word!r:.40} is not the number of a vertex")
+    return int(word)
 
 
 def _is_number(word: str) -> bool:
@@ -144,44 +187,69 @@ def _is_number(word: str) -> bool:
 
 
 def _write_csv(landmarks: LandmarkSet) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     named = any(landmarks.names)
     at = ["x", "y", "z"] if landmarks.vertices is None else ["vertex"]
     rows = landmarks.points if landmarks.vertices is None else landmarks.vertices[:, None]
     sure = landmarks.confidence
-    writer.writerow([*(["name"] if named else []), *at, *([] if sure is None else ["confidence"])])
+    lines = [[*(["name"] if named else []), *at, *([] if sure is None else ["confidence"])]]
     for number, (name, row) in enumerate(zip(landmarks.names, rows.tolist(), strict=True)):
         confidence = [] if sure is None else [f"{sure[number]:.3f}"]
-        writer.writerow([*([name] if named else []), *map(repr, row), *confidence])
-    return out.getvalue()
+        lines.append([*([_cell(name)] if named else []), *map(repr, row), *confidence])
+    return "".join(f"{','.join(line)}\n" for line in lines)
+
+
+def _cell(text: str) -> str:
+    """A cell of CSV, in quotes if it needs them: `csv` does not quote what would be a comment."""
+    return f'"{text.replace(chr(34), chr(34) * 2)}"' if re.search(r'[,"#\r\n]', text) else text
 
 
 # --- 3D Slicer: .mrk.json ---------------------------------------------------------------------------------------
 
 
-def _control_points(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _control_points(document: Any) -> list[dict[str, Any]]:
     """The defined control points of all markups, in order."""
     return [
         point
-        for markup in document["markups"]
-        for point in markup.get("controlPoints", ())
-        if point.get("positionStatus", "defined") != "undefined"
+        for markup in _objects(document, "markups")
+        for point in _objects(markup, "controlPoints")
+        if point.get("positionStatus", "defined") not in ("undefined", "missing")
     ]
+
+
+def _objects(part: Any, name: str) -> list[dict[str, Any]]:
+    """A list of objects in an object, which may lack it."""
+    found = part.get(name, []) if isinstance(part, dict) else None
+    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        raise ValueError(f"its {name} are not a list of objects")
+    return found
 
 
 def _read_markups(text: str) -> LandmarkSet:
     document = json.loads(text)
     points = _control_points(document)
-    systems = {SYSTEMS[str(markup.get("coordinateSystem", LPS))] for markup in document["markups"]}
+    systems = {_system(str(markup.get("coordinateSystem", LPS))) for markup in _objects(document, "markups")}
     if len(systems) > 1:
         raise ValueError("its markups are in both LPS and RAS coordinates")
     return LandmarkSet(
         tuple(str(point.get("label", "")) for point in points),
-        np.array([point["position"] for point in points], dtype=np.float64).reshape(-1, 3),
+        np.array([_position(point) for point in points]).reshape(-1, 3),
         system=systems.pop() if systems else LPS,
         document=document,
     )
+
+
+def _position(point: dict[str, Any]) -> list[float]:
+    position = point.get("position")
+    if isinstance(position, list) and len(position) == 3 and all(type(each) in (int, float) for each in position):
+        with suppress(OverflowError):  # an integer of hundreds of digits
+            return list(map(float, position))
+    raise ValueError(f"the position of {point.get('label', 'a landmark')!r:.40} is not a list of three numbers")
+
+
+def _system(name: str) -> str:
+    if name not in SYSTEMS:
+        raise ValueError(f"its coordinate system is {name!r:.40}, not LPS or RAS")
+    return SYSTEMS[name]
 
 
 def _write_markups(landmarks: LandmarkSet) -> str:
@@ -217,17 +285,23 @@ def _description(landmarks: LandmarkSet, number: int) -> str:
 
 def _read_fcsv(text: str) -> LandmarkSet:
     system, columns = RAS, COLUMNS.split(",")
-    for line in text.splitlines():
+    for line in text.split("\n"):
         key, _, value = line.removeprefix("#").partition("=")
         if line.startswith("#") and key.strip() == "CoordinateSystem":
-            system = SYSTEMS[value.strip().upper()]
+            system = _system(value.strip().upper())
         elif line.startswith("#") and key.strip() == "columns":
             columns = [name.strip() for name in value.split(",")]
-    rows = list(csv.reader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
-    x, label = columns.index("x"), columns.index("label")
+    lacking = [name for name in ("x", "y", "z", "label") if name not in columns]
+    if lacking:
+        raise ValueError(f"it has no column {' and '.join(lacking)}")
+    x, y, z, label = (columns.index(name) for name in ("x", "y", "z", "label"))
+    rows = _rows(text)
+    short = next((row for row in rows if len(row) <= max(x, y, z, label)), None)
+    if short is not None:
+        raise ValueError(f"a line has {len(short)} entries instead of {len(columns)}")
     return LandmarkSet(
         tuple(row[label] for row in rows),
-        np.array([row[x : x + 3] for row in rows], dtype=np.float64).reshape(-1, 3),
+        np.array([[_number(row[at]) for at in (x, y, z)] for row in rows]).reshape(-1, 3),
         system=system,
     )
 

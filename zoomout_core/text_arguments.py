@@ -14,6 +14,7 @@ from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
 from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.text_tables import text_lines
 
 STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
@@ -86,11 +87,9 @@ def read_truth(path: str) -> tuple[Integers, Integers]:
 def _rows_of(path: str, what: str) -> list[tuple[int, list[str]]]:
     """The words of each line of a text file, without comments and empty lines, and the number of the line."""
     content = file_bytes(existing(path))
-    try:
-        text = content.decode("utf-8")
-    except ValueError:  # not UTF-8
-        text = ""
-    lines = ((number, line.partition("#")[0].split()) for number, line in enumerate(text.splitlines(), start=1))
+    if b"\0" in content:
+        raise MeshError(f"{path} is not a list of {what}: save it as plain text in UTF-8.")
+    lines = ((number, line.partition("#")[0].split()) for number, line in enumerate(text_lines(content), start=1))
     rows = [(number, words) for number, words in lines if words]
     if not rows:
         raise MeshError(f"{path} is not a list of {what}: it contains no vertex numbers.")

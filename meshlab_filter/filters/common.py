@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
@@ -18,6 +20,9 @@ from zoomout_core.text_arguments import read_values
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
+
+# The list of `remember_matches`.
+_MATCHES: ContextVar[list[zo.MatchResult] | None] = ContextVar("_MATCHES", default=None)
 
 SOURCE = Parameter("sourcemesh", MESH, 0, "The mesh that gives.")
 TARGET = Parameter("targetmesh", MESH, 1, "The mesh that receives.")
@@ -77,7 +82,20 @@ def find_correspondence(
         stored = read_stored(ms.mesh(targetmesh), correspondence, source)
         return stored, {"confidence": stored.confidence, "notes": []}
     found = match_layers(source, target, **matching)
+    remembered = _MATCHES.get()
+    if remembered is not None:
+        remembered.append(found)
     return found, report_on(found)
+
+
+@contextmanager
+def remember_matches(found: list[zo.MatchResult]) -> Iterator[None]:
+    """A context in which the results of matches are put into a list: a filter that fails afterwards returns none."""
+    before = _MATCHES.set(found)
+    try:
+        yield
+    finally:
+        _MATCHES.reset(before)
 
 
 def report_on(result: zo.MatchResult) -> dict[str, Any]:

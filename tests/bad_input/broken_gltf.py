@@ -86,6 +86,16 @@ def changed_to_many() -> Callable[[dict[str, Any]], None]:
     return change
 
 
+def changed_to_fewer() -> Callable[[dict[str, Any]], None]:
+    """A change that gives a morph target fewer elements than there are vertices."""
+
+    def change(tree: dict[str, Any]) -> None:
+        tree["accessors"].append(tree["accessors"][0] | {"count": 2})
+        tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 3}]
+
+    return change
+
+
 PRIMITIVE = "meshes", 0, "primitives", 0
 SPARSE = {
     "count": 1,
@@ -164,5 +174,18 @@ BROKEN: dict[str, Callable[[dict[str, Any]], None]] = {
     ),
     "an image that does not exist": changed("textures", to=[{"source": 0}]),
     "many copies of a mesh of many copies of itself": changed_to_many(),
+    "hundreds of thousands of nodes": lambda tree: tree["nodes"].extend([{} for _ in range(200_000)]),
+    "hundreds of thousands of animations": lambda tree: tree["animations"].extend(
+        {"channels": [], "samplers": []} for _ in range(200_000)
+    ),
+    "positions of two numbers": changed("accessors", 0, "type", to="VEC2"),
+    "texture coordinates of three numbers": changed(*PRIMITIVE, "attributes", "TEXCOORD_0", to=0),
+    "colours of one number": changed(*PRIMITIVE, "attributes", "COLOR_0", to=1),
+    "normals of one number": changed(*PRIMITIVE, "attributes", "NORMAL", to=1),
+    "joints of three numbers": changed(*PRIMITIVE, "attributes", "JOINTS_0", to=0),
+    "corners of three numbers": changed(*PRIMITIVE, "indices", to=0),
+    "a target of single numbers": changed(*PRIMITIVE, "targets", to=[{"POSITION": 1}]),
+    "fewer targets than vertices": changed_to_fewer(),
+    "bind matrices of three numbers": changed("skins", to=[{"joints": [0], "inverseBindMatrices": 0}]),
     "Draco": changed("extensionsRequired", to=["KHR_draco_mesh_compression"]),
 }

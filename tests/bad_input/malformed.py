@@ -49,3 +49,16 @@ MALFORMED: dict[str, bytes] = {
     "billions_of_triangles.stl": bytes(80) + struct.pack("<I", 2**32 - 1) + bytes(50),
     "cut_off.stl": bytes(80) + struct.pack("<I", 5) + bytes(120),
 }
+
+# MeshLab reads some of these as something else.
+ODD_NUMBERS: dict[str, bytes] = {
+    "less_than_no_corners.ply": PLY.replace(b"list uint", b"list char") + POINTS + b"\xff" + face(0, 1, 2),
+    "a_fraction_of_corners.ply": PLY.replace(b"list uint", b"list float") + POINTS + struct.pack("<f3i", 2.5, 0, 1, 2),
+    "a_fraction_of_a_vertex.ply": PLY.replace(b"uint int", b"uint float") + POINTS + struct.pack("<I3f", 3, 0, 1.5, 2),
+    "no_number_of_a_vertex.ply": PLY.replace(b"uint int", b"uint float")
+    + POINTS
+    + struct.pack("<I3f", 3, 0, float("nan"), 2),
+    "no_format.ply": PLY.replace(b"format binary_little_endian 1.0\n", b"") + POINTS + face(3, 0, 1, 2),
+    "beyond_all_numbers.obj": f"{OBJ}f 1 2 {10**30}\n".encode(),
+    "beyond_all_numbers.off": f"OFF\n3 2 0\n{TRIANGLE}3 0 1 2\n4 0 1 2 {10**30}\n".encode(),
+}

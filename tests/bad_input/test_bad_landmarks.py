@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.landmark_files import LandmarkSet, read_landmark_file, write_landmark_file
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.text_arguments import read_landmarks
 
 SOURCE = creature(300).surface
 OPTIONS: dict[str, Any] = {"k_final": 20, "samples": 60, "initial": "landmarks"}
@@ -85,3 +89,120 @@ def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence:
     output = meshes[0].with_name("map.npz")
     assert_refused(run(main, "match", *meshes, "--landmarks", listed, "-o", output), sentence)
     assert not output.exists()
+
+
+# --- files of `zoomout landmarks` -------------------------------------------------------------------------------
+
+
+def markups(*points: Any, **changed: Any) -> str:
+    return json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": list(points)} | changed]})
+
+
+def at(position: Any) -> str:
+    return markups({"label": "Nasion", "position": position})
+
+
+COLUMNS = "# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n"
+BROKEN = {
+    ".csv": {
+        "A,1,2,3mm\nB,4,5,6": "'3mm' is not a number",
+        "A,1,2,3o\n": "'3o' is not a number",
+        "A;1;2;3\nB;4;5;6": "separate entries by commas",
+        "A\t1\t2\t3\nB\t4\t5\t6": "separate entries by commas",
+        "A;0,1;0,2;0,3\nB;0,1;0,2;0,3": "is not a number",
+        "5\n" + "9" * 40: "is not the number of a vertex",
+        "5\n" + "9" * 5000: "is not the number of a vertex",
+        "5\n3.5": "'3.5' is not the number of a vertex",
+        "5\n1_0": "'1_0' is not the number of a vertex",
+        "A,1,2,3\nB,1_0,2,3": "'1_0' is not a number",
+        "A,5\nB,six": "'six' is not the number of a vertex",
+        "A,1,2,3\n1,2,3": "its lines have 3 and 4 entries",
+        "name,x,y,z,confidence\nA,1,2,3": "its lines have 4 and 5 entries",
+        '"A,1,2,3\nB,4,5,6': "a quotation mark is not closed",
+    },
+    ".mrk.json": {
+        "[" * 100_000: "it is nested too deeply",
+        f'{{"a": {"[" * 700}{"]" * 700}, "markups": []}}': "it is nested too deeply",
+        "null": "its markups are not a list of objects",
+        "7": "its markups are not a list of objects",
+        '{"markups": "abc"}': "its markups are not a list of objects",
+        '{"markups": [null]}': "its markups are not a list of objects",
+        markups(controlPoints=None): "its controlPoints are not a list of objects",
+        markups(None): "its controlPoints are not a list of objects",
+        markups({"label": "Nasion"}): "the position of 'Nasion' is not a list of three numbers",
+        at([1, 2]): "the position of 'Nasion' is not a list of three numbers",
+        at([[1, 2, 3]]): "the position of 'Nasion' is not a list of three numbers",
+        at([True, False, True]): "the position of 'Nasion' is not a list of three numbers",
+        at([10**400, 0, 0]): "the position of 'Nasion' is not a list of three numbers",
+        at([1, 2, 3]).replace("LPS", "XYZ"): "its coordinate system is 'XYZ', not LPS or RAS",
+    },
+    ".fcsv": {
+        COLUMNS.replace("LPS", "XYZ") + "1,1,2,3,A": "its coordinate system is 'XYZ', not LPS or RAS",
+        COLUMNS.replace("label", "lobel") + "1,1,2,3,A": "it has no column label",
+        COLUMNS.replace("x,y,z", "a,b,c") + "1,1,2,3,A": "it has no column x and y and z",
+        COLUMNS + "1,1,2,3,A\n2,1,2": "a line has 3 entries instead of 5",
+        COLUMNS + "1,1,two,3,A": "'two' is not a number",
+    },
+}
+
+
+@pytest.mark.parametrize(("ending", "text"), [(ending, text) for ending, texts in BROKEN.items() for text in texts])
+def test_broken_files_of_landmarks_are_one_sentence(ending: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / f"broken{ending}"
+    path.write_text(text)
+    with pytest.raises(
+        MeshError, match=rf"^{path} could not be read as landmarks \([^\n]*\): check its format\.$"
+    ) as error:
+        read_landmark_file(path)
+    assert BROKEN[ending][text] in str(error.value)
+
+
+NAMES = ["#1", "a\nb", "a\n#b", 'a,"b"', "a\u2028b", "a\x0cb", "", "Gr\u00fcn"]
+
+
+@pytest.mark.parametrize("ending", BROKEN)
+def test_names_of_landmarks_survive(ending: str, tmp_path: Path) -> None:
+    names = tuple(name or "F-7" for name in NAMES) if ending != ".csv" else tuple(NAMES)
+    points = np.arange(24.0).reshape(-1, 3)
+    write_landmark_file(LandmarkSet(names, points, confidence=np.ones(8)), tmp_path / f"a{ending}")
+    again = read_landmark_file(tmp_path / f"a{ending}")
+    assert again.names == names
+    np.testing.assert_array_equal(again.points, points)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["name,z,y,x\nA,3,2,1", "x,y,z,name\n1,2,3,A", "id,x,y,z,note,w\nA,1,2,3,b,5", "\ufeff# made by hand\nA,1,2,3\n"],
+)
+def test_headings_give_the_order(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    found = read_landmark_file(tmp_path / "a.csv")
+    assert found.names == ("A",)
+    assert found.points.tolist() == [[1, 2, 3]]
+
+
+def test_half_a_character_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a.mrk.json").write_text(at([1, 2, 3]).replace("Nasion", "\\ud800"))
+    write_landmark_file(read_landmark_file(tmp_path / "a.mrk.json"), tmp_path / "b.mrk.json")
+    assert read_landmark_file(tmp_path / "b.mrk.json").names == ("?",)
+
+
+@pytest.mark.parametrize("far", [1e80, 1e160, 1e300, 1e308])
+def test_landmarks_far_beyond_numbers(far: float, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="away from its surface: give points"):
+        zo.match(SOURCE, SOURCE, landmarks=([[far, 0, 0]], [1]), **OPTIONS)
+    (tmp_path / "l.csv").write_text(f"A,{far},0,0\n")
+    ran = run(main, "landmarks", meshes[0], tmp_path / "l.csv", meshes[1], "-o", tmp_path / "out.csv")
+    assert_refused(ran, "away from its surface: give points")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252"])
+def test_pairs_of_other_programs_are_read(encoding: str, tmp_path: Path) -> None:
+    (tmp_path / "pairs.txt").write_bytes("3 4\n50 51 # Ohr, gr\u00fcn\n".encode(encoding))
+    assert [each.tolist() for each in read_landmarks(str(tmp_path / "pairs.txt"))] == [[3, 50], [4, 51]]
+
+
+def test_pairs_in_another_encoding_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "pairs.txt").write_bytes("3 4\n50 51\n".encode("utf-16"))
+    with pytest.raises(MeshError, match="save it as plain text in UTF-8"):
+        read_landmarks(str(tmp_path / "pairs.txt"))

@@ -17,6 +17,7 @@ from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
@@ -133,3 +134,31 @@ def test_what_is_written_is_read_whatever_the_order_in_memory(tmp_path: Path) ->
     loaded = zo.SurfaceMap.load(path, SURFACE)
     np.testing.assert_array_equal(loaded.triangle, WHOLE["triangle"])
     np.testing.assert_array_equal(loaded.barycentric, WHOLE["barycentric"])
+
+
+@pytest.mark.parametrize("name", ["confidence", "has_partner", "source_has_partner"])
+@pytest.mark.parametrize("kind", ["U1", "S1", "M8[s]", "c16", "O"])
+def test_a_match_whose_values_are_no_numbers(name: str, kind: str, tmp_path: Path) -> None:
+    whole = {each: np.ones(100) for each in ("confidence", "has_partner", "source_has_partner")}
+    whole[name] = np.full(100, 1).astype(kind)
+    whole["vertex"] = SURFACE.triangles[WHOLE["triangle"], 0]
+    (tmp_path / "map.npz").write_bytes(of(**whole))
+    with pytest.raises(
+        MeshError, match=r"map\.npz contains no (match|map)[^\n]*: (match again|choose another file)\.$"
+    ):
+        KnownMatch.load(tmp_path / "map.npz", SURFACE, SURFACE)
+
+
+def test_a_result_that_was_changed_is_refused(tmp_path: Path) -> None:
+    result = zo.match(SURFACE, SURFACE, k_final=10, samples=30, initial="proximity")
+    path = tmp_path / "result.npz"
+    result.save(path)
+    assert zo.load_result(path).certainty == result.certainty
+    whole = read_arrays(path)
+    assert len(whole) > 20
+    for name in sorted(whole)[::8]:
+        array = whole[name]
+        for changed in (np.append(array, array.flat[:1]), array.reshape(-1, 1, 1), array.astype("f4"), array * 0 + 7):
+            np.savez(path, **(whole | {name: changed}))
+            with pytest.raises(MeshError, match=r"result\.npz is not a saved result \([^\n]*\): save one with"):
+                zo.load_result(path)

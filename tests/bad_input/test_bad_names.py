@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from malformed import OBJ
 from naming import SECRET as PNG
 
 import zoomout_core as zo
@@ -111,3 +112,14 @@ for ending in ("obj", "gltf"):
     )
     assert "newmtl Gr\u00fcn \u732b\n".encode() in (tmp_path / "a.mtl").read_bytes()
     assert zo.read_asset(tmp_path / "a.gltf").materials[0].name == "Gr\u00fcn \u732b"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are more restricted elsewhere")
+@pytest.mark.parametrize("name", ["a\x1b[2J\x07", "a\x9b2J", "a\u202eylp", "a\u2028b"])
+def test_names_do_not_act_on_the_terminal(name: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"{OBJ}usemtl {name}\nf 1 2 3\n", encoding="utf-8")
+    for path in (tmp_path / "a.obj", tmp_path / f"{name}.obj"):  # which is missing
+        ran = subprocess.run([sys.executable, "-m", "zoomout_core", "info", path], capture_output=True)
+        said = (ran.stdout + ran.stderr).decode()
+        assert "\\" in said or path.exists()
+        assert not [character for character in name if not character.isprintable() and character in said]

@@ -154,6 +154,30 @@ def test_the_console_script(planted: Path, mesh: Path) -> None:
     assert not planted.exists()
 
 
+@pytest.mark.parametrize("kind", ["settings", "pipe"])
+def test_pictures_take_no_settings_from_the_folder(kind: str, mesh: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    here = tmp_path / "downloads"
+    here.mkdir()
+    if kind == "settings":
+        (here / "matplotlibrc").write_text("savefig.dpi: 7\n")
+    elif hasattr(os, "mkfifo"):
+        os.mkfifo(here / "matplotlibrc")
+    code = f"""
+import numpy as np
+import zoomout_core as zo
+from zoomout_core.collection.pictures import _draw
+surface = zo.read_surface({str(mesh)!r})
+assert _draw(surface, np.ones((len(surface.vertices), 3)))
+import matplotlib, os
+assert matplotlib.rcParams["savefig.dpi"] != 7
+assert os.getcwd() == {str(here)!r}
+"""
+    environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+    ran = subprocess.run([sys.executable, "-c", code], cwd=here, env=environment, capture_output=True, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+
+
 # --- what they have in common --------------------------------------------------------------------------------
 
 

@@ -8,15 +8,23 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from doors import Limit, assert_refused, contents, run
+from doors import Limit, add_colors, assert_refused, contents, run
 
 import zoomout_core as zo
-from zoomout_core.cli import collection_command, maps, match_command, symmetry_command, transfer_command
+from zoomout_core import map_files as maps
+from zoomout_core.cli import (
+    collection_command,
+    landmarks_command,
+    match_command,
+    symmetry_command,
+    transfer_command,
+)
 from zoomout_core.cli import main as zoomout
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.array_files import write_arrays
@@ -201,6 +209,39 @@ def test_a_transfer_that_fails_keeps_the_map(
     again = ("--initial", kept, "--detail", "fast", "--force")
     ran = run(zoomout, "transfer", source, meshes[1], "-o", tmp_path / "out.glb", *again)
     assert ran.exit_code == 0, ran.output
+
+
+@pytest.mark.parametrize("stage", ["transfer_landmarks", "write_landmark_file"])
+def test_landmarks_that_fail_keep_the_map(
+    stage: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OutputError("The disk is full.")
+
+    monkeypatch.setattr(landmarks_command, stage, fail)
+    (tmp_path / "l.csv").write_text("1\n20\n")
+    arguments = (meshes[0], tmp_path / "l.csv", meshes[1], "-o", tmp_path / "out.csv", "--force", *FAST)
+    ran = run(zoomout, "landmarks", *arguments)
+    assert_refused(ran, f"The disk is full. The map was kept in {tmp_path / 'out_map.npz'} (--initial starts from it).")
+    assert zo.SurfaceMap.load(tmp_path / "out_map.npz", zo.read_surface(meshes[0]))
+
+
+@pytest.mark.parametrize("stage", ["_merge", "save_beside"])
+def test_a_transfer_of_meshlab_that_fails_keeps_the_map(
+    stage: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pymeshlab")
+    commands, batch = import_module("meshlab_filter.commands"), import_module("meshlab_filter.batch")
+    transfer = import_module("meshlab_filter.filters.transfer")
+
+    def fail(*_: object) -> None:
+        raise KeyError("joints")
+
+    monkeypatch.setattr(transfer if stage == "_merge" else batch, stage, fail)
+    add_colors(source := meshes[0])
+    ran = run(commands.main, "transfer", source, meshes[1], "-o", tmp_path / "out.ply", "--force", *FAST)
+    assert_refused(ran, f"The map was kept in {tmp_path / 'out_map.npz'} (--initial starts from it).")
+    assert zo.SurfaceMap.load(tmp_path / "out_map.npz", zo.read_surface(source))
 
 
 def test_one_target_that_fails_leaves_the_others_alone(

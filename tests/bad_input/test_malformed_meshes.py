@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from time import perf_counter
 
@@ -11,7 +12,7 @@ import numpy as np
 import pymeshlab
 import pytest
 from doors import run
-from malformed import MALFORMED, OBJ, TRIANGLE
+from malformed import MALFORMED, OBJ, ODD_NUMBERS, TRIANGLE
 
 import zoomout_core as zo
 from meshlab_filter.commands import main
@@ -23,13 +24,14 @@ from zoomout_core.mesh.surface import MeshError
 DIAGONAL = f"{OBJ}v 0 1 0\nf 1 2 3 4\nf 1 2 3\n".encode()
 
 
-@pytest.mark.parametrize("name", MALFORMED)
+@pytest.mark.parametrize("name", [*MALFORMED, *ODD_NUMBERS])
 def test_the_core_says_what_is_wrong(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
-    path.write_bytes(MALFORMED[name])
+    path.write_bytes((MALFORMED | ODD_NUMBERS)[name])
     start = perf_counter()
-    with pytest.raises(MeshError, match=rf"{path}"):
+    with pytest.raises(MeshError, match=rf"{path}") as error:
         zo.read_surface(path)
+    assert not re.search("convert to C|out of bounds|list index|cast|read \\(\\)", str(error.value))  # Python's words
     assert perf_counter() - start < 2
 
 
@@ -73,3 +75,19 @@ def test_what_is_only_unusual_is_read(tmp_path: Path) -> None:
         surface = zo.read_surface(path)
         np.testing.assert_array_equal(surface.triangles, [[0, 1, 2]])
         np.testing.assert_array_equal(surface.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0]])
+
+
+@pytest.mark.parametrize("line", ["Kd a b c", "Kd spectral file.rfl 1", "Kd nan 0 0", "Kd 0,5 0,5 0,5", "d x"])
+def test_colours_that_are_no_numbers_are_left_out(line: str, tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text(f"newmtl Red\n{line}\nnewmtl Blue\nKd 0 0 1\n")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{OBJ}usemtl Red\nf 1 2 3\nusemtl Blue\nf 1 2 3\n")
+    asset = zo.read_asset(tmp_path / "a.obj")
+    assert asset.notes == ("The colour of the material 'Red' is not made of numbers, and was left out.",)
+    assert [each.color for each in asset.materials] == [(1, 1, 1, 1), (0, 0, 1, 1)]
+
+
+@pytest.mark.parametrize("corner", ["9", "-9"])
+def test_texture_coordinates_that_do_not_exist(corner: str, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"{OBJ}vt 0 0\nf 1/1 2/{corner} 3/1\n")
+    with pytest.raises(MeshError, match="a face refers to a texture coordinate that is none of its 1"):
+        zo.read_asset(tmp_path / "a.obj")

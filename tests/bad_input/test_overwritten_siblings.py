@@ -14,6 +14,7 @@ from naming import SECRET as PNG
 from naming import with_library
 
 import zoomout_core as zo
+from meshlab_filter.commands import main as meshlab
 from zoomout_core.assets.files import check_siblings, inputs_of
 from zoomout_core.cli import main
 from zoomout_core.runtime.outputs import OutputError
@@ -133,3 +134,73 @@ def test_a_map_replaces_no_buffer_of_an_input(meshes: tuple[Path, Path], tmp_pat
     ran = run(main, "match", tmp_path / "a.gltf", meshes[1], "-o", tmp_path / "map.npz")
     assert_refused(ran, "map.npz is an input, and would be overwritten")
     assert (tmp_path / "map.npz").read_bytes() == DATA
+
+
+# --- files that are inputs in another way: named by an option, or by an input, and in a place for results -------
+
+OVERWRITING = {
+    "pairs as the output": ("p.glb", "transfer source.ply target.ply -o p.glb --landmarks p.glb"),
+    "pairs as materials": ("o.mtl", "transfer source.ply target.ply -o o.obj --landmarks o.mtl"),
+    "pairs as the report": ("out/report.json", "transfer source.ply target.ply -o out --landmarks out/report.json"),
+    "a map as the output": ("m.glb", "transfer source.ply target.ply -o m.glb --initial m.glb"),
+    "a map as the report": ("out/report.json", "transfer source.ply target.ply -o out --initial out/report.json"),
+    "an earlier map as a buffer": ("o.bin", "transfer source.ply target.ply -o o.gltf --earlier-map o.bin"),
+    "a buffer as the report": ("out/report.json", "transfer named.gltf target.ply -o out"),
+    "landmarks as pairs": ("o.csv", "landmarks source.ply l.csv target.ply -o o.csv --landmarks o.csv"),
+    "landmarks as a map": ("o.csv", "landmarks source.ply l.csv target.ply -o o.csv --initial o.csv"),
+    "landmarks as a template's buffer": ("o.csv", "landmarks named.gltf l.csv target.ply -o o.csv"),
+    "landmarks as a target's buffer": ("o.csv", "landmarks source.ply l.csv named.gltf -o o.csv"),
+    "a report as a template's buffer": ("out/report.json", "landmarks named.gltf l.csv target.ply -o out"),
+    "pairs as a collection's report": ("out/report.json", "collection . -o out --pairs out/report.json"),
+    "pairs as a collection's page": ("out/report.html", "collection . -o out --pairs out/report.html"),
+    "a buffer as a collection's report": ("out/report.json", "collection . -o out"),
+    "a buffer as a collection's mesh": ("out/meshes/a.glb", "collection . -o out --template named.gltf --transfer"),
+    "a buffer as a collection's surface": ("out/surfaces/a.ply", "collection . -o out --restart"),
+    "a buffer in a collection's cache": ("out/cache/a.bin", "collection . -o out"),
+}
+
+
+@pytest.mark.parametrize("name", OVERWRITING)
+def test_what_an_option_or_an_input_names_is_an_input(
+    name: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, command = OVERWRITING[name]
+    (tmp_path / kept).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / kept).write_bytes(DATA)
+    (tmp_path / "l.csv").write_text("1\n2\n")
+    tree = document()
+    tree["buffers"][0]["uri"] = kept
+    (tmp_path / "named.gltf").write_bytes(content_of(tree))
+    monkeypatch.chdir(tmp_path)
+    before = contents(tmp_path)
+    assert_refused(run(main, *command.split()), f"{kept} is an input")
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("option", ["--landmarks", "--initial"])
+def test_meshlab_keeps_what_an_option_names(option: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    pytest.importorskip("pymeshlab")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.json").write_text("1 1\n")
+    arguments = ("transfer", *meshes, "-o", tmp_path / "out", option, tmp_path / "out" / "report.json")
+    assert_refused(run(meshlab, *arguments), "report.json is an input, and would be overwritten")
+    assert (tmp_path / "out" / "report.json").read_text() == "1 1\n"
+
+
+def test_a_collection_removes_only_its_own_files(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    others = "shapes/mine.npz", "maps/mine/source.npz", "surfaces/source-1.ply", "carried/mine.json", "cache/mine.npz"
+    out = tmp_path / "out"
+    for name in others:
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(DATA)
+    arguments = ("collection", *meshes, "-o", out, "--workers", "1", "--detail", "fast", "--no-pictures")
+    ran = run(main, *arguments, "--restart")
+    assert ran.exit_code == 0, ran.output
+    found = contents(out)
+    assert [name for name in others if found.get(name) != DATA] == []
+    assert [name for name in found if name.startswith("cache/")] == ["cache/mine.npz"]
+    made = out / "maps" / "source" / "target.npz"
+    made = made if made.exists() else out / "maps" / "target" / "source.npz"
+    made.write_bytes(DATA)
+    assert run(main, *arguments, "--restart").exit_code == 0
+    assert made.read_bytes() != DATA

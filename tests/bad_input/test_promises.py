@@ -16,9 +16,9 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.cli.maps import keep_map
 from zoomout_core.collection.pair_map import PairRecord
 from zoomout_core.collection.shapes import ShapeSummary
+from zoomout_core.map_files import keep_map
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh import blender_files

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -15,6 +16,8 @@ from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.matching.constraints import check_axes
+from zoomout_core.mesh.surface import MeshError
 
 SURFACE = creature(100).surface
 SAME = zo.SurfaceMap(np.zeros(100, dtype=int), np.tile([1.0, 0, 0], (100, 1)), SURFACE.triangles)
@@ -118,3 +121,27 @@ def test_the_extra_that_a_format_needs_is_named(
         pass
     ran = run(main, "info", path)
     assert_refused(ran, "requires a package that is not installed: in the checkout, pip install '.[formats]'")
+
+
+def test_a_misspelt_option_of_symmetries_is_suggested() -> None:
+    detect: Any = zo.detect_symmetry
+    with pytest.raises(TypeError, match=r"detect_symmetry has no option sede: did you mean seed\?"):
+        detect(SURFACE, sede=1)
+    with pytest.raises(TypeError, match="detect_symmetry has no option qqq: choose from surface, most, left"):
+        detect(SURFACE, qqq=1)
+
+
+@pytest.mark.parametrize("vertices", [[[10**400, 0, 0]] * 3, np.eye(3) * 1j])
+def test_positions_that_are_no_real_numbers(vertices: Any) -> None:
+    with pytest.raises(MeshError, match="Positions must be numbers, three for each vertex"):
+        zo.Surface(vertices, [[0, 1, 2]])
+
+
+def test_points_far_beyond_numbers() -> None:
+    with pytest.raises(MeshError, match="not finite or far too large: remove them"):
+        zo.PointCloud(np.random.default_rng(0).random((50, 3)) * 1e200)
+
+
+def test_directions_of_any_length() -> None:
+    np.testing.assert_allclose(check_axes([1e308, 1e308, 0]), [[0.5**0.5, 0.5**0.5, 0]])
+    np.testing.assert_allclose(check_axes([0, 1e-300, 0]), [[0, 1, 0]])

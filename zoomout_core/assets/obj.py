@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from zoomout_core.assets.asset import (
     to_srgb,
 )
 from zoomout_core.assets.images import image_type
-from zoomout_core.mesh.files import surface_of
+from zoomout_core.mesh.files import drop_broken_faces, surface_of
 from zoomout_core.mesh.obj_files import parse_obj, statements
 from zoomout_core.mesh.opening import file_bytes, shown
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
@@ -44,20 +45,24 @@ def read_obj(path: Path, folders: Iterable[Path] = ()) -> Asset:
         MeshError: it cannot be read, or has no faces.
     """
     content = parse_obj(file_bytes(path))
-    surface = surface_of(content.polygons(), {}, path)
+    given = content.polygons()
+    polygons, kept = drop_broken_faces(given)
+    surface = surface_of(polygons, {}, path)
     uvs, colors = content.coordinates(), content.colors()
-    coordinate = content.corner_coordinates()
+    coordinate = np.array(content.corner_coordinates(), dtype=np.int64)[np.repeat(kept, np.diff(given[2]))]
+    if coordinate.max(initial=-1) >= len(uvs) or coordinate.min(initial=0) < -1:
+        raise ValueError(f"a face refers to a texture coordinate that is none of its {len(uvs)}")
     reader = _MaterialReader(tuple(folders))
     for library in content.libraries:
         reader.read(library, path.parent)
     attributes = []
-    if uvs and max(coordinate, default=-1) >= 0:
+    if uvs and coordinate.max(initial=-1) >= 0:
         table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without coordinates use the last row
         attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, table[coordinate]))
     if len(colors) == len(surface.vertices):
         attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(np.array(colors))))
     if content.materials:
-        attributes.append(material_numbers(np.array(content.face_materials)))
+        attributes.append(material_numbers(np.array(content.face_materials)[kept]))
     materials = tuple(reader.materials.get(name, Material(name)) for name in content.materials)
     return Asset(surface, tuple(attributes), materials, notes=tuple(reader.notes))
 
@@ -98,11 +103,20 @@ class _MaterialReader:
                     self.materials[material] = Material(material, rgba, image)
                 material, color, image = " ".join(words), [1.0, 1.0, 1.0, 1.0], None
             elif keyword == "Kd" and len(words) >= 3:
-                color[:3] = [float(word) for word in words[:3]]
+                color[:3] = self._numbers(words[:3], material) or color[:3]
             elif keyword == "d" and words:
-                color[3] = float(words[-1])
+                color[3:] = self._numbers(words[-1:], material) or color[3:]
             elif keyword == "map_Kd" and words:
                 image = self._image(words, path.parent)
+
+    def _numbers(self, words: list[str], material: str | None) -> list[float]:
+        """The numbers of a statement; none, with a note, if it has others, such as the name of a spectrum."""
+        with suppress(ValueError):
+            found = [float(word) for word in words]
+            if np.isfinite(found).all():
+                return found
+        self._note(f"The colour of the material {shown(material or '')} is not made of numbers, and was left out.")
+        return []
 
     def _image(self, words: list[str], folder: Path) -> bytes | None:
         """The image that a statement names; options precede the name, which may have spaces."""

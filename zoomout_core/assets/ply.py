@@ -10,7 +10,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, UV, Asset, from_srgb, on_points, to_srgb
-from zoomout_core.mesh.files import surface_of
+from zoomout_core.mesh.files import drop_broken_faces, surface_of
 from zoomout_core.mesh.opening import file_bytes
 from zoomout_core.mesh.ply_files import ply_columns, ply_polygons
 from zoomout_core.mesh.surface import Surface
@@ -28,7 +28,9 @@ def read_ply(path: Path, _: Iterable[Path] = ()) -> Asset:
     """
     columns = ply_columns(file_bytes(path))
     vertex, attributes = columns["vertex"], []
-    surface = surface_of(ply_polygons(columns), vertex, path)
+    given = ply_polygons(columns)
+    polygons, kept = drop_broken_faces(given)
+    surface = surface_of(polygons, vertex, path)
     if {"red", "green", "blue"} <= vertex.keys():
         names = ("red", "green", "blue", *(["alpha"] if "alpha" in vertex else []))
         values = np.stack([np.asarray(vertex[name], dtype=np.float64) for name in names], axis=1)
@@ -43,8 +45,9 @@ def read_ply(path: Path, _: Iterable[Path] = ()) -> Asset:
             break
     if of_corners is not None:
         flat = np.concatenate([np.asarray(each, dtype=np.float64).ravel() for each in of_corners])
-        if len(flat) == 2 * len(surface.corner_vertex):
-            attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, flat.reshape(-1, 2)))
+        if len(flat) == 2 * len(given[1]):
+            uv = flat.reshape(-1, 2)[np.repeat(kept, np.diff(given[2]))]
+            attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, uv))
     return Asset(surface, tuple(attributes))
 
 

@@ -188,6 +188,8 @@ def _mesh(document: Document, number: int) -> _Mesh:
             if at is not None:
                 offsets[start : start + count, key] = document.array(at)
     joint, weight = _influences(rows)
+    broken = np.isnan(rows["POSITION"]).any(axis=1)  # vertices that keep their numbers, and lose their triangles
+    offsets[broken], weight[broken] = 0, 0
     row = np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * targets)])
     _, chosen, merged = np.unique(row, axis=0, return_index=True, return_inverse=True)
     # Keep the order of the file.
@@ -196,13 +198,18 @@ def _mesh(document: Document, number: int) -> _Mesh:
     rank[order] = np.arange(len(order))
     chosen, merged = chosen[order], rank[merged.ravel()]
     corner = np.concatenate([np.zeros((0, 3), int), *(t + start for t, start in zip(triangles, first, strict=False))])
+    material = np.repeat(
+        [-1 if each.material is None else each.material for each in primitives], [len(t) for t in triangles]
+    )
+    whole = ~broken[corner].any(axis=1)
+    corner, material = corner[whole], material[whole]
     names = (name for name in rows if name.startswith(("TEXCOORD_", "COLOR_")) or name == "NORMAL")
     return _Mesh(
         number,
         node.skin,
         rows["POSITION"][chosen],
         merged[corner],
-        np.repeat([-1 if each.material is None else each.material for each in primitives], [len(t) for t in triangles]),
+        material,
         {name: rows[name][corner.ravel()] for name in names},
         offsets[chosen],
         keys,

@@ -85,7 +85,7 @@ def transfer_asset(
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     chosen, skin = select_data(source, kinds)
-    mapped = map_target(match, source.surface, target.surface, fill_below)
+    mapped = map_target(match, source.surface, _place_all(target.surface), fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
     received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
@@ -109,6 +109,14 @@ def transfer_asset(
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
+
+
+def _place_all(surface: Surface) -> Surface:
+    """A surface with its vertices that are not numbers, which no face uses, at a place among the others."""
+    broken = np.isnan(surface.vertices).any(axis=1)
+    if not broken.any():
+        return surface
+    return surface.with_vertices(np.where(broken[:, None], surface.vertices[~broken].mean(axis=0), surface.vertices))
 
 
 def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-import shutil
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -14,7 +14,8 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.files import MESHES, WRITERS, read_asset
+from zoomout_core.assets.files import MESHES as ENDINGS
+from zoomout_core.assets.files import WRITERS, inputs_of, read_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY, meshes_of
 from zoomout_core.cli.report import json_option
@@ -26,9 +27,10 @@ from zoomout_core.collection.pairs import read_pairs
 from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
 from zoomout_core.collection.shapes import items_of
-from zoomout_core.collection.tasks import MAPS, SHAPES
-from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
+from zoomout_core.collection.tasks import MAPS, MESHES, SHAPES
+from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender, surfaces_of
 from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
+from zoomout_core.matching.disk_cache import remove_shapes
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
@@ -36,7 +38,7 @@ from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.outputs import check_output, is_same_file
+from zoomout_core.runtime.outputs import OutputError, check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
@@ -155,6 +157,7 @@ def collection(
         check_output(output / REPORT if output.is_dir() else output)
         chosen = check_kinds(kinds)
         files = _files(shapes)
+        _check_inputs_stay([*files, *filter(None, (template, pairs))], output)
         names = [item.name for item in items_of(files)]
         ending = ending or _usual_ending(template)
         carries = transfers and _uses_blender(files, template, ending, blender)
@@ -166,7 +169,7 @@ def collection(
         elif template is None:
             choice = {"neighbours": neighbours or NEIGHBOURS}
         if not resume:
-            _forget(output)
+            _forget(output, names)
         with _engine(scheduler, workers, retries, len(files)) as engine:
             how = {
                 **choice,
@@ -180,7 +183,7 @@ def collection(
             with progress_bar():
                 result, received = _match_all(files, output, how, pictures, chosen if transfers else (), ending, force)
         if cache is None:
-            shutil.rmtree(output / CACHE, ignore_errors=True)
+            remove_shapes(output / CACHE)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
@@ -200,14 +203,33 @@ def _files(given: Sequence[Path]) -> list[Path]:
     missing = next((path for path in given if not path.exists()), None)
     if missing is not None:
         raise MeshError(f"There is no file or folder {missing}: check the path.")
-    return list(dict.fromkeys(path for each in given for path in meshes_of(each, MESHES)))
+    return list(dict.fromkeys(path for each in given for path in meshes_of(each, ENDINGS)))
 
 
-def _forget(output: Path) -> None:
-    """Remove the results of an earlier run, and nothing else."""
-    places = f"{MAPS}/*/*.npz", f"{SHAPES}/*.npz", f"{SURFACES}/*.ply", f"{CARRIED}/*.json"
-    for made in (path for place in places for path in output.glob(place)):
-        made.unlink()
+def _check_inputs_stay(files: Sequence[Path], output: Path) -> None:
+    """Check that no input, and no file that one names, is where results are written and replaced.
+
+    Raises:
+        OutputError: one is.
+    """
+    written = [
+        os.path.realpath(output / name) for name in (REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, CARRIED, CACHE)
+    ]
+    for path in inputs_of(*files):
+        place = Path(os.path.realpath(path))
+        if any(place.is_relative_to(each) for each in written):
+            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")
+
+
+def _forget(output: Path, names: Sequence[str]) -> None:
+    """Remove the results of an earlier run on shapes with these names, and nothing else."""
+    for name in names:
+        for made in (output / SHAPES / f"{name}.npz", output / CARRIED / f"{name}.json"):
+            made.unlink(missing_ok=True)
+        for other in names:
+            (output / MAPS / name / f"{other}.npz").unlink(missing_ok=True)
+        for made in surfaces_of(name, output):
+            made.unlink()
 
 
 def _usual_ending(template: Path | None) -> str:

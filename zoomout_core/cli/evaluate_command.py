@@ -8,10 +8,10 @@ from typing import Any
 import click
 import numpy as np
 
-from zoomout_core.cli.maps import read_surface_map
 from zoomout_core.cli.report import json_option, say, spread_in_words, spread_of
 from zoomout_core.command_options import InputFile
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
+from zoomout_core.map_files import read_surface_map
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.mesh.files import read_shape

@@ -12,17 +12,18 @@ import click
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.files import MESHES
+from zoomout_core.assets.files import MESHES, inputs_of
 from zoomout_core.assets.part_names import PartName
 from zoomout_core.batch import (
     Job,
+    check_inputs_stay,
     end_with_code,
     plan,
     run_batch,
     say_outcomes,
 )
 from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
-from zoomout_core.command_options import batch_options, match_options, start_arguments
+from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
     FORMATS,
@@ -31,6 +32,7 @@ from zoomout_core.landmark_files import (
     read_landmark_file,
     write_landmark_file,
 )
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.mirror_image import mirror_candidate
 from zoomout_core.matching.pair import on_surface
@@ -40,9 +42,8 @@ from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers
 from zoomout_core.messages import message, sentences, warning
-from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.progress import portion
 
 # Fraction of the progress at the end of matching.
@@ -116,9 +117,9 @@ def landmarks(
     try:
         extension = landmark_ending(positions) if ending is None else f".{ending}"
         jobs = plan(template, targets, output, extension, MESHES, landmark_ending, in_place)
-        for job in jobs:
-            if job.output.parent.is_dir():
-                check_output(job.output, [positions], in_place)
+        if not in_place:
+            files = [template, positions, *(str(job.target) for job in jobs), *files_of_options(options)]
+            check_inputs_stay(jobs, output, inputs_of(*files))
         arguments, known = start_arguments(**options), read_template(template, positions)
         given = {"landmarks": positions, "candidate": candidate, "force": force, **options}
         outcomes, figures = run_batch(
@@ -158,6 +159,8 @@ def read_template(mesh: str, positions: str) -> Template:
 
 def _distance(surface: Surface, points: Floats) -> float:
     """Mean distance of points from a surface."""
+    if not measurable(points).all():
+        return np.inf
     triangle, weights = closest_points(points, surface.vertices, surface.triangles)
     feet = np.einsum("qc,qcx->qx", weights, surface.vertices[surface.triangles[triangle]])
     return float(np.linalg.norm(feet - points, axis=1).mean())
@@ -180,13 +183,14 @@ def _run_job(
     notes += result.notes
     report |= {**match_figures(result, template.parts), "notes": notes}
     check_verdict(result.verdict, force, len(result.candidates))
-    with portion(MATCHED, 1.0):
-        points, confidence = transfer_landmarks(result, template.points)
-    # The nearest corner of the triangle that a point is on: the nearest vertex may be on the other side of a thin wall.
-    on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
-    placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
-    job.output.parent.mkdir(exist_ok=True)
-    write_landmark_file(placed, job.output)
+    with keep_map(partial(save_match, result), job.output):
+        with portion(MATCHED, 1.0):
+            points, confidence = transfer_landmarks(result, template.points)
+        # The nearest corner of the triangle that a point is on: the nearest vertex may be beyond a thin wall.
+        on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
+        placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
+        job.output.parent.mkdir(exist_ok=True)
+        write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
     verdict = _verdict(result, unsure, len(names))

@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from zoomout_core.assets.part_names import PartName
-from zoomout_core.cli.maps import check_map_output, keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines, parts_of, say
 from zoomout_core.command_options import (
     OptionError,
+    files_of_options,
     in_place_option,
     match_options,
     progress_bar,
@@ -21,6 +21,7 @@ from zoomout_core.command_options import (
     table_options,
 )
 from zoomout_core.evaluation import flipped_share
+from zoomout_core.map_files import check_map_output, keep_map, save_match
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import OPTIONS, Door, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
@@ -63,8 +64,7 @@ def match(
         of_nearest = {
             each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Door.COMMAND_LINE)
         }
-        landmarks, earlier, start = (options[name] for name in ("landmarks", "earlier_map", "initial"))
-        check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
+        check_map_output(output, (source, target, *files_of_options(options)), in_place)
         shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
             _check_nothing_else({**options, "candidate": candidate})

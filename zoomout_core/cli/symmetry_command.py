@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from zoomout_core.cli.maps import check_map_output, keep_map
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import check_axis, mesh_options, progress_bar
+from zoomout_core.map_files import check_map_output, keep_map
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError

@@ -27,20 +27,22 @@ from zoomout_core.assets.part_names import name_parts
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
+    check_inputs_stay,
     end_with_code,
     plan,
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.maps import keep_map, save_match
 from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import (
     OptionError,
     batch_options,
+    files_of_options,
     folders_option,
     match_options,
     start_arguments,
 )
+from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
@@ -104,7 +106,9 @@ def transfer(
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = plan(source, targets, output, f".{ending}", MESHES, check_format, in_place)
-        inputs = [] if in_place else inputs_of(source, *(job.target for job in jobs), folders=folders)
+        files = [source, *(str(job.target) for job in jobs), *files_of_options(options)]
+        inputs = [] if in_place else inputs_of(*files, folders=folders)
+        check_inputs_stay(jobs, output, inputs)
         for job in jobs:
             check_siblings(job.output, inputs)
         arguments, asset = start_arguments(**options), read_asset(source, folders)

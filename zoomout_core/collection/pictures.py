@@ -23,6 +23,7 @@ from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.child_process import empty_working_folder
 
 if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult
@@ -119,9 +120,10 @@ def draw_picture(
 
 def _draw(surface: Surface, colors: Floats) -> bytes:
     """Draw a surface with colours (n, 3) as a PNG."""
-    from matplotlib.figure import Figure
+    with empty_working_folder():  # matplotlib takes its settings from the current one
+        from matplotlib.figure import Figure
 
-    from zoomout_core.plotting import draw_surface
+        from zoomout_core.plotting import draw_surface
 
     if len(surface.vertices) > MAX_VERTICES:
         vertices, triangles, _ = decimate(surface.vertices, surface.triangles, MAX_VERTICES)

@@ -125,11 +125,16 @@ def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
     """Path of a file's surface, by content; removes earlier surfaces of that name."""
     key = content_key(repr((content_key(item.path.read_bytes()), role, package_version())).encode())
     place = folder.absolute() / SURFACES / f"{item.name}-{key}.ply"
-    pattern = re.compile(re.escape(item.name) + "-[0-9a-f]{32}[.]ply")
-    for path in place.parent.glob("*.ply"):
-        if path != place and pattern.fullmatch(path.name):
+    for path in surfaces_of(item.name, folder.absolute()):
+        if path != place:
             path.unlink()
     return place
+
+
+def surfaces_of(name: str, folder: Path) -> list[Path]:
+    """The surfaces of a shape that earlier runs wrote to a folder of results."""
+    pattern = re.compile(re.escape(name) + "-[0-9a-f]{32}[.]ply")
+    return [path for path in (folder / SURFACES).glob("*.ply") if pattern.fullmatch(path.name)]
 
 
 def _known_notes(record: Path, key: str) -> tuple[str, ...] | None:

@@ -9,9 +9,8 @@ from os import PathLike
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
+from zoomout_core.maps.surface_map import SurfaceMap, arrays_of_map, read_vertex_map
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.array_files import read_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,10 @@ class KnownMatch:
         surface_map, vertex = SurfaceMap.load(path, source), read_vertex_map(path)
         sizes = dict.fromkeys(("confidence", "has_partner"), len(target.vertices))
         sizes["source_has_partner"] = len(source.vertices)
-        values = {name: np.ones(count) for name, count in sizes.items()} | read_arrays(path, tuple(sizes))
+        values = {name: np.ones(count) for name, count in sizes.items()} | arrays_of_map(path, tuple(sizes))
+        for name, each in values.items():
+            if each.dtype.kind not in "biuf":
+                raise MeshError(f"{path} contains no match, because its {name} is not made of numbers: match again.")
         fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
         if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
             other = (

@@ -144,7 +144,7 @@ class SurfaceMap(Summary):
             >>> again = zo.SurfaceMap.load(folder / "map.npz", source)
         """
         path = path if isfile(path) else _npz(path)
-        arrays = _arrays_of_map(path, ("triangle", "barycentric"))
+        arrays = arrays_of_map(path, ("triangle", "barycentric"))
         missing = {"triangle", "barycentric"}.difference(arrays)
         if missing:
             raise MeshError(
@@ -171,7 +171,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
     Raises:
         MeshError: the file is missing or invalid.
     """
-    vertex = _arrays_of_map(path, ("vertex",)).get("vertex")
+    vertex = arrays_of_map(path, ("vertex",)).get("vertex")
     if vertex is None or vertex.ndim != 1 or vertex.dtype.kind not in "iu" or (vertex < 0).any():
         raise MeshError(
             "{path} contains no map, because it lists no vertices: choose a file written by `zoomout match`.", path=path
@@ -179,7 +179,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
     return vertex
 
 
-def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
+def arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
     """Read some arrays of the file of a map, as far as it has them; a MeshError if it cannot be read."""
     try:
         return read_arrays(path, names)

@@ -122,8 +122,8 @@ def check_axes(common_axes: ArrayLike | None) -> Floats:
         axes = np.zeros((0, 3)) if common_axes is None else np.atleast_2d(np.asarray(common_axes, dtype=float))
     except (TypeError, ValueError):  # no numbers
         axes = np.full((1, 3), np.nan)
-    length = np.linalg.norm(axes, axis=-1, keepdims=True)
-    if axes.ndim != 2 or axes.shape[1] != 3 or not np.isfinite(axes).all() or (length == 0).any():
+    length = np.hypot.reduce(axes, axis=-1, keepdims=True)  # squares could overflow
+    if axes.ndim != 2 or axes.shape[1] != 3 or not np.isfinite(length).all() or (length == 0).any():
         raise ValueError("common_axes must be directions such as (0, 0, 1), one or several of them.")
     return np.asarray(axes / length)
 

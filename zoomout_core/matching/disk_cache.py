@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,22 @@ SPARSE_ARRAYS = "data", "indices", "indptr"
 _log = logging.getLogger(__name__)
 
 
+def remove_shapes(folder: str | os.PathLike[str]) -> None:
+    """Remove the shapes that a `ShapeFolder` stored in a folder, and the folder itself if nothing else is in it."""
+    shutil.rmtree(_place_in(folder), ignore_errors=True)
+    with suppress(OSError):
+        os.rmdir(folder)
+
+
+def _place_in(folder: str | os.PathLike[str]) -> Path:
+    return Path(folder) / f"shapes-{FORMAT}-{package_version()}"
+
+
 class ShapeFolder:
     """A folder of prepared shapes, made if it is missing; the least recently used beyond `max_bytes` are removed."""
 
     def __init__(self, folder: str | os.PathLike[str], max_bytes: int = MAX_BYTES) -> None:
-        self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"
+        self._folder = _place_in(folder)
         self._max_bytes = max_bytes
 
     def load(self, key: bytes, part: WorkingMesh) -> ShapeAnalysis | None:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
+from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
 from zoomout_core.messages import as_message, message
 
 REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
@@ -167,9 +167,10 @@ def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, F
             f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "
             f"shape {points.shape}."
         )
-    triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
+    near = np.where(measurable(points)[:, None], points, LARGEST_COORDINATE)  # or squares overflow
+    triangle, barycentric = closest_points(near, surface.vertices, surface.triangles)
     corners = surface.triangles[triangle]
-    distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
+    distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - near, axis=1)
     off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * np.sqrt(surface.area))
     if len(off):
         fault = message(

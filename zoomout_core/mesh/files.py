@@ -22,6 +22,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import write_surface
 from zoomout_core.mesh.gltf_files import read_gltf_file
@@ -80,20 +81,24 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     polygons, vertex_columns = _read(path)
-    return _shape(_without_broken_faces(polygons), vertex_columns, path)
+    return _shape(drop_broken_faces(polygons)[0], vertex_columns, path)
 
 
-def _without_broken_faces(polygons: Polygons) -> Polygons:
-    """The polygons without those at vertices that are not numbers, if any are left."""
+def drop_broken_faces(polygons: Polygons) -> tuple[Polygons, Booleans]:
+    """The polygons without those at vertices that are not numbers, if any are left.
+
+    Returns:
+        The polygons, and (f,) which of the f given ones these are.
+    """
     vertices, corner_vertex, face_start = polygons
     broken = np.isnan(vertices).any(axis=1)
     sizes = np.diff(face_start)
-    if not broken.any() or not (sizes > 0).all() or not (corner_vertex < len(vertices)).all():
-        return polygons
-    kept = ~np.logical_or.reduceat(broken[corner_vertex], face_start[:-1]) if len(sizes) else sizes > 0
+    kept = np.ones(len(sizes), dtype=bool)
+    if len(sizes) and broken.any() and (sizes > 0).all() and (corner_vertex < len(vertices)).all():
+        kept = ~np.logical_or.reduceat(broken[corner_vertex], face_start[:-1])
     if kept.all() or not kept.any():
-        return polygons
-    return vertices, corner_vertex[np.repeat(kept, sizes)], np.concatenate([[0], np.cumsum(sizes[kept])])
+        return polygons, np.ones(len(sizes), dtype=bool)
+    return (vertices, corner_vertex[np.repeat(kept, sizes)], np.concatenate([[0], np.cumsum(sizes[kept])])), kept
 
 
 def surface_of(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface:

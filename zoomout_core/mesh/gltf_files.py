@@ -35,6 +35,18 @@ UNSIGNED = (5121, 5123, 5125)
 # Elements that a file may have in memory, if its own bytes are fewer: nodes may share meshes, and primitives accessors.
 MAX_ELEMENTS = 1 << 25
 
+# Parts that a file may have, each of which takes a millisecond to read.
+MAX_PARTS = 100_000
+# The types of elements that each attribute of a vertex may have, by the beginning of its name.
+ATTRIBUTE_TYPES = {
+    "POSITION": ("VEC3",),
+    "NORMAL": ("VEC3",),
+    "TEXCOORD_": ("VEC2",),
+    "COLOR_": ("VEC3", "VEC4"),
+    "JOINTS_": ("VEC4",),
+    "WEIGHTS_": ("VEC4",),
+}
+
 # The table that each number refers to.
 REFERENCES = {
     "scene": "scenes",
@@ -69,6 +81,12 @@ REFERENCES = {
     "meshes[].primitives[].extensions.KHR_materials_variants.mappings[].material": "materials",
 }
 TABLES = sorted({"animations", "accessors", "images", "meshes", *REFERENCES.values()})
+PARTS = (
+    *(f"{table}[]" for table in TABLES),
+    "animations[].channels[]",
+    "animations[].samplers[]",
+    "meshes[].primitives[]",
+)
 COUNTS = (
     "accessors[].byteOffset",
     "accessors[].sparse.count",
@@ -298,6 +316,9 @@ def check_structure(tree: Any, size: int = 0) -> None:
     Raises:
         StructureError: it contradicts the specification.
     """
+    parts = sum(1 for path in PARTS for _ in _values(tree, path))
+    if parts > MAX_PARTS:
+        raise StructureError(f"it has {parts} nodes, channels and other parts, and {MAX_PARTS} are allowed")
     for path in OBJECTS:
         for value in _values(tree, path):
             _expect(isinstance(value, dict), path, value, "an object")
@@ -334,6 +355,7 @@ def check_structure(tree: Any, size: int = 0) -> None:
         for value in _values(animation, "channels[].sampler"):
             _expect(_is_count(value) and value < count, "channels[].sampler", value, f"one of the {count} samplers")
     _check_tree_of_nodes(tree.get("nodes") or [])
+    _check_types(tree)
     _check_elements(tree, size)
     _check_accessors(tree)
 
@@ -408,6 +430,33 @@ def _check_tree_of_nodes(nodes: list[dict[str, Any]]) -> None:
         waiting.extend(children)
     if visited < len(nodes):
         raise StructureError("some of its nodes are their own ancestors")
+
+
+def _check_types(tree: dict[str, Any]) -> None:
+    """Check that the values of vertices, corners and joints have the types and the numbers that they need."""
+    accessors = tree.get("accessors") or []
+
+    def check(name: str, number: int, types: Sequence[str], count: int | None, of: str) -> None:
+        accessor = accessors[number]
+        if accessor["type"] not in types:
+            raise StructureError(f"{name} of {of} has elements of type {accessor['type']}, not {' or '.join(types)}")
+        if count is not None and accessor["count"] != count:
+            raise StructureError(f"{name} of {of} has {accessor['count']} elements, and {count} are needed")
+
+    for number, mesh in enumerate(tree.get("meshes") or []):
+        for primitive in mesh["primitives"]:
+            position = primitive["attributes"].get("POSITION")
+            count = None if position is None else accessors[position]["count"]
+            for attributes in (primitive["attributes"], *(primitive.get("targets") or [])):
+                for name, values in attributes.items():
+                    for known, types in ATTRIBUTE_TYPES.items():
+                        if name.startswith(known):
+                            check(name, values, types, count, f"mesh {number}")
+            if primitive.get("indices") is not None:
+                check("indices", primitive["indices"], ("SCALAR",), None, f"mesh {number}")
+    for number, skin in enumerate(tree.get("skins") or []):
+        if skin.get("inverseBindMatrices") is not None:
+            check("inverseBindMatrices", skin["inverseBindMatrices"], ("MAT4",), len(skin["joints"]), f"skin {number}")
 
 
 def _check_elements(tree: dict[str, Any], size: int) -> None:

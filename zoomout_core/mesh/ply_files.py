@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.text_tables import flatten, text_lines
+from zoomout_core.mesh.text_tables import flatten, text_lines, whole_numbers
 
 # Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
@@ -56,14 +56,16 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     """The content of a PLY file, by element and property.
 
     Raises:
-        ValueError: it is not PLY, or incomplete; a KeyError or a StopIteration if its header is broken.
+        ValueError: it is not PLY, or incomplete; a KeyError if its header has unknown types.
     """
     end = content.find(b"end_header")
     if not content.startswith(b"ply") or end < 0:
         raise ValueError("it has no PLY header")
     header = [line.split() for line in text_lines(content[:end])]
     body = content[content.index(b"\n", end) + 1 :]
-    encoding = next(words[1] for words in header if words[:1] == ["format"])
+    encoding = next((words[1] for words in header if words[:1] == ["format"] and len(words) > 1), "")
+    if not encoding:
+        raise ValueError("its header has no format")
     if encoding == "ascii":
         body = np.array(body.split(), dtype=np.float64).tobytes()  # treat it as a binary file of doubles from here on
         types = {word: np.dtype(np.float64) for word in PLY_TYPES}
@@ -73,6 +75,8 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     columns: dict[str, PlyColumns] = {}
     for element in _ply_elements(header, types):
         columns[element.name], body = _element_columns(body, element)
+    if "vertex" not in columns or not {"x", "y", "z"} <= columns["vertex"].keys():
+        raise ValueError("its header has no vertices with x, y and z")
     return columns
 
 
@@ -118,7 +122,9 @@ def _ply_row(body: bytes, offset: int, properties: list[_Property]) -> tuple[dic
     for column in properties:
         size = None
         if column.size_type is not None:
-            size = int(np.frombuffer(body, column.size_type, 1, offset)[0])
+            size = int(whole_numbers(np.frombuffer(body, column.size_type, 1, offset).astype(np.float64))[0])
+            if size < 0:  # numpy would read all that follows
+                raise ValueError(f"a list has {size} entries")
             offset += column.size_type.itemsize
         flat = np.frombuffer(body, column.type, 1 if size is None else size, offset) if size != 0 else np.zeros(0)
         values[column.name] = flat[0] if size is None else flat

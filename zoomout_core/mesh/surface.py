@@ -245,8 +245,8 @@ class PointCloud:
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None) -> None:
         self.points = _check_points(points)
         self.normals = None if normals is None else _check_points(normals)
-        if not np.isfinite(self.points).all():
-            raise MeshError("Some points have coordinates that are not finite: remove them.")
+        if not measurable(self.points).all():
+            raise MeshError("Some points have coordinates that are not finite or far too large: remove them.")
         if self.normals is not None and not (len(self.normals) == len(self.points) and np.isfinite(self.normals).all()):
             raise MeshError(
                 f"Each of the {len(self.points)} points needs a finite normal: correct the normals, or omit them."
@@ -304,8 +304,10 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
 
 def _check_points(points: ArrayLike) -> Floats:
     try:
+        if isinstance(points, np.ndarray) and points.dtype.kind == "c":
+            raise TypeError
         array = np.array(points, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MeshError("Positions must be numbers, three for each vertex.") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise MeshError(f"Positions must be an array of shape (n, 3), not {array.shape}.")

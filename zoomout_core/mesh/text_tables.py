@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
+
+# Double floats are whole numbers up to here, without gaps.
+LARGEST = 2**53
 
 
 def decode(content: bytes) -> str:
@@ -28,13 +31,26 @@ def number_table(lines: list[str], columns: Sequence[int], dtype: DTypeLike = np
     if not lines:
         return np.zeros((0, len(columns)), dtype)
     table = np.loadtxt(lines, usecols=columns, ndmin=2)
-    found = table.astype(dtype)
-    if (found != table).any() and np.issubdtype(dtype, np.integer):
-        raise ValueError(f"{table[found != table][0]} is not a whole number")
-    return found
+    return whole_numbers(table) if np.issubdtype(dtype, np.integer) else table.astype(dtype)
+
+
+def whole_numbers(values: Floats) -> Integers:
+    """The same numbers as integers.
+
+    Raises:
+        ValueError: they are not whole, or too large.
+    """
+    wrong = values[~((np.abs(values) < LARGEST) & (values == np.trunc(values)))]  # also finds NaN
+    if wrong.size:
+        raise ValueError(f"{wrong[0]:g} is not a whole number below {LARGEST:.0e}")
+    return values.astype(np.int64)
 
 
 def flatten(polygons: Any) -> tuple[Integers, Integers]:
-    """The corners (c,) and face starts (f + 1,) of polygons."""
+    """The corners (c,) and face starts (f + 1,) of polygons.
+
+    Raises:
+        ValueError: a corner is not a whole number.
+    """
     sizes = [len(polygon) for polygon in polygons]
-    return np.concatenate([[], *polygons]).astype(np.int64), np.cumsum([0, *sizes])
+    return whole_numbers(np.concatenate([[], *polygons]).astype(np.float64)), np.cumsum([0, *sizes])

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 SAFE_PATH = "PYTHONSAFEPATH"
 
@@ -34,6 +36,18 @@ def leave_out_working_folder() -> None:
     first = sys.path[0] if sys.path else None
     if first is not None and _is_same(first or os.curdir, os.curdir) and not _is_same(first or os.curdir, _home()):
         del sys.path[0]
+
+
+@contextmanager
+def empty_working_folder() -> Iterator[None]:
+    """A context in which the working folder of this process is an empty one: some packages read settings there."""
+    before = os.getcwd()
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        os.chdir(folder)
+        try:
+            yield
+        finally:
+            os.chdir(before)
 
 
 def modules_of_python_in(folder: Path) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from hashlib import sha256
 from os import PathLike
 from typing import Any, TypeAlias
 
@@ -18,7 +19,7 @@ from scipy.sparse import csc_array
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 
-TREE = "tree"
+TREE, CHECKSUM = "tree", "checksum"
 SPARSE = "data", "indices", "indptr"
 # The classes that a file may contain, and the stored attributes of each.
 Classes: TypeAlias = Mapping[type, Sequence[str]]
@@ -41,8 +42,9 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
     writer = _Writer(classes)
     tree = {"root": writer.encode(value), "objects": writer.objects}
     arrays = {f"array {number}": array for number, array in enumerate(writer.arrays)}
+    arrays[TREE] = np.frombuffer(json.dumps(tree).encode(), np.uint8)
     with atomic_write(path) as part:
-        write_arrays(part, {TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)} | arrays, compressed=False)
+        write_arrays(part, arrays | {CHECKSUM: _checksum(arrays)}, compressed=False)
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:
@@ -50,16 +52,28 @@ def load_object(path: str | PathLike[str], classes: Classes) -> Any:
 
     Raises:
         FileNotFoundError: the file is missing.
-        ArrayFileError: it has another format, is broken, or contains another class.
+        ArrayFileError: it has another format, is broken, was changed, or contains another class.
     """
     arrays = read_arrays(path)
     try:
+        if not np.array_equal(arrays.pop(CHECKSUM), _checksum(arrays)):
+            raise ArrayFileError("its arrays were changed after it was saved")
         tree = json.loads(arrays[TREE].tobytes())
         return _Reader(tree["objects"], arrays, classes).decode(tree["root"])
     except ArrayFileError:
         raise
     except Exception as error:  # the type of the error depends on which parts do not fit together
         raise ArrayFileError("it is damaged, or was saved by another version") from error
+
+
+def _checksum(arrays: Mapping[str, np.ndarray[Any, Any]]) -> np.ndarray[Any, Any]:
+    """A hash of some arrays, since those of an object must fit together in more ways than are worth checking."""
+    found = sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        found.update(repr((name, array.dtype.str, array.shape)).encode())
+        found.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    return np.frombuffer(found.digest(), np.uint8)
 
 
 class _Writer:

@@ -48,10 +48,16 @@ def check_output(
     for place in (folder, path):
         if place.exists() and not os.access(place, os.W_OK):
             raise OutputError(f"{place} is not writable: change its permissions, or choose another place.")
-    if not in_place and any(is_same_file(path, one) for one in inputs):
-        raise replaces_input(path)
+    if not in_place:
+        check_no_input(path, inputs)
     if not path.exists() or path.is_file():
         _try_to_write(path)
+
+
+def check_no_input(path: Path, inputs: Iterable[str | os.PathLike[str]]) -> None:
+    """Raise an OutputError if a file is one of the inputs."""
+    if path.exists() and any(is_same_file(path, one) for one in inputs):
+        raise replaces_input(path)
 
 
 def replaces_input(path: Path) -> OutputError:

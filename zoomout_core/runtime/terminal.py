@@ -4,14 +4,24 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+from collections.abc import Callable
+
+# Characters that move the cursor, act on a terminal or turn the direction of text: a name may have them, a line not.
+ACTING = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def print_any_character() -> None:
-    """Have characters that the standard output cannot show, as in a terminal of Windows, printed as numbers."""
+    """Print characters that the standard output cannot show, as in a terminal of Windows, or obeys, as numbers."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # not if a program has replaced it
             stream.reconfigure(errors="backslashreplace")
+            setattr(stream, "write", _harmless(stream.write))  # noqa: B010, which mypy wants
+
+
+def _harmless(write: Callable[[str], int]) -> Callable[[str], int]:
+    return lambda text: write(ACTING.sub(lambda each: each[0].encode("unicode_escape").decode(), text))
 
 
 def drop_output() -> None:

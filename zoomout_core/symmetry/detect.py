@@ -24,6 +24,7 @@ from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.confidence import Counterparts, confidence_of
 from zoomout_core.matching.dense_map import bend_onto_source
+from zoomout_core.matching.match_signature import suggest_names
 from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import check_count, check_sizes
 from zoomout_core.matching.pair import Pair
@@ -98,6 +99,7 @@ class Symmetry(SelfMap):
         }
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def detect_symmetry(
