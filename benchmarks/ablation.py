@@ -22,7 +22,7 @@ from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, in_order, rank
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.scores import scores_of, total_score
+from zoomout_core.matching.scores import ENERGY, scores_of, total_score
 
 SOURCES = {
     "extremities": extremity_hypotheses,
@@ -37,6 +37,7 @@ NEUTRAL = {
     "curvature": {"curvature": 0.0},
     "handedness": {"handedness": 0.0},
     "fit in space": {"place": 1.0, "facing": 1.0},
+    "finished maps": {ENERGY: 1.0},
 }
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
+from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
 from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
@@ -141,11 +142,14 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         hypotheses, _ = side_by_side(
             lambda: guess(pair, options.initial, evidence, disagreement, earlier), lambda: _prepare_lift(pair)
         )
-    with stage("Comparing candidates", 0.15, 1.0):
-        candidates = rank(hypotheses, pair.source_shape, pair.target_shape, disagreement)
+    shapes = pair.source_shape, pair.target_shape
+    with stage("Comparing candidates", 0.15, 0.8):
+        candidates = rank(hypotheses, *shapes, disagreement)
+    with stage("Comparing finished maps", 0.8, 1.0):
+        candidates = rank_finished(candidates, *shapes, pair.step)
     if options.initial not in ("auto", "landmarks"):
         return candidates
-    return with_turned(candidates, pair.source_shape, pair.target_shape, disagreement)
+    return with_turned(candidates, *shapes, disagreement)
 
 
 def _prepare_lift(pair: Pair) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from zoomout_core.matching.attempt import Attempt, agree, confirm
 from zoomout_core.matching.constraints import Constraints
+from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess_more
 from zoomout_core.matching.notes import OTHER_UNITS, RESCALED, TOO_COARSE
@@ -109,9 +110,10 @@ def _with_more_guesses(attempt: Attempt, known: Constraints, options: MatchOptio
     disagreement = evidence.disagreement(pair)
     with stage("Searching again", 0.0, 0.3):
         hypotheses = guess_more(pair, evidence, disagreement)
-    with stage("Comparing candidates", 0.3, 1.0):
+    with stage("Comparing candidates", 0.3, 0.8):
         found = rank(hypotheses, *shapes, disagreement)
-    candidates = with_others(attempt.candidates, found, *shapes)
+    with stage("Comparing finished maps", 0.8, 1.0):
+        candidates = rank_finished(with_others(attempt.candidates, found, *shapes), *shapes, pair.step)
     return replace(attempt, candidates=with_turned(candidates, *shapes, disagreement))
 
 

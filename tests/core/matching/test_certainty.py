@@ -15,16 +15,20 @@ from reports import fractions_of
 from scipy.spatial import cKDTree
 from shapes import sheet
 
+from zoomout_core.arrays import Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.ranking import Candidate, _align, _leading, in_order, rank, with_others
-from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, IN_SPACE
+from zoomout_core.matching.scores import ENERGY, IN_SPACE, evidence_score
 
 COUNT = 40
 
 
-def line(sides_are_known: bool = True) -> Any:
+TETRAHEDRON = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+
+
+def line(sides_are_known: bool = True, triangles: Integers = TETRAHEDRON, is_hull: bool = False) -> Any:
     """Stand-in for a shape, with samples on a line of unit length."""
     at = np.linspace(0, 1, COUNT)
     return SimpleNamespace(
@@ -32,7 +36,8 @@ def line(sides_are_known: bool = True) -> Any:
         nearest_distance_sample=np.arange(COUNT),
         search=SimpleNamespace(samples=np.arange(COUNT)),
         coordinates=at[:, None],
-        mesh=SimpleNamespace(sides_are_known=sides_are_known),
+        mesh=SimpleNamespace(sides_are_known=sides_are_known, triangles=triangles),
+        proxy=SimpleNamespace(full=SimpleNamespace(is_hull=is_hull)),
     )
 
 
@@ -54,15 +59,24 @@ def certainties(*candidates: Candidate, sides_are_known: bool = True) -> list[fl
 
 
 def test_a_map_without_rivals_is_as_sure_as_its_fit_in_space() -> None:
-    fitting, doubtful, misfit = (certainties(candidate(0.0, place=place))[0] for place in (0.005, 0.03, 0.3))
+    fitting, doubtful, misfit = (certainties(candidate(0.0, place=place))[0] for place in (0.005, 0.04, 0.3))
     assert fitting > 0.99
     assert 0.1 < doubtful < 0.95
     assert misfit < 0.01
 
 
+def test_a_shape_with_a_border_may_lack_pieces_and_a_hull_hides_them() -> None:
+    fair = candidate(0.0, place=0.03)
+    closed, opened, hull = (
+        in_order([fair], line(), shape)[0].certainty
+        for shape in (line(), line(triangles=TETRAHEDRON[:3]), line(is_hull=True))
+    )
+    assert opened == hull < 0.8 < 0.9 < closed
+
+
 def test_of_two_maps_that_are_as_good_neither_is_sure_and_a_lead_puts_rivals_out() -> None:
     assert certainties(candidate(0.0), candidate(0.0, 0.5)) == pytest.approx([0.5, 0.5], abs=0.01)
-    ahead, behind = certainties(candidate(0.0), candidate(1.0, 0.5))
+    ahead, behind = certainties(candidate(0.0), candidate(1.3, 0.5))
     assert ahead > 0.95
     assert behind < 0.05
     three = certainties(candidate(0.0), candidate(0.0, 0.4), candidate(0.0, 0.8))
@@ -85,10 +99,30 @@ def test_any_lead_has_a_certainty() -> None:
 def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
     off = 0.5
     standing = candidate(0.0)
-    turned = candidate(EVIDENCE_WEIGHTS[IN_SPACE] * off, 0.5, in_space=off)
+    turned = candidate(evidence_score(IN_SPACE, off), 0.5, in_space=off)
     ranked = in_order([turned, standing], line(), line())
     assert ranked[0].origin == standing.origin
-    assert ranked[0].certainty == pytest.approx(0.5, abs=0.01)
+    assert 0.8 < ranked[0].certainty < 0.9
+
+
+def test_a_finished_map_of_lower_energy_comes_first_and_is_surer() -> None:
+    def finished(one: Candidate, energy: float) -> Candidate:
+        return replace(one, scores=one.scores | {ENERGY: energy})
+
+    ahead, behind, rest = candidate(0.0), candidate(0.6, 0.5), candidate(0.5, 0.9)
+    assert in_order([ahead, behind, rest], line(), line())[0].origin == ahead.origin
+    ranked = in_order([finished(ahead, 0.11), finished(behind, 0.085), rest], line(), line())
+    # The map that is not finished is taken to be as bad as the worst one that is.
+    assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
+    assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
+
+
+def test_no_map_is_surer_than_one_before_it() -> None:
+    # The second fits better in space, but all else speaks against it.
+    first, second = candidate(0.0, place=0.05), candidate(0.1, 0.05, place=0.01)
+    ranked = in_order([second, first], line(), line())
+    assert ranked[0].origin == first.origin
+    assert ranked[1].certainty == ranked[0].certainty
 
 
 def test_mirror_images_come_last_and_rival_each_other_only() -> None:
@@ -223,7 +257,7 @@ def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
 
 def test_others_join_candidates_where_they_are_other_maps() -> None:
     first = in_order([candidate(0.0), candidate(0.2, 0.6)], line(), line())
-    same, new = candidate(-5.0, 0.001), candidate(-1.0, 0.3)
+    same, new = candidate(-5.0, 0.001), candidate(-1.3, 0.3)
     joined = with_others(first, [same, new], line(), line())
     assert [one.origin for one in joined] == [new.origin, *(one.origin for one in first)]
     assert joined[0].certainty > 0.9 > 0.5 > joined[1].certainty

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finished maps decide between candidates of similar scores, and are not computed if one is far ahead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, mirrored_vertex, true_vertex
+from scipy.spatial import cKDTree
+
+from zoomout_core.maps.functional_map import functional_map_of
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.finished_maps import FINISHED_MAPS, rank_finished, similarity_energy
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.ranking import Candidate, rank
+from zoomout_core.matching.scores import ENERGY
+
+
+@pytest.fixture(scope="module")
+def creatures() -> tuple[Creature, Creature]:
+    return creature(700, seed=0), creature(680, seed=1, bend=0.3)
+
+
+@pytest.fixture(scope="module")
+def shapes(creatures: tuple[Creature, Creature]) -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    source, target = (analyse(one.surface.working.part(0)[0], 90, 300, 0) for one in creatures)
+    return source, target
+
+
+@pytest.fixture(scope="module")
+def candidates(creatures, shapes) -> dict[str, Candidate]:
+    about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
+    maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
+    bases = [shape.basis for shape in shapes]
+    guesses = [Hypothesis(name, functional_map_of(vertex, *bases, 8, 8)) for name, vertex in maps.items()]
+    return {one.origin: one for one in rank(guesses, *shapes)}
+
+
+def with_total(candidate: Candidate, total: float) -> Candidate:
+    return replace(candidate, scores=candidate.scores | {"total": total})
+
+
+def ranked(candidates: dict[str, Candidate], shapes, lag: float) -> list[Candidate]:
+    """Candidates of which the samples prefer the wrong one to the true one, by a lead in score."""
+    given = with_total(candidates["about"], -15.0), with_total(candidates["true"], -15.0 + lag)
+    return rank_finished([*given, candidates["mirrored"]], *shapes, 20)
+
+
+def test_the_finished_map_decides_if_samples_prefer_the_wrong_one_by_a_little(candidates, shapes) -> None:
+    first, second, mirrored = ranked(candidates, shapes, 0.5)
+    assert (first.origin, second.origin, mirrored.origin) == ("true", "about", "mirrored")
+    assert first.scores[ENERGY] < 0.8 * second.scores[ENERGY]
+    assert first.certainty > 0.9 > 0.1 > second.certainty
+    # Refining is for the ranking only: the candidate itself stays.
+    assert first.functional_map is candidates["true"].functional_map
+    # Mirror images rival only each other, so a single one is not refined.
+    assert ENERGY not in mirrored.scores
+
+
+def test_a_map_that_is_far_ahead_stays_first_and_none_is_refined(candidates, shapes, monkeypatch) -> None:
+    assert ranked(candidates, shapes, FINISHED_MAPS.margin - 0.01)[0].origin == "true"
+    monkeypatch.setattr("zoomout_core.matching.finished_maps.refine", lambda *_: pytest.fail("a map was refined"))
+    assert ranked(candidates, shapes, FINISHED_MAPS.margin + 0.01)[0].origin == "about"
+
+
+def test_only_the_first_few_are_refined(candidates, shapes) -> None:
+    given = [with_total(candidates["true"], -15.0 + 0.01 * number) for number in range(FINISHED_MAPS.most + 2)]
+    found = rank_finished(given, *shapes, 20)
+    assert sum(ENERGY in one.scores for one in found) == FINISHED_MAPS.most
+
+
+def test_a_map_of_the_mirror_image_is_no_reflection(creatures, shapes) -> None:
+    source, target = shapes
+    images = creatures[0].surface.working.part(0)[0].vertices
+    order = np.asarray(cKDTree(images).query(source.mesh.vertices)[1])
+    assert (order == np.arange(len(images))).all()
+    corner = np.zeros(len(images), dtype=np.int64)
+    corner[source.mesh.triangles.ravel()] = np.arange(source.mesh.triangles.size)
+    energies = []
+    for vertex, mirrored in ((true_vertex(*creatures), False), (mirrored_vertex(*creatures), True)):
+        found = SurfaceMap(corner[vertex] // 3, np.eye(3)[corner[vertex] % 3], source.mesh.triangles)
+        energies.append([similarity_energy(found, source, target, sense) for sense in (mirrored, not mirrored)])
+    for right, wrong in energies:
+        assert 2 * right < wrong
+    assert energies[0][0] == pytest.approx(energies[1][0], rel=0.3)
