@@ -25,7 +25,7 @@ from zoomout_core.mesh.triangles import edge_graph
 # Largest factor by which a scaled target is larger or smaller.
 MAX_SCALE = 2.0
 # Sources of at most this many vertices have the distances between all of them kept, of 4 bytes each.
-MOST_KEPT = 10_000
+MAX_KEPT = 10_000
 # Rows of distances that are computed at once.
 BLOCK = 500
 
@@ -132,7 +132,7 @@ def distances(path: Path, image: Integers, truth: Integers) -> Floats:
 def _distances_from(path: Path, vertex: Integers) -> Floats:
     """(m, n) distances along edges from vertices (m,) of a mesh file, over the root of its area; infinite for none."""
     surface = zo.read_surface(path)
-    if len(surface.vertices) <= MOST_KEPT:
+    if len(surface.vertices) <= MAX_KEPT:
         return _all_distances(path)[vertex].astype(float)
     return dijkstra(edge_graph(surface.vertices, surface.triangles), indices=vertex) / np.sqrt(surface.area)
 

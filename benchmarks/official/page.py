@@ -49,7 +49,7 @@ def tables(folder: Path, names: Sequence[str] = ()) -> Tables:
     found: Tables = {"sets": []}
     for name, about, records in sets_in(folder, names):
         rows = rows_of(name, about, records)
-        best = _best(_published(about))
+        best = _best(_published_rows(about))
         found["sets"] += [{"set": name, **row, **best} for row in rows]
         found[name] = rows
         found[f"{name}, published"] = _standing(about, rows)
@@ -209,7 +209,7 @@ def _wrong(about: Record, records: Sequence[Record]) -> list[Record]:
 # --- published figures --------------------------------------------------------------------------------------------
 
 
-def _published(about: Record) -> list[Record]:
+def _published_rows(about: Record) -> list[Record]:
     """The published methods of a protocol."""
     published = about["protocol"].get("published", {})
     return [
@@ -228,7 +228,7 @@ def _published(about: Record) -> list[Record]:
 
 def _best(published: Sequence[Record]) -> Record:
     """The best published method of each kind, with its figure."""
-    figure = _ranked_by(published)
+    figure = _ranking_measure(published)
     unit = "mIoU " if figure == "mIoU" else ""
     best: dict[str, Record] = {}
     for entry in sorted((entry for entry in published if entry[figure] is not None), key=lambda e: _rank(e, figure)):
@@ -238,7 +238,7 @@ def _best(published: Sequence[Record]) -> Record:
 
 def _standing(about: Record, rows: Sequence[Record]) -> list[Record]:
     """Published methods and ours, the best first."""
-    published = _published(about)
+    published = _published_rows(about)
     if not published:
         return []
     ours = [
@@ -246,14 +246,14 @@ def _standing(about: Record, rows: Sequence[Record]) -> list[Record]:
         | {column: row.get(column) for column in FIGURES}
         for row in rows
     ]
-    figure = _ranked_by(published)
+    figure = _ranking_measure(published)
     return [
         {column: row.get(column) for column in ("method", "kind", *FIGURES, "source")}
         for row in sorted([*ours, *published], key=lambda row: _rank(row, figure))
     ]
 
 
-def _ranked_by(published: Sequence[Record]) -> str:
+def _ranking_measure(published: Sequence[Record]) -> str:
     """The figure that most published methods have."""
     return max(("error", "mIoU"), key=lambda figure: sum(entry[figure] is not None for entry in published))
 

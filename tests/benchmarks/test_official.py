@@ -146,7 +146,7 @@ def test_what_is_no_set_is_refused_in_a_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kept", [0, 100])
 def test_distances_run_along_edges_at_unit_area(tmp_path: Path, kept: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measuring, "MOST_KEPT", kept)
+    monkeypatch.setattr(measuring, "MAX_KEPT", kept)
     apart = zo.Surface.joined([STRIP, STRIP.with_vertices(STRIP.vertices + np.array([9, 0, 0]))])
     write_off(tmp_path / "apart.off", apart)
     found = distances(tmp_path / "apart.off", np.array([2, 0, 9]), np.array([0, 0, 2]))

@@ -80,7 +80,7 @@ class _Images(NamedTuple):
     barycentric: Floats  # (n, 3)
     features: SingleFloats  # (n, 6 + d) positions, normals, and geodesic distances to some samples, at unit area
 
-    def replaced(self, other: _Images, chosen: Booleans) -> _Images:
+    def replace_at(self, other: _Images, chosen: Booleans) -> _Images:
         """These, with others at chosen vertices (n,)."""
         triangle = np.where(chosen, other.triangle, self.triangle)
         barycentric, features = (
@@ -128,9 +128,9 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, bases: Booleans, branches: B
     filled = ((_to_fill(mesh, edges, torn) & ~branches[member]) | bases[member]) & ~fixed
     if filled.any():
         tried = [images, *_fills(images, filled, edges, mesh, source.working, corners)]
-        best = _least_distorted(tried, filled, edges, limit / REPAIR.max_stretch * own)
+        best = _choose_images(tried, filled, edges, limit / REPAIR.max_stretch * own)
         for choice, filling in enumerate(tried[1:], start=1):
-            images = images.replaced(filling, best == choice)
+            images = images.replace_at(filling, best == choice)
         filled &= best > 0
         torn, _ = _torn(images.features, edges, own, limit)
     at_torn = np.zeros(len(filled), dtype=bool)
@@ -161,7 +161,7 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
     return np.asarray(shape.proxy.place.interpolate(shape.distances[:BOUND_SAMPLES].T)[of_body])
 
 
-def _least_distorted(tried: Sequence[_Images], filled: Booleans, edges: Integers, usual: Floats) -> Integers:
+def _choose_images(tried: Sequence[_Images], filled: Booleans, edges: Integers, usual: Floats) -> Integers:
     """(n,) for each vertex the number of the images that stretch and shrink the edges (e, 2) of its patch least.
 
     `usual` (e,) are the lengths that the edges' images have if the map is not distorted.

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.repair import REPAIR, Repair, _Images, _least_distorted, repair
+from zoomout_core.matching.repair import REPAIR, Repair, _choose_images, _Images, repair
 from zoomout_core.mesh.triangles import unique_edges
 
 # Accepted mean error of filled places at unit area: a few edges.
@@ -132,7 +132,7 @@ def test_each_patch_takes_the_images_that_neither_stretch_nor_shrink_it(pair) ->
         stretched[other] *= 10
         filled = np.isin(np.arange(len(places)), [*patch, *other])
         tried = [_Images(filled, filled, np.pad(each, ((0, 0), (0, 4)))) for each in (shrunk, stretched)]
-        best = _least_distorted(tried, filled, edges, own)
+        best = _choose_images(tried, filled, edges, own)
         assert (best[patch] == 1).all()
         assert (best[other] == 0).all()
         shrunk, stretched = places.copy(), places.copy()

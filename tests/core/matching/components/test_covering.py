@@ -146,7 +146,7 @@ def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = Fal
             raise MeshError("too small")
         return "main", "main"
 
-    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "cached_hull", lambda *_: "skin")
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: covered)
     monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.array([covered, 1 - covered]))
     monkeypatch.setattr(bodies, "main_parts", main_parts)
@@ -164,7 +164,7 @@ def test_a_main_part_is_the_body_if_it_lies_below_nearly_all_of_the_skin(monkeyp
 def test_hulls_come_first_if_only_one_outside_shows_other_parts(monkeypatch, one, other, first) -> None:
     pair = [Surface.joined([ball(size), ball(0.5, (1.2, 0, 0))]) for size in (1.0, 0.9)]
     share = {id(surface): part for surface, part in zip(pair, (one, other), strict=True)}
-    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "cached_hull", lambda *_: "skin")
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.99)
     monkeypatch.setattr(bodies, "shares_of_outside", lambda surface, _: np.array([share[id(surface)], 0]))
     monkeypatch.setattr(bodies, "main_parts", lambda *_: ("main", "main"))
@@ -184,7 +184,7 @@ def test_a_main_part_that_is_too_small_leaves_the_skin(monkeypatch) -> None:
 def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypatch) -> None:
     surfaces = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     covered = {id(surfaces[0]): 0.95, id(surfaces[1]): 0.6}
-    monkeypatch.setattr(bodies, "hull_of", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(bodies, "cached_hull", lambda *_: SimpleNamespace())
     monkeypatch.setattr(bodies, "main_part_coverage", lambda surface, _: covered[id(surface)])
     monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.ones(2) / 2)
     for pair in (surfaces, surfaces[::-1]):
@@ -193,7 +193,7 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
 
 
 def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> None:
-    monkeypatch.setattr(bodies, "hull_of", lambda *_: pytest.fail("a skin was made"))
+    monkeypatch.setattr(bodies, "cached_hull", lambda *_: pytest.fail("a skin was made"))
     one, other = ball(count=100), ball(2.0, count=80)
     (found,) = find_bodies(one, other, 0)
     assert found.coverage == 1
@@ -202,7 +202,7 @@ def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> 
 
 def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) -> None:
     pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
-    monkeypatch.setattr(bodies, "hull_of", lambda surface, tight=False: (surface is pair[0], tight))
+    monkeypatch.setattr(bodies, "cached_hull", lambda surface, tight=False: (surface is pair[0], tight))
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.3)
     shares = np.ones(2) / 2
     monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: shares)
@@ -219,7 +219,7 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
         advance(1.0)
         return "main", "main"
 
-    monkeypatch.setattr(bodies, "hull_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "cached_hull", lambda *_: "skin")
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.95)
     monkeypatch.setattr(bodies, "shares_of_outside", lambda *_: np.array([0.95, 0.05]))
     monkeypatch.setattr(bodies, "main_parts", main_parts)
