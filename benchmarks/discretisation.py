@@ -15,7 +15,7 @@ from benchmarks.compared import mean_curves
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, load_pair, pair_names, sets_in
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record
 from zoomout_core.arrays import Floats
 
@@ -34,7 +34,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     records: list[Record] = []
     for folder in (folder for folder in sets_in(data) if (folder / TEMPLATE).is_file()):
         for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
-            records += stored((folder.name, *names), partial(_of_names, folder, *names))
+            records += read_or_compute((folder.name, *names), partial(_of_names, folder, *names))
     kinds = sorted({record["target"] for record in records} | {record["source"] for record in records})
     rows: list[dict[str, Any]] = []
     right: list[dict[str, Any]] = []

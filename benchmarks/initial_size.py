@@ -19,7 +19,7 @@ import zoomout_core as zo
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, evenly, is_far, load_pair, sets_in, shipped_map, shipped_pairs
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.nearest import nearest
@@ -54,7 +54,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
         chosen = evenly(names, pairs or PAIRS)
         for number, each in enumerate(tqdm(chosen, desc=folder.name, leave=False)):
             draws = DRAWS // len(chosen) + (number < DRAWS % len(chosen))
-            found += stored((folder.name, *each, str(draws)), partial(_of_names, folder, each, draws))
+            found += read_or_compute((folder.name, *each, str(draws)), partial(_of_names, folder, each, draws))
     sized, noisy = ([record for record in found if column in record] for column in ("size", "noise"))
     rows = [_of_size(sized, size) for size in SIZES if sized]
     if figure is not None and rows:

@@ -18,7 +18,7 @@ import zoomout_core as zo
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
 from benchmarks.refinement import ISOMETRIC_LIMIT, K_SIGNATURES
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
@@ -48,7 +48,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     for folder in sets_in(data):
         if folder.name in SETS:
             for names in tqdm(pair_names(folder, pairs or PAIRS), desc=folder.name, leave=False):
-                records += stored((folder.name, *names), partial(_of_names, folder, *names))
+                records += read_or_compute((folder.name, *names), partial(_of_names, folder, *names))
     rows = [_row(records, k) for k in SIZES if records]
     if figure is not None and rows:
         lines = {method: (SIZES, [row[f"{method}: mean"] for row in rows]) for method in (FITTED, TRUE)}

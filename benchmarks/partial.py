@@ -21,7 +21,7 @@ from benchmarks.baselines.gtm import gtm
 from benchmarks.baselines.pfm import Partial, first_map, pfm
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import PairOfParts, kind_of_part, part_names, region_of, sets_of_parts_in
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import vertex_areas
@@ -143,7 +143,9 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
             kind = kind_of_part(name)
             with_slow = seen[kind] < FEW
             seen[kind] += 1
-            records += stored((name, *(["slow"] if with_slow else [])), partial(_of_name, folder, name, with_slow))
+            records += read_or_compute(
+                (name, *(["slow"] if with_slow else [])), partial(_of_name, folder, name, with_slow)
+            )
     if not records:
         return {"rows": []}
     if figure is not None:

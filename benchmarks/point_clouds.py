@@ -27,7 +27,7 @@ from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
 from benchmarks.discretisation import match
 from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
@@ -72,7 +72,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
             continue
         for number, names in enumerate(tqdm(_names(folder, pairs), desc=folder.name, leave=False)):
             key = (folder.name, *names, str(number))
-            records += stored(key, partial(_of_names, folder, names, number, sampled))
+            records += read_or_compute(key, partial(_of_names, folder, names, number, sampled))
     if figure is not None and records:
         draw_curves(figure, mean_curves("set", records))
     matches = [record for record in records if record["method"] == MATCH]

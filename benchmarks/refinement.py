@@ -33,7 +33,7 @@ from benchmarks.starts import (
     from_signatures,
     landmarks_of,
 )
-from benchmarks.stored import stored
+from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables, over
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
@@ -252,7 +252,7 @@ def _refine(settings: Sequence[Setting], pairs: int | None, figure: Path | None)
     for setting in settings:
         found: list[Record] = []
         for names in tqdm(evenly(setting.pairs, pairs), desc=setting.name, leave=False):
-            found += stored((setting.name, *names), partial(_of_names, setting, *names))
+            found += read_or_compute((setting.name, *names), partial(_of_names, setting, *names))
         records += found
         rows += _rows(setting, found)
     if not records:

@@ -89,7 +89,7 @@ def storing(path: Path, code: Iterable[Path]) -> Iterator[Store]:
         _current.reset(token)
 
 
-def stored(names: Iterable[str], compute: Callable[[], list[Record]]) -> list[Record]:
+def read_or_compute(names: Iterable[str], compute: Callable[[], list[Record]]) -> list[Record]:
     """Records that are computed, unless they are stored; simply computed outside of `storing`.
 
     Args:

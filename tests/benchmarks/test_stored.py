@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import datasets, paper, refinement
-from benchmarks.stored import read, stored, storing
+from benchmarks.stored import read, read_or_compute, storing
 from benchmarks.tables import Record, Tables
 
 
@@ -24,7 +24,9 @@ def squares(numbers: list[int], asked: list[int]) -> list[Record]:
         asked.append(number)
         return [{"square": number**2}]
 
-    return [record for number in numbers for record in stored([str(number)], lambda number=number: square(number))]
+    return [
+        record for number in numbers for record in read_or_compute([str(number)], lambda number=number: square(number))
+    ]
 
 
 def test_records_are_computed_once(tmp_path: Path) -> None:
