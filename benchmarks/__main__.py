@@ -146,6 +146,16 @@ def official(
 
 @main.command()
 @common_options
+@click.option("--slow", is_flag=True, help="Include non-rigid ICP, which takes minutes for each pair.")
+def faces(data: Path, pairs: int | None, json_file: Path | None, slow: bool) -> None:
+    """Expression keys on other heads, beside methods that get the true landmarks."""
+    from benchmarks import faces as faces_tables  # it needs trimesh
+
+    report(faces_tables.run(data, pairs, slow), data, json_file)
+
+
+@main.command()
+@common_options
 def leave_out(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """Whole matches without the stages that few shapes need, on the sets that need them."""
     report(leave_out_table.run(data, pairs), data, json_file)

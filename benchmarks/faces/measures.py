@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Errors of expression keys on a head, next to the true ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.faces.cases import JAW_OPEN, Case, Sides
+from benchmarks.tables import Record
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.mesh.triangles import triangle_normals, unique_edges
+
+BLINKS = ("eyeBlink_L", "eyeBlink_R")
+# A key moves a part of the head if the true motion exceeds this share of the largest motion of all keys.
+MOVES = 1e-3
+# An edge is torn if it is longer than this multiple of its length under the true key.
+TORN = 2.0
+MILLIMETRES = 10.0  # per centimetre
+
+
+def figures(case: Case, keys: Floats) -> Record:
+    """Figures of keys (keys, n_t, 3) on the target.
+
+    `error`: mean over the keys of the sum of the distances from the true offsets over the sum of the lengths of these;
+    0 is right, and 1 as bad as no key. `skin`: the same on the skin. `worst`: the largest of these, and `key` its name.
+    `lips`: how far the key that opens the jaw opens the lips, as a share of the truth. `blink`: by how many millimetres
+    the lids stay farther apart than in truth, at most. `flipped` and `torn`: triangles that are turned over, and edges
+    stretched, against the truth, over all keys. `solids`: the largest distance in millimetres of a row of teeth or an
+    eyeball from its true place. `bent`: the largest change of shape of these, beyond their true one.
+    """
+    errors = key_errors(keys, case.truth)
+    skin = key_errors(keys[:, case.skin], case.truth[:, case.skin])
+    moving = np.linalg.norm(case.truth[:, case.skin], axis=2).sum(axis=1)
+    worst = int(errors.argmax())
+    row: Record = {"error": float(errors.mean()), "median": float(np.median(errors))}
+    row |= {"skin": float(skin[moving > MOVES * moving.max()].mean())}
+    row |= {"worst": float(errors[worst]), "key": case.names[worst], "lips": None, "blink": None}
+    millimetre = case.scale / MILLIMETRES
+    if case.lips is not None:
+        jaw = case.names.index(JAW_OPEN)
+        row |= {"lips": opening(case, keys[jaw], case.lips) / opening(case, case.truth[jaw], case.lips)}
+    if case.lids is not None:
+        blinks = [case.names.index(name) for name in BLINKS]
+        row |= {"blink": max(remaining_gap(case, keys[i], case.truth[i], case.lids) for i in blinks) / millimetre}
+    flipped, torn = zip(*(damage(case, found, true) for found, true in zip(keys, case.truth, strict=True)), strict=True)
+    row |= {"flipped": sum(flipped), "torn": sum(torn), "solids": None, "bent": None}
+    if case.solids:
+        off, bent = [], []
+        for vertices in case.solids.values():
+            rest = case.target.vertices[vertices]
+            for found, true in zip(keys[:, vertices], case.truth[:, vertices], strict=True):
+                off.append(float(np.linalg.norm(found - true, axis=1).mean()))
+                bent.append(change_of_shape(rest, found) - change_of_shape(rest, true))
+        row |= {"solids": max(off) / millimetre, "bent": max(bent) / millimetre}
+    return row
+
+
+def key_errors(keys: Floats, truth: Floats) -> Floats:
+    """(keys,) sums of the distances between offsets (keys, n, 3), as shares of the sums of the true lengths."""
+    lengths = np.linalg.norm(truth, axis=2).sum(axis=1)
+    return np.asarray(np.linalg.norm(keys - truth, axis=2).sum(axis=1) / np.maximum(lengths, 1e-9))
+
+
+def opening(case: Case, key: Floats, sides: Sides) -> float:
+    """The mean increase of the distance between two sides by a key (n_t, 3)."""
+    rest = case.target.vertices
+    return _distance(rest + key, sides) - _distance(rest, sides)
+
+
+def remaining_gap(case: Case, key: Floats, true: Floats, sides: Sides) -> float:
+    """How much farther apart two sides are under a key (n_t, 3) than under the true one."""
+    return _distance(case.target.vertices + key, sides) - _distance(case.target.vertices + true, sides)
+
+
+def damage(case: Case, key: Floats, true: Floats) -> tuple[int, int]:
+    """The numbers of triangles that a key (n_t, 3) turns over, and of edges that it tears, against the true one."""
+    moving = (key != 0).any(axis=1) | (true != 0).any(axis=1)
+    triangles = case.target.triangles[moving[case.target.triangles].any(axis=1)]
+    edges, _ = unique_edges(triangles)
+    rest = case.target.vertices
+    against = np.einsum("mx,mx->m", *(triangle_normals(rest + offset, triangles) for offset in (key, true))) < 0
+    stretched = edge_lengths(rest + key, edges) > TORN * np.maximum(
+        edge_lengths(rest + true, edges), edge_lengths(rest, edges)
+    )
+    return int(against.sum()), int(stretched.sum())
+
+
+def edge_lengths(vertices: Floats, edges: Integers) -> Floats:
+    """(e,) lengths of edges (e, 2)."""
+    return np.asarray(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1))
+
+
+def change_of_shape(rest: Floats, offsets: Floats) -> float:
+    """The root of the mean squared distance of moved points (n, 3) from the best rigid motion of all."""
+    moved = rest + offsets
+    rotation = procrustes(rest, moved, np.ones(len(rest))).rotation
+    turned = (rest - rest.mean(axis=0)) @ rotation.T + moved.mean(axis=0)
+    return float(np.sqrt(((turned - moved) ** 2).sum(axis=1).mean()))
+
+
+def _distance(vertices: Floats, sides: Sides) -> float:
+    upper, lower = sides
+    return float(np.linalg.norm(vertices[upper] - vertices[lower], axis=1).mean())
