@@ -72,10 +72,19 @@ class WorkingMesh:
 
         The mean normal of a closed surface is zero, that of a flat one has unit length.
         """
-        corners = self.vertices[self.oriented_triangles]
-        area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
-        mean_normal = np.linalg.norm(area_normals(self.vertices, self.oriented_triangles).sum(axis=0)) / 2 / area[0]
-        return bool(volume[0] / _sphere(area[0]) > MIN_VOLUME_PER_NORMAL * mean_normal + NO_VOLUME)
+        return bool(self._sides_are_known(np.zeros(len(self.triangles), dtype=int))[0])
+
+    @cached_property
+    def component_sides_are_known(self) -> Booleans:
+        """(components,) the same of each component."""
+        return self._sides_are_known(self.component[self.triangles[:, 0]])
+
+    def _sides_are_known(self, patch: Integers) -> Booleans:
+        """(p,) whether the enclosed volume defines the outside of patches, by the patch of each triangle (m,)."""
+        area, volume = _area_and_volume(self.vertices[self.oriented_triangles], patch)
+        normals = segment_sum(area_normals(self.vertices, self.oriented_triangles), patch)
+        mean_normal = np.linalg.norm(normals, axis=1) / 2 / area
+        return np.asarray(volume / _sphere(area) > MIN_VOLUME_PER_NORMAL * mean_normal + NO_VOLUME)
 
     def part(self, component: int) -> tuple[WorkingMesh, Integers]:
         """One connected component as a mesh of its own, rescaled to unit area.

@@ -17,7 +17,7 @@ from scipy.sparse import bsr_array, csc_array, diags_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
@@ -36,13 +36,20 @@ class FrameTuning(Tuning, set_by="transfer"):
             posed characters grow by a fifth to a quarter, because noise remains or bones are mixed.
         growth_rounds: rounds of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
             stretches the skin on one side and compresses it on the other, without any growth of the flesh.
+        excess: the deviation of a map from the similarity of a wide neighbourhood, as a multiple of its deviation from
+            those of narrow ones, from which on the wide neighbourhood does not count in `steady_turns`.
+        deviation: the same as a share of the size of the neighbourhood.
     """
 
     smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)
     growth_rounds: int = tuned(4, "rounds", 0, 100)
+    excess: float = tuned(1.5, "1", 0.1, 10)
+    deviation: float = tuned(0.2, "1", 1e-6, 1)
 
 
 FRAMES = FrameTuning()
+# Ratio of the widths of wide and of narrow neighbourhoods: about a forearm.
+WIDE = 4
 # Minimum confidence for full trust in a map; below it, trust decreases in proportion.
 FULL_CONFIDENCE = 0.5
 # Minimum trust: positive, so that parts without confidence are still placed.
@@ -51,6 +58,8 @@ MIN_TRUST = 1e-6
 DOUBTED_WEIGHT = 1e-3
 # Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
+# A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
+FULL_SHARE = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +115,34 @@ class Frames:
         return (working.scale / np.sqrt(self.mapped.source.area) * growth)[:, None, None] * self.rotations
 
     @cached_property
+    def steady_turns(self) -> Floats:
+        """(n, 3, 3) `turns`, or those of wider neighbourhoods where the map deviates from these by noise only.
+
+        On another head, the differential of a map varies with the map's errors and the shapes of features, which must
+        not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the similarity
+        that fits a wide neighbourhood best counts where the map deviates from it by little, and by hardly more than
+        from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it.
+        """
+        size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
+        own = self.mapped.target.working.vertices[self.number]
+        images = self.points[self.number] / np.sqrt(self.mapped.source.area)
+        moments = np.column_stack([products(images, own), (own**2).sum(axis=1), np.ones(len(own))])
+        side = self._handedness
+        wide = ScreenedSmoothing.of(self.smoothing.weights, self.stiffness, WIDE * FRAMES.smoothing_length)
+        _, deviation = _similarities(self.smoothing.smooth(moments), side)
+        noise = wide.smooth(deviation[:, None])[:, 0]
+
+        blend, share = size * self.turns, np.ones(len(own))
+        most = np.array([1.0 if self.smoothing.weights @ side >= 0 else -1.0])
+        for means, sides in ((wide.smooth(moments), side), (self.smoothing.weights[None] @ moments, most)):
+            linear, deviation = _similarities(means, sides)
+            share = share * (side == sides) * _fitting(deviation, noise)
+            blend = blend + share[:, None, None] * (linear - blend)
+        lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
+        lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
+        return lengths[:, None, None] / size * nearest_rotations(blend, side)
+
+    @cached_property
     def _differential(self) -> Floats:
         """(n, 3, 3) integrals of products of gradients, of the target's positions and of those on the source.
 
@@ -129,14 +166,17 @@ class Frames:
 
     @cached_property
     def _handedness(self) -> Floats:
-        """(n,) -1 where a component is mapped as a mirror image, else 1; also 1 if no side is outside."""
+        """(n,) -1 where a component is mapped as a mirror image, else 1.
+
+        Components without an outside, such as lashes, are as most of the others.
+        """
         source, target = self.mapped.source.working, self.mapped.target.working
-        if not (source.sides_are_known and target.sides_are_known):
-            return np.ones(len(self.number))
-        outward = self.mapped.surface_map.interpolate(source.vertex_normals[source.vertex_of])
-        outward = on_working_mesh(target, outward)[self.number]
+        normals = source.component_sides_are_known[source.component, None] * source.vertex_normals
+        outward = on_working_mesh(target, self.mapped.surface_map.interpolate(normals[source.vertex_of]))[self.number]
         component = target.component[self.number]
         facing = np.bincount(component, np.einsum("nx,nx->n", outward, self._mapped_normals))
+        facing *= target.component_sides_are_known[: len(facing)]
+        facing[facing == 0] = facing.sum()
         return np.where(facing < 0, -1.0, 1.0)[component]
 
     def nearest(self, positions: Floats) -> Integers:
@@ -149,6 +189,27 @@ class Frames:
         """The system T A + h^2 (L' + L") of trust, areas, the smoothing length and both stiffnesses."""
         stiffness = self.trusted_stiffness + self.doubted_stiffness
         return ScreenedSmoothing.of(self.trust * self.areas, stiffness, FRAMES.smoothing_length)
+
+
+def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
+    """(m, 3, 3) best similarities of neighbourhoods, and (m,) how far the map is from them.
+
+    Takes the means (m, 18) of `products` of places and images, of the squares of images, and of ones. The deviation is
+    a share of the neighbourhood's size.
+    """
+    means = means[:, :17] / means[:, 17:]
+    moments = Moments.of_products(means[:, :16])
+    found = moments.similarities(handedness)
+    spread = np.maximum(means[:, 16] - (moments.image**2).sum(axis=1), MIN_SPREAD)
+    missed = np.maximum(spread - found.scale**2 * moments.spread, 0)
+    return found.linear, np.sqrt(missed / spread)
+
+
+def _fitting(deviation: Floats, noise: Floats) -> Floats:
+    """(n,) weights in [0, 1] of wide neighbourhoods, by their deviations (n,) or (1,) and those of narrow ones (n,)."""
+    limit = np.minimum(FRAMES.excess * noise, FRAMES.deviation)
+    excess = np.divide(deviation, limit, out=np.ones_like(limit), where=limit > 0)
+    return np.asarray(np.clip((1 - excess) / (1 - FULL_SHARE), 0, 1))
 
 
 @once_per_argument

@@ -98,12 +98,14 @@ def _carry_block(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
     carried = motion[number]
     loose = np.flatnonzero(number < 0)
     if len(loose):
-        carried[loose] = plain[loose] @ frames.turns[frames.nearest(target.vertices[loose])].transpose(0, 2, 1)
+        carried[loose] = plain[loose] @ frames.steady_turns[frames.nearest(target.vertices[loose])].transpose(0, 2, 1)
     return _without_noise(carried, target.area)
 
 
 def _loading(frames: Frames) -> bsr_array:
     """(3n, 3n) matrix that rotates offsets (n, 3), as one column, and makes right-hand sides of `Frames.smoothing`."""
-    own = (frames.trust * frames.areas)[:, None, None] * frames.turns
+    own = (frames.trust * frames.areas)[:, None, None] * frames.steady_turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
-    return bsr_array(blocks + FRAMES.smoothing_length**2 * turn_gradients(frames.trusted_stiffness, frames.turns))
+    return bsr_array(
+        blocks + FRAMES.smoothing_length**2 * turn_gradients(frames.trusted_stiffness, frames.steady_turns)
+    )

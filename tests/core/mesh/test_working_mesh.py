@@ -101,3 +101,8 @@ def test_a_subdivided_mesh_is_the_same_surface_with_its_own_vertices_first() -> 
     assert np.linalg.norm(normals, axis=1).sum() / 2 == pytest.approx(1)
     twice, _ = mesh.subdivide(len(finer.vertices) + 1)
     assert len(twice.triangles) == 16 * len(mesh.triangles)
+
+
+def test_each_component_tells_whether_its_sides_are_known() -> None:
+    both = Surface.joined([cap(-2.0), Surface(0.5 * cap(0.0).vertices + [5.0, 0, 0], cap(0.0).triangles)])
+    assert both.working.component_sides_are_known.tolist() == [True, False]

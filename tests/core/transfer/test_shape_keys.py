@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from transfer_meshes import Sheet, globe, identity, sheet, split_at_faces, torus, true_map, tube
+from transfer_meshes import Sheet, globe, identity, plate, sheet, split_at_faces, torus, true_map, tube
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer import Attribute, Domain, Kind, conform, shape_keys, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, conform, frames, shape_keys, transfer
+from zoomout_core.transfer.frames import Frames
 
 GRID = (120, 80)
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
@@ -197,6 +200,60 @@ def test_a_mirrored_target_takes_mirrored_keys() -> None:
     values = dents(surface.vertices, (0.8, 0.6, 0))
     result = carried(values, identity(surface), surface, mirrored).values
     assert errors(result, values * (-1, 1, 1)).max() < 0.02
+
+
+def wobbly(source: Sheet, straight: Sheet, size: float) -> SurfaceMap:
+    """The true map with smooth random errors of a size."""
+    random = np.random.default_rng(0)
+    waves, phases = 4 * np.pi * random.standard_normal((3, 40)), random.uniform(0, 2 * np.pi, (2, 40))
+    along = [6 * np.cos(straight.surface.vertices @ waves + phase).mean(axis=1) for phase in phases]
+    a, b = (straight.parameters + size * np.column_stack(along) / (2 * np.pi, 4)).T
+    return true_map(source, *GRID, np.column_stack([a % 1, np.clip(b, 0, 1)]))
+
+
+def error_on_bent(source: Sheet, straight: Sheet, surface_map: SurfaceMap, angle: float) -> float:
+    """The mean error of the keys on the tube bent by an angle."""
+    points = straight.surface.vertices
+    target = moved(straight.surface, bent(points, angle))
+    truth = bent(points[:, None] + offsets(points), angle) - bent(points, angle)[:, None]
+    values = offsets(source.surface.vertices)
+    return float(errors(carried(values, surface_map, source.surface, target).values, truth).mean())
+
+
+def test_errors_of_a_map_hardly_turn_keys(source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+    surface_map = wobbly(source, straight, 0.1)
+    steady = error_on_bent(source, straight, surface_map, 1e-6)
+    monkeypatch.setattr(Frames, "steady_turns", Frames.turns)
+    assert steady < 0.9 * error_on_bent(source, straight, surface_map, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "size", "angle"), [("excess", 10.0, 0.0, 0.6), ("deviation", 1.0, 0.06, 1.2)]
+)
+def test_keys_turn_with_a_bend(
+    number: str,
+    value: float,
+    size: float,
+    angle: float,
+    source: Sheet,
+    straight: Sheet,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    surface_map = wobbly(source, straight, size)
+    found = error_on_bent(source, straight, surface_map, angle)
+    monkeypatch.setattr(frames, "FRAMES", replace(frames.FRAMES, **{number: value}))
+    assert found < 0.9 * error_on_bent(source, straight, surface_map, angle)
+
+
+def test_a_sheet_wound_the_other_way_takes_the_same_keys() -> None:
+    body, lash = globe(30, 20)[0], plate(12, 4, width=0.8, height=0.2)
+    lash = lash.with_vertices(lash.vertices + np.array([0, 0, 2]))
+    source = Surface.joined([body, lash])
+    target = Surface.joined([body, Surface(lash.vertices, lash.triangles[:, ::-1])])
+    values = np.zeros((len(source.vertices), 1, 3))
+    values[len(body.vertices) :] = 0.1, 0.2, 0.3
+    found = carried(values, identity(source), source, target).values
+    assert errors(found, values).max() < 0.02
 
 
 def _faces(surface: Surface) -> list[np.ndarray]:
