@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write assets as glTF and GLB files, with the nodes, animations, materials and extensions of their documents."""
+"""Write assets as glTF, GLB and VRM files, with the nodes, animations, materials and extensions of their documents."""
 
 from __future__ import annotations
 
@@ -17,15 +17,19 @@ from zoomout_core.assets.gltf import Buffer, library
 from zoomout_core.assets.gltf_animations import keep_animations, keep_copies
 from zoomout_core.assets.gltf_materials import ImageFiles, full_look, write_materials
 from zoomout_core.assets.gltf_meshes import write_meshes
+from zoomout_core.assets.keep_avatars import keep_avatar
 from zoomout_core.runtime.version import package_version
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
 
+# Extensions of files that are always binary.
+BINARY = (".glb", ".vrm")
+
 
 @np.errstate(over="ignore")  # what overflows is refused in a sentence
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
-    """Write an asset to a .glb or .gltf file; its skin provides the rest positions of its vertices.
+    """Write an asset to a .glb, .gltf or .vrm file; its skin provides the rest positions of its vertices.
 
     The meshes of the document stay on their nodes if the surface is theirs (`Asset.nodes`); else the surface replaces
     all of them. A .gltf file has its buffer and images in files of their own if its document has.
@@ -49,9 +53,10 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     if document is not None:
         notes += keep_animations(made, document, renumbering, look is document, buffer)
         notes += keep_copies(made, document, renumbering, buffer)
+        notes += keep_avatar(made, document, look, renumbering, files)
     _declare_extensions(made)
     buffer.finish()
-    if path.suffix.lower() == ".glb":
+    if path.suffix.lower() in BINARY:
         path.write_bytes(b"".join(made.save_to_bytes()))
         return tuple(notes)
     if document is not None and document.has_buffer_files:
