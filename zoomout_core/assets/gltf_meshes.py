@@ -88,6 +88,7 @@ class _Shape:
         positions: (n, 3) of the vertices.
         linear: (n, 3, 3) matrices that take small differences of posed positions there; None if all are one.
         corners: (m, 3) corners of the triangles, in reverse order where a node mirrors them.
+        triangles: the numbers of each part's triangles, by its first vertex.
         rows: (c, w) data of the corners, by glTF's names.
         split: (c,) the number of each corner's split vertex.
     """
@@ -95,6 +96,7 @@ class _Shape:
     positions: Floats
     linear: Floats | None
     corners: Integers
+    triangles: dict[int, Integers]
     rows: dict[str, Floats]
     split: Integers
 
@@ -279,6 +281,13 @@ def _shape(asset: Asset, parts: Sequence[Part], skins: Sequence[int | None]) -> 
     surface = asset.surface
     positions, corners = surface.vertices.copy(), surface.triangle_corners.copy()
     worlds = np.zeros((0, 4, 4)) if asset.document is None else asset.document.worlds()[0]
+    # Sort once: a scene may have thousands of parts.
+    starts = np.sort([part.start for part in parts])
+    of_triangle = np.searchsorted(starts, surface.triangles[:, 0], side="right") - 1
+    groups = np.split(
+        np.argsort(of_triangle, kind="stable"), np.cumsum(np.bincount(of_triangle, minlength=len(parts)))[:-1]
+    )
+    triangles = dict(zip(starts.tolist(), groups, strict=True))
     placed = any(part.node < len(worlds) for part in parts)
     linear = np.tile(np.eye(3), (len(positions), 1, 1)) if placed or asset.skin is not None else None
     for part, skin in zip(parts, skins, strict=True):
@@ -290,11 +299,10 @@ def _shape(asset: Asset, parts: Sequence[Part], skins: Sequence[int | None]) -> 
             inverse = np.linalg.pinv(world[:3, :3])
             positions[own], linear[own] = (positions[own] - world[:3, 3]) @ inverse.T, inverse
             if np.linalg.det(world[:3, :3]) < 0:
-                first = surface.triangles[:, 0]
-                mirrored = (first >= part.start) & (first < part.stop)
+                mirrored = triangles[part.start]
                 corners[mirrored] = corners[mirrored][:, REVERSED]
     rows = _corner_rows(asset, positions, linear, surface.corner_vertex[corners])
-    return _Shape(positions, linear, corners, rows, _split_vertices(rows, surface.corner_vertex))
+    return _Shape(positions, linear, corners, triangles, rows, _split_vertices(rows, surface.corner_vertex))
 
 
 def _corner_rows(asset: Asset, positions: Floats, linear: Floats | None, triangles: Integers) -> dict[str, Floats]:
@@ -337,9 +345,8 @@ def _primitives(
     gltf = library()
     surface, materials, keys = asset.surface, asset.find(MATERIALS), asset.find(SHAPE_KEYS)
     number = np.full(len(surface.face_start) - 1, -1) if materials is None else np.asarray(materials.values)
-    first = surface.triangles[:, 0]
-    own = (first >= part.start) & (first < part.stop)
-    of_triangle = number[surface.triangle_face]
+    own = shape.triangles[part.start]
+    of_triangle = number[surface.triangle_face[own]]
     influences = None
     if joints is not None and weights is not None and asset.skin is not None:
         at = {node: local for local, node in enumerate(joints)}
@@ -347,8 +354,8 @@ def _primitives(
         influences = _influences(weights[part.start : part.stop], columns)
     labels = np.array([] if keys is None else [keys.labels.index(key) for key in part.keys], dtype=np.int64)
     primitives = []
-    for material in np.unique(of_triangle[own]):
-        chosen = shape.corners[own & (of_triangle == material)]
+    for material in np.unique(of_triangle):
+        chosen = shape.corners[own[of_triangle == material]]
         split, triangles = np.unique(shape.split[chosen], return_inverse=True)
         # Use one corner of each vertex for all.
         example = np.empty(len(split), dtype=np.int64)
