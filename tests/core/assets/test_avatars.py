@@ -338,7 +338,10 @@ def test_what_an_avatar_is(path: Path, version: int) -> None:
         assert avatar.springs == (("Hair1", 3),)
     else:
         assert avatar.licence["modification"] == "allowModification"
-        assert avatar.licence["allowRedistribution"] is False  # which the file does not say
+        # What the file does not say is not allowed.
+        allowed = {name: value for name, value in avatar.licence.items() if name.startswith("allow")}
+        assert list(allowed.values()) == [False] * 5
+        assert avatar.licence["avatarPermission"] == "onlyAuthor"
         assert avatar.expressions == ("blink", "aa", "happy", "Pale")
         assert avatar.springs == (("Hair", 3),)
 
