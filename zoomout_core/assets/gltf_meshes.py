@@ -50,13 +50,15 @@ class Part:
         node: number of the node.
         start: its first vertex.
         stop: the vertex after its last one.
-        origins: the document's meshes that it stands for, by number.
+        bearers: the document's nodes whose meshes it stands for; its own node first.
+        origins: these meshes, by number.
         keys: names of its morph targets, those of the document's mesh first.
     """
 
     node: int
     start: int
     stop: int
+    bearers: tuple[int, ...]
     origins: dict[int, Mesh]
     keys: tuple[str, ...]
 
@@ -133,7 +135,7 @@ def write_meshes(
     for number, (part, skin) in enumerate(zip(parts, skins, strict=True)):
         made.nodes[part.node].mesh, made.nodes[part.node].skin = number, skin
     made.meshes = meshes
-    return _renumber(asset.document, parts, not stays), tuple(notes)
+    return _renumber(parts, not stays), tuple(notes)
 
 
 # --- parts --------------------------------------------------------------------------------------------------
@@ -146,7 +148,7 @@ def _parts_on_their_nodes(asset: Asset) -> list[Part]:
     for node, start, stop in zip(asset.nodes, ends[:-1], ends[1:], strict=True):
         mesh = _mesh_on(asset, node)
         number = asset.document.gltf.nodes[node].mesh  # type: ignore[union-attr]
-        parts.append(Part(node, start, stop, {number: mesh}, _keys_of(asset, mesh, start, stop)))
+        parts.append(Part(node, start, stop, (node,), {number: mesh}, _keys_of(asset, mesh, start, stop)))
     return sorted(parts, key=lambda part: (*part.origins, part.node))
 
 
@@ -155,6 +157,7 @@ def _whole_part(made: GLTF2, asset: Asset, name: str) -> Part:
     keys = asset.find(SHAPE_KEYS)
     labels = () if keys is None else keys.labels
     origins: dict[int, Mesh] = {}
+    bearers: list[int] = []
     node = -1
     if asset.document is not None:
         gltf = asset.document.gltf
@@ -168,7 +171,8 @@ def _whole_part(made: GLTF2, asset: Asset, name: str) -> Part:
         if not made.scenes:
             made.scenes, made.scene = [library().Scene(nodes=[])], 0
         made.scenes[made.scene or 0].nodes.append(node)
-    return Part(node, 0, len(asset.surface.vertices), origins, labels)
+    bearers.sort(key=lambda bearer: bearer != node)
+    return Part(node, 0, len(asset.surface.vertices), tuple(bearers), origins, labels)
 
 
 def _size_of(gltf: GLTF2, mesh: Mesh) -> int:
@@ -195,7 +199,7 @@ def _keys_of(asset: Asset, mesh: Mesh, start: int, stop: int) -> tuple[str, ...]
     return tuple(dict.fromkeys([*names, *moved]))
 
 
-def _renumber(document: Document | None, parts: Sequence[Part], is_joined: bool) -> Renumbering:
+def _renumber(parts: Sequence[Part], is_joined: bool) -> Renumbering:
     meshes: dict[int, list[int]] = {}
     keys: dict[int, list[int | None]] = {}
     for new, part in enumerate(parts):
@@ -203,11 +207,8 @@ def _renumber(document: Document | None, parts: Sequence[Part], is_joined: bool)
         for old, mesh in part.origins.items():
             meshes.setdefault(old, []).append(new)
             keys[old] = [number.get(name) for name in morph_target_names(mesh)]
-    bearers = {part.node: part.node for part in parts}
-    if is_joined and document is not None:
-        nodes = enumerate(document.gltf.nodes)
-        bearers = {node: parts[0].node for node, each in nodes if each.mesh is not None}
-    return Renumbering(bearers, meshes, keys, tuple(part.keys for part in parts), is_joined)
+    nodes = {bearer: part.node for part in parts for bearer in part.bearers}
+    return Renumbering(nodes, meshes, keys, tuple(part.keys for part in parts), is_joined)
 
 
 # --- skins --------------------------------------------------------------------------------------------------
@@ -400,8 +401,10 @@ def _name_keys(mesh: Mesh, part: Part, document: Document | None) -> None:
     if not part.keys:
         return
     given: dict[str, float] = {}
-    for origin in part.origins.values():
-        weights = (None if document is None else document.node_weights(part.node)) or origin.weights or []
+    for node in part.bearers:
+        assert document is not None  # it has the node
+        origin = part.origins[document.gltf.nodes[node].mesh]
+        weights = document.node_weights(node) or origin.weights or []
         for name, weight in zip(morph_target_names(origin), weights, strict=False):
             given.setdefault(name, weight)
     mesh.weights = [given.get(key, 0.0) for key in part.keys]
@@ -429,7 +432,10 @@ def _keep_free_data(mesh: Mesh, part: Part, asset: Asset, look: Document | None)
         else:
             joined = joined or any(found)
     if joined:
-        yield "The meshes have free data (extras) of their own, which was left out, because they were joined."
+        yield (
+            "The meshes have free data (extras) of their own, which was left out, because they were joined or have "
+            "other materials."
+        )
 
 
 def _without_names(part: Mesh | Primitive) -> dict[str, Any]:

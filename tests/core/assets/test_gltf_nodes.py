@@ -175,6 +175,9 @@ def test_weights_of_a_node_are_those_of_its_mesh(path: Path) -> None:
     tree["nodes"][FACE]["weights"] = [0.5, 0.75]
     document, _ = written(with_key_first(changed(path, nodes=tree["nodes"])), path)
     assert document.gltf.meshes[1].weights == [0.5, 0.75, 0]
+    tree["nodes"][BODY]["weights"] = [1]
+    document, _ = written(joined(with_key_first(changed(path, nodes=tree["nodes"]))), path)
+    assert document.gltf.meshes[0].weights == [0, 0.5, 0.75]
     tree["nodes"][FACE]["weights"] = ["much"]
     with pytest.raises(MeshError, match='weights is "much", not a number'):
         changed(path, nodes=tree["nodes"])
