@@ -22,7 +22,7 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from tqdm import tqdm
 
 from meshlab_filter.project import read_project
 from meshlab_filter.script import read_script
+from zoomout_core.assets.avatars import read_avatar
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
 from zoomout_core.mesh.files import read_shape
@@ -155,7 +156,7 @@ def _ply_with_texture(mesh: Any, texture: NDArray[Any]) -> bytes:
 
 
 def gltf_with_everything() -> bytes:
-    """A small glTF file with joints, animations, morph targets, a sparse accessor, a texture and material variants."""
+    """A small glTF file with joints, animations, morph targets, a sparse accessor, a texture, and many extensions."""
     positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")
     matrices = np.tile(np.eye(4, dtype="<f4").ravel(), (2, 1))
     image = bytes.fromhex(
@@ -190,6 +191,7 @@ def gltf_with_everything() -> bytes:
     channels = [
         {"sampler": 0, "target": {"node": 2, "path": "rotation"}},
         {"sampler": 1, "target": {"node": 3, "path": "weights"}},
+        *({"sampler": 1, "target": _pointer(to)} for to in ("/nodes/3/weights", "/meshes/0/weights/1", "/materials/0")),
     ]
     tree = {
         "asset": {"version": "2.0", "generator": "fuzz"},
@@ -199,8 +201,12 @@ def gltf_with_everything() -> bytes:
             {"name": "Armature", "children": [1], "scale": [1, 1, 1]},
             {"name": "Lower", "children": [2], "matrix": np.eye(4).ravel().tolist()},
             {"name": "Upper", "translation": [0, 1, 0], "rotation": [0, 0, 0, 1]},
-            {"mesh": 0, "skin": 0},
-            {"mesh": 1, "translation": [0, 0, 1]},
+            {"mesh": 0, "skin": 0, "weights": [0, 0.5]},
+            {
+                "mesh": 1,
+                "translation": [0, 0, 1],
+                "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}},
+            },
         ],
         "meshes": [
             {
@@ -228,17 +234,51 @@ def gltf_with_everything() -> bytes:
         "bufferViews": views,
         "buffers": [{"byteLength": len(data), "uri": f"data:;base64,{b64encode(data).decode()}"}],
         "extensionsUsed": ["KHR_materials_variants", "EXT_texture_webp"],
-        "extensions": {"KHR_materials_variants": {"variants": [{"name": "dark"}]}},
+        "extensions": {"KHR_materials_variants": {"variants": [{"name": "dark"}]}, **_avatars()},
     }
     return json.dumps(tree).encode()
 
 
+def _pointer(to: str) -> dict[str, Any]:
+    return {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": to}}}
+
+
+def _avatars() -> dict[str, Any]:
+    """The extensions of VRM 0 and 1."""
+    color = {"materialName": "Red", "propertyName": "_Color", "targetValue": [1, 1, 1, 1]}
+    blink = {"name": "Blink", "presetName": "blink", "binds": [{"mesh": 0, "index": 0, "weight": 100}]}
+    expression = {
+        "morphTargetBinds": [{"node": 3, "index": 1, "weight": 1}],
+        "materialColorBinds": [{"material": 0, "type": "color", "targetValue": [1, 1, 1, 1]}],
+    }
+    return {
+        "VRM": {
+            "meta": {"title": "A", "author": "B", "licenseName": "CC0", "texture": 0},
+            "humanoid": {"humanBones": [{"bone": "hips", "node": 1}]},
+            "firstPerson": {"meshAnnotations": [{"mesh": 0, "firstPersonFlag": "Auto"}]},
+            "blendShapeMaster": {"blendShapeGroups": [blink | {"materialValues": [color]}]},
+            "secondaryAnimation": {"boneGroups": [{"bones": [1], "colliderGroups": []}], "colliderGroups": []},
+            "materialProperties": [{"name": "Red"}, {"name": "Blue"}],
+        },
+        "VRMC_vrm": {
+            "specVersion": "1.0",
+            "meta": {"name": "A", "authors": ["B"], "thumbnailImage": 0},
+            "humanoid": {"humanBones": {"hips": {"node": 1}}},
+            "firstPerson": {"meshAnnotations": [{"node": 3, "type": "both"}]},
+            "expressions": {"preset": {"blink": expression}, "custom": {"Red": expression}},
+        },
+        "VRMC_springBone": {"specVersion": "1.0", "springs": [{"name": "A", "joints": [{"node": 1}, {"node": 2}]}]},
+    }
+
+
 def _read_and_write(path: Path) -> None:
-    """Read an asset, and write it in the formats that refer to other files."""
+    """Read an asset, and write it in the formats that refer to other files, and as the mesh of another file."""
     asset = read_asset(path)
+    read_avatar(asset.document)
     with tempfile.TemporaryDirectory() as folder:
         for ending in (".glb", ".gltf", ".obj"):
             write_asset(asset, Path(folder) / f"a{ending}")
+        write_asset(replace(asset, nodes=(), attributes=asset.attributes[:1]), Path(folder) / "b.glb")
 
 
 def _write(path: Path, content: bytes) -> Path:

@@ -78,10 +78,14 @@ class Asset(Summary):
             face's material, -1 for none. Texture coordinates begin at the lower left.
         materials: the materials with these numbers.
         skin: the joints that move it; None if there are none.
-        document: the document of a glTF file, with its nodes, animations and materials; None for other formats.
+        document: the document of a glTF file, with its nodes, joints, animations and extensions; None for other
+            formats.
         notes: sentences about data that was left out.
         objects: the name of each mesh of the file, and the number of its vertices, in the order of the vertices; empty
             for formats without names.
+        nodes: the node of the document that each of these meshes is on; empty if the document is that of another mesh,
+            so that the whole surface becomes its mesh.
+        look: the document that has these materials in full, which may be that of another file.
 
     Example:
         >>> zo.Asset(source).attributes
@@ -95,6 +99,8 @@ class Asset(Summary):
     document: Document | None = None
     notes: tuple[str, ...] = ()
     objects: tuple[tuple[str, int], ...] = ()
+    nodes: tuple[int, ...] = ()
+    look: Document | None = None
 
     def _summary(self) -> dict[str, str]:
         return {

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from zoomout_core.assets.asset import Asset, one_line
+from zoomout_core.assets.avatars import is_avatar
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
@@ -25,8 +26,10 @@ from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
-READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
-WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
+READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
+WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply, ".vrm": write_gltf}
+# Avatars: GLB files with bones and terms of use that only another avatar can provide.
+AVATAR = ".vrm"
 
 # Extensions of mesh files; other files in a folder are skipped.
 MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS, *OF_BLENDER)
@@ -69,6 +72,20 @@ def check_format(path: str | PathLike[str]) -> None:
         raise MeshError(f"{path} has no supported file extension: use {', '.join(WRITERS)}.")
 
 
+def check_avatar(base: Asset, path: str | PathLike[str]) -> None:
+    """Raise a MeshError if a .vrm file would have no bones and terms of an avatar.
+
+    Args:
+        base: the asset whose nodes the file has.
+        path: the file to write.
+    """
+    if Path(path).suffix.lower() == AVATAR and not is_avatar(base.document):
+        raise MeshError(
+            f"{path} would be no avatar, because its joints are not those of a VRM file: leave out the skin weights if "
+            "the target is an avatar, or write a .glb file."
+        )
+
+
 def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None:
     """Check that an asset can be written in a format, by writing it to a temporary folder.
 
@@ -82,7 +99,7 @@ def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None
     """
     with TemporaryDirectory(prefix="zoomout-") as folder:
         try:
-            write_asset(asset, Path(folder) / f"trial{ending}")
+            write_asset(asset, Path(folder) / f"trial{'.glb' if ending.lower() == AVATAR else ending}")
         except Exception as error:  # broken documents are noticed in various ways
             reason = " ".join(f"{error}".rstrip(".").split()) or type(error).__name__
             raise MeshError(
@@ -100,7 +117,7 @@ def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | 
         inputs: files that must not be replaced, neither by the file nor by those beside it.
 
     Raises:
-        MeshError: files with this extension cannot be written.
+        MeshError: files with this extension cannot be written, or a .vrm file would be no avatar.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
 
     Example:
@@ -108,6 +125,7 @@ def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | 
         ()
     """
     check_format(path)
+    check_avatar(asset, path)
     with atomic_write_together(path, inputs) as place:
         return WRITERS[place.suffix.lower()](asset, place)
 

@@ -20,14 +20,16 @@ from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import OutsideError
 
 if TYPE_CHECKING:
-    from pygltflib import GLTF2, Accessor, Texture
+    from pygltflib import GLTF2, Accessor, Mesh, Texture
 
 COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # glTF's codes for buffers of vertices and of indices.
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-# The extension of glTF for copies of a mesh.
-INSTANCES = "EXT_mesh_gpu_instancing"
+# Extensions of glTF for copies of a mesh, for materials to choose from, and for animations of any value.
+INSTANCES, VARIANTS, POINTER = "EXT_mesh_gpu_instancing", "KHR_materials_variants", "KHR_animation_pointer"
+# The extensions of VRM 0 and 1 for avatars.
+VRM_0, VRM_1 = "VRM", "VRMC_vrm"
 
 
 def library() -> Any:
@@ -80,6 +82,11 @@ class Document:
     def has_buffer_files(self) -> bool:
         """Whether a buffer of it is in a file of its own."""
         return any(is_file(buffer.uri) for buffer in self.gltf.buffers)
+
+    def node_weights(self, number: int) -> list[float] | None:
+        """The weights that a node gives to its morph targets, which pygltflib does not read; None without any."""
+        tree = {} if self._file is None else self._file.tree
+        return tree["nodes"][number].get("weights") if number < len(tree.get("nodes", ())) else None
 
     def image(self, number: int) -> bytes | None:
         """File content of an image; None, with a note, if it cannot be read or is no image."""
@@ -174,6 +181,27 @@ class Document:
 def _with_free_objects(part: dict[str, Any]) -> dict[str, Any]:
     """A part of a document without free data that is no object, which pygltflib does not take."""
     return {name: value for name, value in part.items() if name != "extras" or isinstance(value, dict)}
+
+
+def morph_target_names(mesh: Mesh) -> tuple[str, ...]:
+    """The names of a mesh's morph targets, made distinct; from its free data, or in VRM 0 that of a primitive."""
+    count = max((len(each.targets or []) for each in mesh.primitives), default=0)
+    given = next(filter(None, (_names_of(each.extras) for each in (mesh, *mesh.primitives))), [])[:count]
+    names: dict[str, None] = {}
+    for number in range(count):
+        name = wanted = given[number] if number < len(given) else f"Target {number + 1}"
+        copy = 1
+        while name in names:
+            copy += 1
+            name = f"{wanted} {copy}"
+        names[name] = None
+    return tuple(names)
+
+
+def _names_of(extras: Any) -> list[str]:
+    """The names of morph targets in free data, which may be of any type."""
+    names = extras.get("targetNames") if isinstance(extras, dict) else None
+    return [str(name) for name in names] if isinstance(names, list) else []
 
 
 def is_file(uri: str | None) -> bool:

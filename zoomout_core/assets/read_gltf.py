@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf import INSTANCES, Document
+from zoomout_core.assets.gltf import INSTANCES, Document, morph_target_names
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -85,9 +85,17 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
     skin, materials = skeleton.skin(meshes, surface.vertices), materials_of(document)
-    left_out = [f"{path.name} contains {what}, which are left out." for what in _omissions(document, nodes)]
-    objects = tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes)
-    return Asset(surface, tuple(attributes), materials, skin, document, (*left_out, *document.notes), objects)
+    return Asset(
+        surface,
+        tuple(attributes),
+        materials,
+        skin,
+        document,
+        (*_omissions(path, document, nodes), *document.notes),
+        objects=tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes),
+        nodes=tuple(mesh.node for mesh in meshes),
+        look=document,
+    )
 
 
 def read_gltf_surface(path: Path) -> Surface | None:
@@ -127,22 +135,14 @@ def _read_scene(path: Path, folders: Iterable[Path] = ()) -> _Scene | None:
     return _Scene(document, nodes, meshes, skeleton, matrices, surface)
 
 
-def _omissions(document: Document, nodes: Sequence[int]) -> list[str]:
+def _omissions(path: Path, document: Document, nodes: Sequence[int]) -> list[str]:
     """Notes on the parts of a scene that an asset does not include."""
     meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
     found = []
     if any(each.mode not in (None, TRIANGLES, STRIP, FAN) for mesh in meshes for each in mesh.primitives):
-        found.append("points or lines")
-    moving = {
-        channel.target.node
-        for each in document.gltf.animations
-        for channel in each.channels
-        if channel.target.path == "weights"
-    }
+        found.append(f"{path.name} contains points or lines, which are left out.")
     if any(INSTANCES in (document.gltf.nodes[node].extensions or {}) for node in nodes):
-        found.append("copies of meshes (EXT_mesh_gpu_instancing)")
-    if len(moving) > 1:
-        found.append("animated weights of several meshes' morph targets")
+        found.append(f"{path.name} contains copies of meshes ({INSTANCES}), of which only the original is read.")
     return found
 
 
@@ -178,9 +178,8 @@ def _mesh(document: Document, number: int) -> _Mesh:
     triangles = [_triangles(document, each, count) for each, count in zip(primitives, counts, strict=True)]
     first = np.cumsum([0, *counts])
     rows = _rows_of_all(attributes, counts)
-    targets = max((len(each.targets or []) for each in primitives), default=0)
-    keys = _key_names(mesh.extras)[:targets]
-    keys += tuple(f"Target {key + 1}" for key in range(len(keys), targets))
+    keys = morph_target_names(mesh)
+    targets = len(keys)
     offsets = np.zeros((first[-1], targets, 3))
     for each, start, count in zip(primitives, first, counts, strict=False):
         for key, target in enumerate(each.targets or []):
@@ -216,12 +215,6 @@ def _mesh(document: Document, number: int) -> _Mesh:
         joint[chosen],
         weight[chosen],
     )
-
-
-def _key_names(extras: Any) -> tuple[str, ...]:
-    """The names of morph targets in the free data of a mesh, which may be of any type."""
-    names = extras.get("targetNames") if isinstance(extras, dict) else None
-    return tuple(map(str, names)) if isinstance(names, list) else ()
 
 
 def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:

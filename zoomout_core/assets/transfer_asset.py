@@ -59,6 +59,8 @@ def transfer_asset(
 ) -> TransferredAsset:
     """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
+    Shape keys replace those of the same name only.
+
     A skin brings its joints and their animations: the target is taken to the rest pose, and then moves like the source.
 
     Args:
@@ -94,18 +96,18 @@ def transfer_asset(
         start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
         with stage(message("Transferring {what}", what=attribute.name), start, end):
             carried = transfer_along(attribute, mapped)
+            if attribute.name == SHAPE_KEYS:
+                carried = _add_keys(target.find(SHAPE_KEYS), carried)
         received[attribute.name] = carried
         notes += carried.notes
     notes += _note_on_replaced(target, replaced, skin is not None)
     asset = replace(target, attributes=tuple(received.values()), notes=())
     if MATERIALS in replaced:
-        # Unless the target's joints need its own document, use the source's, which has all of the materials.
-        document = source.document if target.skin is None else target.document
-        asset = replace(asset, materials=source.materials, document=document)
+        asset = replace(asset, materials=source.materials, look=source.look)
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
             own, found = _bind(source, skin, mapped, shape)
-        asset = replace(asset, skin=own, document=source.document)
+        asset = replace(asset, skin=own, document=source.document, nodes=())
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
@@ -132,6 +134,22 @@ def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute],
             f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
         )
     return chosen, skin
+
+
+def _add_keys(own: Attribute | None, carried: Attribute) -> Attribute:
+    """Shape keys that a target has, followed by those that it receives, which replace any of the same name."""
+    if own is None:
+        return carried
+    labels = tuple(dict.fromkeys((*own.labels, *carried.labels)))
+    values = np.zeros((len(own.values), len(labels), 3))
+    for each in (own, carried):
+        values[:, [labels.index(label) for label in each.labels]] = each.values
+    return replace(carried, values=values, labels=labels)
+
+
+def base_of(source: Asset, target: Asset, kinds: Collection[str]) -> Asset:
+    """The asset whose nodes and joints the result of a transfer has: that with the skin."""
+    return source if WEIGHTS in kinds and source.skin is not None else target
 
 
 def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) -> list[str]:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import click
 import numpy as np
 
 from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
+from zoomout_core.assets.avatars import read_avatar
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import folders_option
@@ -34,6 +36,7 @@ def _figures(asset: Asset) -> dict[str, Any]:
     used = surface.components[surface.components >= 0]
     border = border_edges(surface.working.triangles)
     keys, skin = asset.find(SHAPE_KEYS), asset.skin
+    avatar = read_avatar(asset.document)
     return {
         "vertices": len(surface.vertices),
         "faces": len(surface.face_start) - 1,
@@ -47,6 +50,7 @@ def _figures(asset: Asset) -> dict[str, Any]:
         "shape_keys": [] if keys is None else list(keys.labels),
         "joints": [] if skin is None else list(skin.names),
         "animations": [] if asset.document is None else [each.name for each in asset.document.gltf.animations],
+        "avatar": None if avatar is None else asdict(avatar),
         "notes": list(asset.notes),
     }
 
@@ -62,4 +66,25 @@ def _lines(figures: dict[str, Any]) -> list[str]:
         if figures[name]:
             words = name.replace("_", " ").capitalize()
             lines.append(f"{words} ({len(figures[name])}): {', '.join(map(str, figures[name]))}.")
-    return [*lines, *figures["notes"]]
+    return [*lines, *([] if figures["avatar"] is None else _avatar_lines(figures["avatar"])), *figures["notes"]]
+
+
+def _avatar_lines(avatar: dict[str, Any]) -> list[str]:
+    by = f" by {', '.join(avatar['authors'])}" if avatar["authors"] else ""
+    words = {True: "yes", False: "no"}
+    terms = [f"{term} {words.get(value, value)}" for term, value in avatar["licence"].items()]
+    bones = [f"{bone} ({node})" for bone, node in avatar["bones"].items()]
+    springs = [f"{name} ({count} joints)" for name, count in avatar["springs"]]
+    return [
+        f"Avatar of VRM {avatar['version']}: {avatar['title'] or 'unnamed'}{by}.",
+        *(
+            f"{what} ({len(items)}): {', '.join(items)}."
+            for what, items in (
+                ("Licence", terms),
+                ("Humanoid bones", bones),
+                ("Expressions", avatar["expressions"]),
+                ("Spring chains", springs),
+            )
+            if items
+        ),
+    ]

@@ -16,6 +16,7 @@ from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.assets.files import (
     MESHES,
     WRITERS,
+    check_avatar,
     check_format,
     check_siblings,
     check_writable,
@@ -24,7 +25,7 @@ from zoomout_core.assets.files import (
     write_asset,
 )
 from zoomout_core.assets.part_names import name_parts
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, select_data, transfer_asset
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
@@ -167,6 +168,7 @@ def _run_job(
     """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
     target = read_asset(job.target, folders)
     check_writable(target, job.target, job.output.suffix)
+    check_avatar(base_of(source, target, kinds), job.output)
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:

@@ -163,6 +163,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         ".obj": lambda path: parse_obj(file_bytes(path)).polygons(),
         ".gltf": _read_gltf,
         ".glb": _read_gltf,
+        ".vrm": _read_gltf,
     }
     try:
         if path.suffix.lower() == ".ply":

@@ -55,6 +55,7 @@ REFERENCES = {
     "nodes[].mesh": "meshes",
     "nodes[].skin": "skins",
     "nodes[].camera": "cameras",
+    "nodes[].extensions.EXT_mesh_gpu_instancing.attributes.*": "accessors",
     "meshes[].primitives[].attributes.*": "accessors",
     "meshes[].primitives[].targets[].*": "accessors",
     "meshes[].primitives[].indices": "accessors",
@@ -143,10 +144,13 @@ OBJECTS = (
     "extensions",
     "accessors[].sparse",
     "animations[].channels[].target",
+    "animations[].channels[].target.extensions",
+    "animations[].channels[].target.extensions.KHR_animation_pointer",
     "materials[].pbrMetallicRoughness",
     "meshes[].primitives[].extensions",
     *(f"{table}[].extensions" for table in TABLES),
 )
+NUMBERS = ("meshes[].weights[]", "nodes[].weights[]")
 SWITCHES = ("accessors[].normalized",)
 
 
@@ -333,6 +337,9 @@ def check_structure(tree: Any, size: int = 0) -> None:
             _expect(_is_count(value), path, value, "a number from 0")
     for value in _values(tree, "accessors[].count"):
         _expect(_is_count(value) and value > 0, "accessors[].count", value, "a number from 1")
+    for path in NUMBERS:
+        for value in _values(tree, path):
+            _expect(_is_finite(value), path, value, "a number")
     for path in SWITCHES:
         for value in _values(tree, path):
             _expect(isinstance(value, bool), path, value, "true or false")

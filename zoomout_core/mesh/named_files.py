@@ -38,7 +38,7 @@ class NamedFile(NamedTuple):
 
 
 def named_files(path: str | PathLike[str], folders: Iterable[Path] = ()) -> list[NamedFile]:
-    """The files that an OBJ, PLY, glTF, GLB or COLLADA file names; none for other formats, and for broken files.
+    """The files that an OBJ, PLY, glTF, GLB, VRM or COLLADA file names; none for other formats, and for broken files.
 
     Args:
         path: the file.
@@ -114,4 +114,5 @@ FINDERS: dict[str, Callable[[Path, bytes, tuple[Path, ...]], Iterator[NamedFile]
     ".gltf": _of_gltf,
     ".obj": _of_obj,
     ".ply": _of_ply,
+    ".vrm": _of_gltf,
 }

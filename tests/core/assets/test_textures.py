@@ -176,23 +176,41 @@ def test_variants_of_other_materials_go(tmp_path: Path) -> None:
     assert VARIANTS not in json.dumps(tree)
 
 
-def test_free_data_of_several_parts_is_said(tmp_path: Path) -> None:
-    with_variants(tmp_path / "a.glb", [1, None], [0, 1])
-    asset = read_asset(tmp_path / "a.glb")
-    assert asset.document is not None
-    asset.document.gltf.meshes[0].primitives[1].extras = {"part": 2}
-    (note,) = write_asset(asset, tmp_path / "b.glb")
-    assert note.startswith("The meshes have free data (extras) of their own")
-    assert tree_of(tmp_path / "b.glb")["meshes"][0]["extras"] == {"targetNames": ["Lean"]}
+def test_free_data_of_parts_is_kept_unless_they_are_joined(tmp_path: Path) -> None:
+    for name, materials in (("a", [0, 1]), ("b", [0, 0])):
+        with_variants(tmp_path / f"{name}.glb", [1, 1], materials)
+        asset = read_asset(tmp_path / f"{name}.glb")
+        assert asset.document is not None
+        asset.document.gltf.meshes[0].primitives[1].extras = {"part": 2}
+        notes = write_asset(asset, tmp_path / f"{name} again.glb")
+        (mesh,) = tree_of(tmp_path / f"{name} again.glb")["meshes"]
+        assert mesh["extras"] == {"maker": "me", "targetNames": ["Lean"]}
+        kept = [each.get("extras") for each in mesh["primitives"]]
+        if name == "a":
+            assert notes == ()
+            assert kept == [None, {"part": 2}]
+        else:
+            assert notes[0].startswith("The meshes have free data (extras) of their own")
+            assert kept == [None]
 
 
-def test_copies_by_an_extension_are_said(tmp_path: Path) -> None:
+def test_copies_by_an_extension_stay_with_their_mesh(tmp_path: Path) -> None:
     path = write_textured(tmp_path, {"a.png": PNG}, {"source": 0})
     tree = json.loads(path.read_text())
     (node,) = [node for node in tree["nodes"] if "mesh" in node]
     node["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
     path.write_text(json.dumps(tree))
     asset = read_asset(path)
-    assert asset.notes == ("tube.gltf contains copies of meshes (EXT_mesh_gpu_instancing), which are left out.",)
-    write_asset(asset, tmp_path / "b.glb")
-    assert all("extensions" not in node for node in tree_of(tmp_path / "b.glb")["nodes"])
+    assert asset.notes == (
+        "tube.gltf contains copies of meshes (EXT_mesh_gpu_instancing), of which only the original is read.",
+    )
+    assert write_asset(asset, tmp_path / "b.glb") == ()
+    assert asset.document is not None
+    again = Document(tmp_path / "b.glb")
+    (copies,) = [node.extensions["EXT_mesh_gpu_instancing"] for node in again.gltf.nodes if node.extensions]
+    np.testing.assert_array_equal(again.array(copies["attributes"]["TRANSLATION"]), asset.document.array(0))
+    assert "EXT_mesh_gpu_instancing" in again.gltf.extensionsUsed
+    # Another surface has no copies.
+    notes = write_asset(replace(asset, nodes=()), tmp_path / "c.glb")
+    assert notes == ("Copies of meshes (EXT_mesh_gpu_instancing) were left out, because the mesh was replaced.",)
+    assert "EXT_mesh_gpu_instancing" not in json.dumps(tree_of(tmp_path / "c.glb"))

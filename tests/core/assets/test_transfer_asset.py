@@ -118,6 +118,49 @@ def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: 
     assert PNG not in (tmp_path / "out.glb").read_bytes()
 
 
+def test_materials_come_in_full_and_nodes_of_the_target_stay(tmp_path: Path) -> None:
+    for name in ("source", "target"):
+        write_tube(tmp_path / f"{name}.glb", parts=2)
+    source, target = read_asset(tmp_path / "source.glb"), read_asset(tmp_path / "target.glb")
+    assert source.document is not None
+    source.document.gltf.materials[1].doubleSided = True
+    source.document.gltf.materials[1].pbrMetallicRoughness.roughnessFactor = 0.25
+    carried = transfer_asset(source, target, matched(source, target.surface.vertices), ["materials"])
+    write_asset(carried.asset, tmp_path / "out.glb")
+    again = read_asset(tmp_path / "out.glb")
+    assert again.document is not None
+    material = again.document.gltf.materials[1]
+    assert (material.doubleSided, material.pbrMetallicRoughness.roughnessFactor) == (True, 0.25)
+    assert again.materials == source.materials
+    assert [node.name for node in again.document.gltf.nodes] == ["Armature", "Lower", "Upper", "Tube"]
+    assert again.document.gltf.animations != []
+    # A target without nodes receives none.
+    carried = transfer_asset(source, Asset(target.surface), matched(source, target.surface.vertices), ["materials"])
+    write_asset(carried.asset, tmp_path / "out.glb")
+    plain = read_asset(tmp_path / "out.glb").document
+    assert plain is not None
+    assert plain.gltf.materials[1].doubleSided
+    assert len(plain.gltf.nodes) == 1
+
+
+def test_shape_keys_of_other_names_stay(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb")
+    target = read_asset(tmp_path / "tube.glb")
+    offsets = np.full((len(target.surface.vertices), 2, 3), 0.5)
+    keys = Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, offsets, ("Grow", "Lean"))
+    source = Asset(target.surface, (keys,))
+    surface_map = SurfaceMap(
+        *closest_points(target.surface.vertices, source.surface.vertices, source.surface.triangles),
+        source.surface.triangles,
+    )
+    match: Any = SimpleNamespace(surface_map=surface_map, confidence=np.ones(len(offsets)), has_partner=None)
+    found = transfer_asset(source, target, match, [SHAPE_KEYS]).asset.find(SHAPE_KEYS)
+    assert found is not None
+    assert found.labels == ("Lean", "Grow")
+    np.testing.assert_allclose(found.values, 0.5, atol=0.05)
+    assert transfer_asset(source, Asset(target.surface), match).asset.find(SHAPE_KEYS).labels == ("Grow", "Lean")  # type: ignore[union-attr]
+
+
 def test_joints_and_materials_of_the_target_stay_where_none_are_carried(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb", 0.1, bend=0.5)
     target, made = read_asset(tmp_path / "tube.glb"), finer_tube()
