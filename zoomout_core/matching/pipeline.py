@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -22,13 +22,13 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
 from zoomout_core.matching.preparation import AHEAD, prepare_shape
 from zoomout_core.matching.ranking import Candidate, rank
-from zoomout_core.matching.result import MatchResult, make_result
+from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
 from zoomout_core.matching.rotational_symmetry import with_turned
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.runtime.progress import Progress, listening, portion, stage
+from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
 from zoomout_core.runtime.threads import on_one_blas_thread, side_by_side
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
@@ -111,6 +111,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     if needs_retry(best, options):
         with portion(RETRY, RESULT):
             best = retry(best, known, options)
+    _show(best.pair, best.candidates)
     with portion(RESULT, 1.0):
         result = make_result(best.pair, tuple(best.candidates), 0)
     if options.landmarks is None:
@@ -145,11 +146,17 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
     shapes = pair.source_shape, pair.target_shape
     with stage("Comparing candidates", 0.15, 0.8):
         candidates = rank(hypotheses, *shapes, disagreement)
+        _show(pair, candidates)
     with stage("Comparing finished maps", 0.8, 1.0):
         candidates = rank_finished(candidates, *shapes, pair.step)
     if options.initial not in ("auto", "landmarks"):
         return candidates
     return with_turned(candidates, *shapes, disagreement)
+
+
+def _show(pair: Pair, candidates: Sequence[Candidate]) -> None:
+    """Give listeners a first look at the candidates."""
+    show_outlines(lambda: tuple(outline(pair, candidate) for candidate in candidates))
 
 
 def _prepare_lift(pair: Pair) -> None:

@@ -51,6 +51,19 @@ def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, resu
     np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
 
 
+def test_a_first_look_at_the_candidates_comes_before_they_are_refined(resting, bent, watched) -> None:
+    result, seen = watched
+    (first, *_) = [progress for progress in seen if progress.outlines]
+    assert first.fraction < 0.5
+    assert first.stage not in [progress.stage for progress in seen if progress.stage.startswith("Refining")]
+    assert len(first.outlines) == len(result.candidates)
+    vertices, images = first.outlines[0]
+    off = resting.surface.vertices[images] - resting.surface.vertices[true_vertex(resting, bent)[vertices]]
+    assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
+    for shown, used in zip(seen[-1].outlines[0], result.outline(0), strict=True):
+        np.testing.assert_array_equal(shown, used)
+
+
 @pytest.mark.slow
 def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Creature, result) -> None:
     # In the same pose the true image is the vertex's own position.
