@@ -116,7 +116,8 @@ def edge_lengths(vertices: Floats, edges: Integers) -> Floats:
 
 def components(pairs: Integers, n: int) -> Indices:
     """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    # Other types of values would be converted.
+    graph = coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T)), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
