@@ -8,8 +8,10 @@ arrays.
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Coroutine, Generator
-from contextvars import copy_context
+from collections.abc import Callable, Coroutine, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
+from dataclasses import replace
 from time import monotonic
 from typing import Any, Generic, TypeAlias, TypeVar, cast
 from weakref import WeakMethod
@@ -23,6 +25,8 @@ Work: TypeAlias = Coroutine[Callable[[], Any] | None, Any, Result]
 
 # Seconds to wait for a computation before the window gets its turn: less than users notice.
 WAIT = 0.02
+
+_watch: ContextVar[Callable[[], object] | None] = ContextVar("watch", default=None)
 
 
 @types.coroutine
@@ -41,6 +45,16 @@ def pause() -> Generator[None, Any, None]:
     Objects and meshes may be edited or removed meanwhile: find them again afterwards.
     """
     yield None
+
+
+@contextmanager
+def watching(watch: Callable[[], object]) -> Iterator[None]:
+    """Call a function on the main thread, again and again, while a `Job` waits for the computations of a block."""
+    token = _watch.set(watch)
+    try:
+        yield
+    finally:
+        _watch.reset(token)
 
 
 def run(coroutine: Work[Result]) -> Result:
@@ -85,6 +99,8 @@ class Job(Generic[Result]):
         end = monotonic() + seconds
         while True:
             if not self._is_ready(min(max(end - monotonic(), 0), WAIT)):
+                if (watch := self._context.get(_watch)) is not None:
+                    self._context.run(watch)
                 return False
             if self._step():
                 return True
@@ -127,7 +143,7 @@ class Job(Generic[Result]):
         return self._running.send(result)
 
     def _listen(self, latest: Progress) -> None:
-        self.progress = Progress(latest.fraction, latest.stage or self.progress.stage)
+        self.progress = replace(latest, stage=latest.stage or self.progress.stage)
 
 
 async def _run_reporting(coroutine: Work[Result], listener: WeakMethod[Callable[[Progress], None]]) -> Result:

@@ -7,7 +7,7 @@ import os
 import pickle
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
-from functools import wraps
+from functools import partial, wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,7 +70,7 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
     @wraps(function)
     def run(*given: Any, progress: Callable[[Progress], object] | None = None, **options: Any) -> Any:
-        from zoomout_core.runtime.progress import listening, stage
+        from zoomout_core.runtime.progress import listening, show_outlines, stage
         from zoomout_core.tuning import stages
 
         known = [[getattr(shape, name, None) for name in ARRAYS] for shape in given[:shapes]]
@@ -82,7 +82,8 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
             with listening(progress):
                 for one in told:
                     with stage(one.stage, one.fraction, one.fraction):
-                        pass
+                        if one.outlines:
+                            show_outlines(partial(getattr, one, "outlines"))
             return result
         told = []
         with listening(progress), listening(told.append):

@@ -21,6 +21,7 @@ from ..scene.redraw import redraw_sidebars
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
 from ..translations import reported, translated
+from ..viewport import preview
 from . import activity, modal, modes
 
 # Seconds of work between two events; the piece of work then running may take up to 0.1 seconds more.
@@ -116,6 +117,7 @@ class ModalOperator(Operator):
     def _end(self, context: Context) -> None:
         modal.end(self)
         self._job.cancel()
+        preview.end_preliminary()
         context.window_manager.event_timer_remove(self._timer)
         _show_progress(context, None)
 

@@ -75,7 +75,8 @@ async def prepare_match(
     settings = settings_to_store(context, pair, options)
     kept = valid_match(context, pair) if redo_group else None
     mask = read_mask(context, pair, redo_group, redo_keeps) if kept is not None else None
-    result = await match_pair(context, pair, **options)
+    with previews.first_look(context, pair, seen):
+        result = await match_pair(context, pair, **options)
     if kept is not None and mask is not None:
         with stage("Merging with the previous match", 1, 1):
             result = await compute(partial(redone_match, pair, kept, result, mask))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -12,9 +12,9 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.colors import confidence_colors, partner_colors, place_colors
-from zoomout_core.runtime.progress import stage
+from zoomout_core.runtime.progress import Outlines, Progress, progress, stage
 from zoomout_core.transfer import Attribute, map_target, transfer_along
 from zoomout_core.transfer.uv.seam_cut import seam_cut
 
@@ -25,7 +25,7 @@ from ..colors import (
     side_colors,
     stretched_colors,
 )
-from ..jobs import compute, pause, run
+from ..jobs import compute, pause, run, watching
 from ..mesh_data import (
     MATCH_ATTRIBUTES,
     ObjectPair,
@@ -128,6 +128,56 @@ def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> It
     except BaseException:
         preview.show(before)
         raise
+
+
+def first_look(context: Context, pair: ObjectPair, seen: bool) -> AbstractContextManager[None]:
+    """Show the places of a match while it is computed, roughly, as soon as its candidates are known.
+
+    The preview is preliminary: `preview.end_preliminary` restores the previous one.
+
+    Args:
+        context: Blender's.
+        pair: the two objects.
+        seen: whether to show it if there is no preview; one of places is replaced in any case.
+    """
+    before = preview.preview_of(find_mesh(context, pair.target_name))
+    if preview.current() is None:
+        return _showing_outlines(context, pair, passing=True) if seen else nullcontext()
+    if before is not None and before.kind == PLACES:
+        return _showing_outlines(context, pair, before.passing)
+    return nullcontext()
+
+
+@contextmanager
+def _showing_outlines(context: Context, pair: ObjectPair, passing: bool) -> Iterator[None]:
+    target = find_mesh(context, pair.target_name)
+    uncolored = Overlay(target.session_uid, np.empty((0, 3)), pair.target_fingerprint.content)
+    of_sources = _overlays_of_sources(context, pair, place_colors(pair.source.vertices, pair.source.vertices))
+    stored_hash = _stored_hash(target.data, PLACES)
+    bare = Preview(PLACES, target.session_uid, preview.PRELIMINARY, (uncolored, *of_sources), stored_hash, passing)
+    outlines: Outlines = ()
+    colors: list[Floats] = []  # of the latest outline, until they are shown
+
+    def listen(latest: Progress) -> None:
+        """Compute the colours in the thread of the match."""
+        nonlocal outlines
+        if latest.outlines is not outlines:
+            outlines = latest.outlines
+            colors[:] = [_outline_colors(pair, *outlines[0])]
+
+    def show() -> None:
+        if colors:
+            preview.show_preliminary(bare.with_colors(colors.pop()))
+
+    with progress(listen), watching(show):
+        yield
+
+
+def _outline_colors(pair: ObjectPair, vertices: Integers, images: Integers) -> Floats:
+    """(n, 3) colours of a target's vertices from a candidate's images (s,) of some of them (s,)."""
+    own = vertices < len(pair.target.vertices)  # without the half that a Mirror modifier adds
+    colors = place_colors(pair.source.vertices[images[own]], pair.source.vertices)
+    return blend_colors(pair.target.vertices, vertices[own], colors)
 
 
 def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Overlay]:

@@ -25,6 +25,7 @@ from .overlay import Overlay
 CONFIDENCE, PLACES, CHECKER, CUT = "CONFIDENCE", "PLACES", "CHECKER", "CUT"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
 STRETCHED = "STRETCHED"
+PRELIMINARY = "Preliminary: refined colors follow"
 OUTDATED = "Hidden: a mesh was changed"
 NOTHING_STRETCHES = "No vertex stretches far more than on the source"
 LOST = "Hidden: the modifiers leave no faces to color"
@@ -101,6 +102,7 @@ class Preview:
         overlays: the colours to draw.
         stored_hash: hash of the match or symmetry stored on the object's mesh, to detect a later one.
         passing: whether it was shown unasked, so that it ends when other objects are selected.
+        preliminary: whether a match is still being refined, so that the preview ends with the work.
     """
 
     kind: str
@@ -109,6 +111,7 @@ class Preview:
     overlays: tuple[Overlay, ...]
     stored_hash: str
     passing: bool = False
+    preliminary: bool = False
 
     def with_colors(self, colors: Floats) -> Preview:
         """The same preview with other colours (n, 3) on the object itself."""
@@ -117,6 +120,8 @@ class Preview:
 
 
 _shown: Preview | None = None
+# The preview that a preliminary one has replaced.
+_before: Preview | None = None
 _caption_handler: Any = None
 # `session_uid` of the active and the selected objects when the preview was shown.
 _selected: tuple[int, ...] = ()
@@ -150,10 +155,28 @@ def show(preview: Preview) -> None:
         _caption_handler = bpy.types.SpaceView3D.draw_handler_add(_draw_caption, (), "WINDOW", "POST_PIXEL")
 
 
+def show_preliminary(preview: Preview) -> None:
+    """Show a preview until `end_preliminary`, or until another one is shown."""
+    global _before
+    if _shown is None or not _shown.preliminary:
+        _before = _shown
+    show(replace(preview, preliminary=True))
+
+
+def end_preliminary() -> None:
+    """Restore the previous preview if a preliminary one is still shown, as after an error or a cancel."""
+    if _shown is None or not _shown.preliminary:
+        return
+    if _before is None:
+        clear()
+    else:
+        show(_before)
+
+
 def clear() -> None:
     """Remove the preview."""
-    global _shown, _caption_handler
-    _shown = None
+    global _shown, _before, _caption_handler
+    _shown = _before = None
     overlay.clear()
     if _caption_handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_caption_handler, "WINDOW")
@@ -161,10 +184,12 @@ def clear() -> None:
 
 
 def caption() -> str:
-    """The name of the current preview and the way to end it; empty if none is drawn."""
+    """The name of the current preview, and the way to end it or its work; empty if none is drawn."""
     if _shown is None or not overlay.visible():
         return ""
     kind = (OF_MATCH | OF_BINDING | OF_SYMMETRY)[_shown.kind]
+    if _shown.preliminary:
+        return translated(message("{preview}, preliminary: ESC cancels the match", preview=as_message(kind.label)))
     return translated(message("{preview}: the X in the tab ZoomOut hides the colors", preview=as_message(kind.label)))
 
 

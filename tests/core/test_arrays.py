@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sums over segments."""
+"""Sums over segments, and rows."""
 
 import numpy as np
+import pytest
 
-from zoomout_core.arrays import segment_sum
+from zoomout_core.arrays import row_norms, segment_sum, take_rows
 
 
 def test_values_of_a_segment_are_summed_and_empty_segments_are_zero() -> None:
@@ -11,3 +12,17 @@ def test_values_of_a_segment_are_summed_and_empty_segments_are_zero() -> None:
     assert segment_sum(np.array([1.0, 2.0, 4.0]), segment, 5).tolist() == [2, 0, 5, 0, 0]
     values = np.array([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0]])
     assert segment_sum(values, segment).tolist() == [[2, 20], [0, 0], [5, 50]]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("columns", [1, 2, 3, 7])
+def test_lengths_of_rows_equal_those_of_numpy_to_the_bit(columns: int, dtype: type) -> None:
+    vectors = np.random.default_rng(0).standard_normal((500, columns)).astype(dtype)
+    found = row_norms(vectors)
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found, np.linalg.norm(vectors, axis=1))
+
+
+def test_rows_are_taken_in_the_shape_of_their_numbers() -> None:
+    values, numbers = np.arange(12.0).reshape(4, 3), np.array([[3, 0], [1, -1]])
+    np.testing.assert_array_equal(take_rows(values, numbers), values[numbers])

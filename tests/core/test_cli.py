@@ -55,6 +55,22 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
     assert error.mean() < 0.03
 
 
+def test_a_first_look_is_written_while_the_map_is_refined(files: Path, resting: Creature, bent: Creature) -> None:
+    meshes, early = (files / "source.ply", files / "target.ply"), files / "first_look.npz"
+    outcome = run("match", *meshes, "-o", files / "later.npz", "--first-look", early)
+    assert outcome.exit_code == 0, outcome.output
+    assert early.stat().st_mtime_ns < (files / "later.npz").stat().st_mtime_ns
+    with np.load(early) as file:
+        vertices, images = file["target"], file["source"]
+    assert images.shape[1:] == vertices.shape
+    off = resting.surface.vertices[images[0]] - resting.surface.vertices[true_vertex(resting, bent)[vertices]]
+    assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 0.06
+    nearest = run("match", *meshes, "-o", files / "none.npz", "--initial", "nearest", "--first-look", early)
+    assert "--first-look has no effect with --initial nearest" in nearest.output
+    wrong = run("match", *meshes, "-o", files / "none.npz", "--first-look", files / "look.txt")
+    assert "does not end in .npz" in wrong.output
+
+
 def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
     meshes = files / "source.ply", files / "target.ply"
     asked = "-o", files / "nearest.npz", "--initial", "nearest"

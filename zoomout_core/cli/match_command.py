@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from zoomout_core.assets.part_names import PartName
 from zoomout_core.cli.report import json_option, match_figures, match_lines, parts_of, say
@@ -29,6 +30,9 @@ from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.runtime.array_files import write_arrays
+from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.progress import Progress, listening
 
 # The start that is not refined.
 NEAREST = "nearest"
@@ -42,12 +46,18 @@ NEAREST = "nearest"
 @partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
 @table_options(option_table.RESULT)
+@click.option(
+    "--first-look",
+    type=click.Path(dir_okay=False),
+    help="An .npz file for rough images of the candidates, written as soon as they are known.",
+)
 @json_option
 def match(
     source: str,
     target: str,
     output: str,
     in_place: bool,
+    first_look: str | None,
     candidate: int,
     as_json: bool,
     **options: Any,
@@ -59,22 +69,27 @@ def match(
     Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
     source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest the map is
     that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
+
+    With --first-look, programs can show the map while it is refined: that file has some vertices of TARGET ("target")
+    and, in a row for each candidate, the most likely first, their images on SOURCE ("source").
     """
     try:
         of_nearest = {
             each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Door.COMMAND_LINE)
         }
         check_map_output(output, (source, target, *files_of_options(options)), in_place)
+        if first_look is not None:
+            check_map_output(first_look, (source, target, *files_of_options(options)), in_place)
         shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
-            _check_nothing_else({**options, "candidate": candidate})
+            _check_nothing_else({**options, "candidate": candidate, "first_look": first_look})
             surfaces = as_surface(shapes[0]), as_surface(shapes[1])
             with progress_bar():
                 nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
             arguments = start_arguments(**options, more_starts=[NEAREST])
-            with progress_bar():
+            with progress_bar(), listening(None if first_look is None else FirstLook(Path(first_look))):
                 result = match_shapes(*shapes, **arguments)
                 if candidate:
                     result = result.use(candidate)
@@ -86,11 +101,27 @@ def match(
     say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
 
 
+class FirstLook:
+    """A listener that writes rough images of a match's candidates to a file, whenever there are new ones."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._written = path, Progress(0.0, "").outlines
+
+    def __call__(self, latest: Progress) -> None:
+        if latest.outlines is self._written:
+            return
+        self._written = latest.outlines
+        vertices, images = zip(*latest.outlines, strict=True)
+        with atomic_write(self._path) as part:
+            write_arrays(part, {"target": vertices[0], "source": np.stack(images)})
+
+
 def _check_nothing_else(options: dict[str, Any]) -> None:
     """Raise an OptionError if the user gave options that a map to the nearest points does not take."""
-    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes", "candidate"):
+    names = "landmarks", "exact_landmarks", "earlier_map", "common_axes", "candidate"
+    flags = {name: OPTIONS[name].name_at(Door.COMMAND_LINE) for name in names} | {"first_look": "--first-look"}
+    for name, flag in flags.items():
         if options[name]:
-            flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
             raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers
+from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers, row_norms, take_rows
 from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle processed together; bounds the memory.
@@ -77,9 +77,9 @@ class SurfaceSearch:
     @cached_property
     def _groups(self) -> list[_Group]:
         """Group triangles by size, so that a few large ones do not widen the search among small ones."""
-        corners = self.vertices[self.triangles]
-        centre = corners.mean(axis=1)
-        radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+        a, b, c = (take_rows(self.vertices, corner) for corner in self.triangles.T)
+        centre = (a + b + c) / 3
+        radius = np.maximum.reduce([row_norms(corner - centre) for corner in (a, b, c)])
         size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius))), -2, 6)
         members = (np.flatnonzero(size == each) for each in np.unique(size))
         return [_Group(centre[chosen], radius[chosen], chosen) for chosen in members]
@@ -125,8 +125,8 @@ class _Closest:
         if len(queries) == 0:
             return
         # Coordinates first, (3, p): sums over a last axis of three take twice as long.
-        a, ab, ac = self.vertices[self.triangles[candidates]].transpose(1, 2, 0).copy()
-        ap = self.points[queries].T - a
+        a, ab, ac = take_rows(self.vertices, take_rows(self.triangles, candidates)).transpose(1, 2, 0).copy()
+        ap = take_rows(self.points, queries).T - a
         ab -= a
         ac -= a
         weights = barycentric_of_closest(inner_products(ap, ab, ac, axis=0))
@@ -219,7 +219,7 @@ class EmbeddedSurface:
         dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
         self._embedding: AnyFloats = embedding.astype(dtype)
         self._neighbourhoods = neighbourhoods
-        a, b, c = (self._embedding[corner] for corner in neighbourhoods.triangles.T)
+        a, b, c = (take_rows(self._embedding, corner) for corner in neighbourhoods.triangles.T)
         ab, ac = b - a, c - a
         pairs = (ab, ab), (ab, ac), (ac, ac), (a, ab), (a, ac), (a, a)
         self._products = [np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs]
@@ -241,7 +241,8 @@ class EmbeddedSurface:
         for block in np.array_split(order, max(1, len(order) // per_block)):
             # Inner products of each query with each nearby vertex, computed once per pair.
             query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
-            all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
+            beside = take_rows(points, block[query]), take_rows(embedding, pair_vertex)
+            all_products = np.einsum("pk,pk->p", *beside)
             query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
             _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
             product = all_products[first[query, None] + corners].astype(np.float64)
@@ -269,7 +270,7 @@ def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers
     begin = np.cumsum(size) - size
     return (
         np.repeat(np.arange(len(chosen)), size),
-        entries[np.arange(size.sum()) - np.repeat(begin - first[chosen], size)],
+        take_rows(entries, np.arange(size.sum()) - np.repeat(begin - first[chosen], size)),
         begin,
     )
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, take_rows
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
@@ -89,8 +90,11 @@ class SurfaceMap(Summary):
         given, needed = np.asarray(values), int(self.source_triangles.max(initial=-1)) + 1
         if not given.ndim or len(given) < needed:
             raise ValueError(f"Values of shape {given.shape} cannot be read at {needed} vertices: give one for each.")
-        corners = given[self.source_triangles[self.triangle]]
-        return np.einsum("nc,nc...->n...", self.barycentric, corners)
+        corners = take_rows(self.source_triangles, self.triangle)
+        if given.size == len(given):  # a single column needs no large array of the corners' values
+            return np.einsum("nc,nc...->n...", self.barycentric, take_rows(given, corners))
+        mixed = interpolation_matrix(corners, self.barycentric, len(given)) @ given.reshape(len(given), -1)
+        return np.asarray(mixed).reshape(len(corners), *given.shape[1:])
 
     def at(self, source: Surface, target: Surface, triangle: Integers, barycentric: Floats) -> SurfaceMap:
         """The map at points (q, 3) in the target's triangles (q,), such as corners or samples inside its faces.
@@ -224,6 +228,15 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     if not (off <= BARYCENTRIC_TOLERANCE).all():
         return "its barycentric coordinates are not all numbers from 0 to 1 that sum to one"
     return ""
+
+
+def interpolation_matrix(corners: Integers, barycentric: AnyFloats, n: int) -> csr_array:
+    """(q, n) matrix that interpolates values at n vertices to points, by corners (q, 3) and barycentric coordinates.
+
+    Its products need no array of the values at all corners.
+    """
+    begins = np.arange(0, 3 * len(corners) + 1, 3)
+    return csr_array((barycentric.ravel(), corners.ravel(), begins), shape=(len(corners), n))
 
 
 def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:

@@ -58,7 +58,7 @@ BRANCHES = BranchTuning()
 
 
 @dataclass(frozen=True, eq=False)
-class _Branches:
+class Branches:
     """The branches of a shape."""
 
     distances: SingleFloats  # (n, m) geodesic distances of the surface's vertices to the tips, infinite off the body
@@ -67,18 +67,26 @@ class _Branches:
     group: Integers  # (m,) number of the group of siblings that each belongs to, such as the fingers of a hand
 
 
-def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> tuple[SurfaceMap, Booleans]:
-    """Match branches anew that a map sends to the wrong branch; maps with exact landmarks are not changed.
+def branches_of(pair: Pair) -> tuple[Branches, Branches] | None:
+    """The branches of the source and of the target; None if there are none, or if maps keep exact landmarks."""
+    shapes = pair.source_shape, pair.target_shape
+    if pair.exact_landmarks is not None or any(shape.proxy.full.is_hull for shape in shapes):
+        return None
+    source, target = _branches(pair.source, shapes[0]), _branches(pair.target, shapes[1])
+    return (source, target) if len(source.length) and len(target.length) else None
+
+
+def exchange_branches(
+    pair: Pair, surface_map: SurfaceMap, branches: tuple[Branches, Branches] | None
+) -> tuple[SurfaceMap, Booleans]:
+    """Match branches anew that a map sends to the wrong branch.
 
     Returns the map, and (n_t,) the vertices at the bases of these branches, whose images must be filled in.
     """
     unsettled = np.zeros(len(pair.target.vertices), dtype=bool)
-    shapes = pair.source_shape, pair.target_shape
-    if pair.exact_landmarks is not None or any(shape.proxy.full.is_hull for shape in shapes):
+    if branches is None:
         return surface_map, unsettled
-    source, target = _branches(pair.source, shapes[0]), _branches(pair.target, shapes[1])
-    if not (len(source.length) and len(target.length)):
-        return surface_map, unsettled
+    source, target = branches
     vertices, distances = _images(surface_map, source, target)
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
     nearest = np.argmin(distances, axis=1)
@@ -93,7 +101,7 @@ def exchange_branches(pair: Pair, surface_map: SurfaceMap) -> tuple[SurfaceMap, 
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles), unsettled
 
 
-def _branches(surface: Surface, shape: ShapeAnalysis) -> _Branches:
+def _branches(surface: Surface, shape: ShapeAnalysis) -> Branches:
     """The branches of a shape that have siblings."""
     vertices, persistence = maxima(shape)
     tips = vertices[persistence > BRANCHES.persistence][: BRANCHES.max_count]
@@ -108,11 +116,13 @@ def _branches(surface: Surface, shape: ShapeAnalysis) -> _Branches:
     if len(kept):
         of_body = shape.proxy.full.vertex_of
         on = np.flatnonzero(of_body >= 0)
-        distances[on] = shape.proxy.place.interpolate(on_proxy[kept].T)[of_body[on]]
-    return _Branches(distances, between[np.ix_(kept, kept)], length[kept], group[kept])
+        place, at = shape.proxy.place, of_body[on]
+        of_surface = SurfaceMap(place.triangle[at], place.barycentric[at], place.source_triangles)
+        distances[on] = of_surface.interpolate(on_proxy[kept].T)
+    return Branches(distances, between[np.ix_(kept, kept)], length[kept], group[kept])
 
 
-def _images(surface_map: SurfaceMap, source: _Branches, target: _Branches) -> tuple[Integers, SingleFloats]:
+def _images(surface_map: SurfaceMap, source: Branches, target: Branches) -> tuple[Integers, SingleFloats]:
     """(q,) the vertices on the target's branches, and (q, m) distances of their images to the source's tips."""
     vertices = np.flatnonzero((target.distances < target.length).any(axis=1))
     corners = surface_map.source_triangles[surface_map.triangle[vertices]]
@@ -123,7 +133,7 @@ def _images(surface_map: SurfaceMap, source: _Branches, target: _Branches) -> tu
     return vertices, distances
 
 
-def _partners(source: _Branches, target: _Branches, vertices: Integers, distances: SingleFloats) -> dict[int, int]:
+def _partners(source: Branches, target: Branches, vertices: Integers, distances: SingleFloats) -> dict[int, int]:
     """The source's tip of each of the target's tips, for tips with siblings, such as fingers.
 
     Siblings, whose branches grow from one place, are paired with siblings by the distances among them. These decide
@@ -144,7 +154,7 @@ def _partners(source: _Branches, target: _Branches, vertices: Integers, distance
 
 
 def _pair_siblings(
-    source: _Branches, target: _Branches, tips: Integers, others: Integers, nearest: Integers
+    source: Branches, target: Branches, tips: Integers, others: Integers, nearest: Integers
 ) -> dict[int, int]:
     """Pair siblings (k,) of the target with as many of the source by the distances among them; empty if these differ.
 
@@ -164,7 +174,7 @@ def _pair_siblings(
 
 
 def _register(
-    pair: Pair, surface_map: SurfaceMap, source: _Branches, target: _Branches, tip: int, other: int
+    pair: Pair, surface_map: SurfaceMap, source: Branches, target: Branches, tip: int, other: int
 ) -> tuple[Integers, Integers, Floats] | None:
     """Register a branch of the target to one of the source alone, by rigid ICP (Besl and McKay 1992).
 

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
@@ -22,14 +24,14 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
 from zoomout_core.matching.preparation import AHEAD, prepare_shape
 from zoomout_core.matching.ranking import Candidate, rank
-from zoomout_core.matching.result import MatchResult, make_result
+from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
-from zoomout_core.matching.rotational_symmetry import with_turned
+from zoomout_core.matching.rotational_symmetry import self_maps, with_turned
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.runtime.progress import Progress, listening, portion, stage
-from zoomout_core.runtime.threads import on_one_blas_thread, side_by_side
+from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
+from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
@@ -111,6 +113,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     if needs_retry(best, options):
         with portion(RETRY, RESULT):
             best = retry(best, known, options)
+    _show(best.pair, best.candidates)
     with portion(RESULT, 1.0):
         result = make_result(best.pair, tuple(best.candidates), 0)
     if options.landmarks is None:
@@ -139,24 +142,30 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
         disagreement = evidence.disagreement(pair)
-        hypotheses, _ = side_by_side(
-            lambda: guess(pair, options.initial, evidence, disagreement, earlier), lambda: _prepare_lift(pair)
-        )
+        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier)
     shapes = pair.source_shape, pair.target_shape
     with stage("Comparing candidates", 0.15, 0.8):
         candidates = rank(hypotheses, *shapes, disagreement)
+        _show(pair, candidates)
+    automatic = options.initial in ("auto", "landmarks")
     with stage("Comparing finished maps", 0.8, 1.0):
+        for_each(partial(_prepare_rest, turns=automatic), shapes)
         candidates = rank_finished(candidates, *shapes, pair.step)
-    if options.initial not in ("auto", "landmarks"):
-        return candidates
-    return with_turned(candidates, *shapes, disagreement)
+    return with_turned(candidates, *shapes, disagreement) if automatic else candidates
 
 
-def _prepare_lift(pair: Pair) -> None:
-    """Precompute what the lift to all vertices needs, while another thread works."""
-    if not pair.target_shape.proxy.full.is_hull:
-        _ = pair.target_shape.proxy.place, pair.source_shape.proxy.place
-    _ = pair.source_shape.neighbourhoods
+def _show(pair: Pair, candidates: Sequence[Candidate]) -> None:
+    """Give listeners a first look at the candidates."""
+    show_outlines(lambda: tuple(outline(pair, candidate) for candidate in candidates))
+
+
+def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
+    """Compute what the candidates do not need, but what follows does: the first look does not wait for it."""
+    if turns:
+        self_maps(shape)
+    if not shape.proxy.full.is_hull:
+        _ = shape.proxy.place
+    _ = shape.neighbourhoods
 
 
 def _read(shape: Surface | PointCloud) -> Surface:

@@ -11,7 +11,6 @@ from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
 from zoomout_core.matching.hypotheses.extremities import extremities
 from zoomout_core.matching.memory_cache import cached_analysis
 from zoomout_core.matching.proxy import proxy_size
-from zoomout_core.matching.rotational_symmetry import self_maps
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance, portion
 
@@ -22,7 +21,6 @@ AHEAD: tuple[Callable[[ShapeAnalysis], object], ...] = (
     attrgetter("pseudo_scalars"),
     attrgetter("curvature"),
     attrgetter("surroundings"),
-    self_maps,
 )
 
 

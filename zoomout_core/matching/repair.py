@@ -12,31 +12,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
+from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats, row_norms, take_rows
 from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import SMALLEST, Moments, products
 from zoomout_core.geometry.sparse_solve import factorise
-from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.branches import exchange_branches
+from zoomout_core.matching.branches import branches_of, exchange_branches
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES, MAX_GEODESIC_DISTANCE
 from zoomout_core.matching.registration.nonrigid_icp import replace_images
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_areas
+from zoomout_core.mesh.triangles import components, edge_lengths, triangle_normals, unique_edges, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
 
-# Edges, and places to project, that are compared at once; bounds the memory.
-BLOCK = 1 << 16
+# Edges that are compared at once, and places to project times candidates: so few that they stay in the processor's
+# cache.
+EDGES, PLACES = 1 << 12, 1 << 16
 # Samples of each triangle, on average, that are enough on coarse sources.
 SAMPLES_OF_TRIANGLE = 20
 # Share of the variance that keeps the linear fit around flat patches stable, and number of neighbourhoods that show
@@ -80,66 +82,108 @@ class _Images(NamedTuple):
     barycentric: Floats  # (n, 3)
     features: SingleFloats  # (n, 6 + d) positions, normals, and geodesic distances to some samples, at unit area
 
-    def replace_at(self, other: _Images, chosen: Booleans) -> _Images:
-        """These, with others at chosen vertices (n,)."""
-        triangle = np.where(chosen, other.triangle, self.triangle)
-        barycentric, features = (
-            np.where(chosen[:, None], new, own)
-            for own, new in ((self.barycentric, other.barycentric), (self.features, other.features))
+    def at(self, vertices: Integers) -> _Images:
+        """The images of some vertices (q,)."""
+        return _Images(self.triangle[vertices], self.barycentric[vertices], take_rows(self.features, vertices))
+
+    def replace_at(self, vertices: Integers, by: _Images) -> None:
+        """Replace the images of some vertices (q,), in place."""
+        self.triangle[vertices], self.barycentric[vertices], self.features[vertices] = by
+
+
+class _Meshes:
+    """The working meshes of a pair, prepared once to fill in any of its maps."""
+
+    def __init__(self, pair: Pair) -> None:
+        self.source, self.target = pair.source.working, pair.target.working
+        used = np.flatnonzero(self.target.vertex_of >= 0)
+        # (n,) a vertex of the target's surface for each of its working vertices.
+        self.member = np.empty(len(self.target.vertices), dtype=np.int64)
+        self.member[self.target.vertex_of[used]] = used
+        # (n_s, 6 + d) the features of the source's vertices, see `_Images`.
+        places = self.source.vertices, self.source.vertex_normals, _marks(pair.source, pair.source_shape)
+        self.features: SingleFloats = np.hstack([each.astype(np.float32) for each in places])
+        self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
+        self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
+        self.areas = vertex_areas(self.target.vertices, self.target.triangles)  # (n,)
+        self.fixed = np.zeros(len(self.member), dtype=bool)  # (n,) vertices at exact landmarks
+        if pair.exact_landmarks is not None:
+            points = landmark_points(pair, pair.exact_landmarks)[1]
+            near = cKDTree(pair.target.vertices[used]).query(points)[1]
+            self.fixed[self.target.vertex_of[used[near]]] = True
+
+    def images(self, triangle: Integers, barycentric: Floats) -> _Images:
+        """Images by their triangles (q,) and barycentric coordinates (q, 3), with their features."""
+        weights = interpolation_matrix(
+            take_rows(self.source.triangles, triangle), barycentric.astype(np.float32), len(self.features)
         )
-        return _Images(triangle, barycentric, features)
+        return _Images(triangle, barycentric, np.asarray(weights @ self.features))
+
+    @cached_property
+    def graph(self) -> csr_array:
+        """(n, n) adjacency of the target's vertices."""
+        ends = np.concatenate([self.edges, self.edges[:, ::-1]])
+        return csr_array((np.ones(len(ends)), ends.T), shape=(len(self.member), len(self.member)))
+
+    @cached_property
+    def samples(self) -> tuple[cKDTree, Integers]:
+        """A search tree of samples of the source with their normals, and (c,) the triangle of each."""
+        source = self.source
+        count = len(source.triangles) * SAMPLES_OF_TRIANGLE
+        count = max(min(count, REPAIR.samples), len(source.triangles))
+        points, on = surface_samples(source.vertices, source.triangles, count)
+        normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
+        places = np.hstack([points, REPAIR.normal_weight * normals])
+        return cKDTree(places, balanced_tree=False, compact_nodes=False), on
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
     """Match branches anew that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
-    exchanged, bases = exchange_branches(pair, surface_map)
+    meshes, of_both = _Meshes(pair), branches_of(pair)
+    exchanged, bases = exchange_branches(pair, surface_map, of_both)
     branches = exchanged.triangle != surface_map.triangle
-    first = _fill_torn(pair, exchanged, bases, branches)
+    first = _fill_torn(pair, meshes, exchanged, bases, branches)
     if not bases.any():
         return first
-    exchanged, bases = exchange_branches(pair, first.surface_map)  # at new bases, branches may be wrong still
+    exchanged, bases = exchange_branches(pair, first.surface_map, of_both)  # at new bases, branches may be wrong still
     branches |= exchanged.triangle != first.surface_map.triangle
-    second = _fill_torn(pair, exchanged, bases, branches)
+    second = _fill_torn(pair, meshes, exchanged, bases, branches)
     return second._replace(filled=first.filled | second.filled)
 
 
-def _fill_torn(pair: Pair, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
+def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
     """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were matched anew."""
-    source, target = pair.source, pair.target
-    mesh, vertex_of = target.working, target.working.vertex_of
-    used = np.flatnonzero(vertex_of >= 0)
-    member = np.empty(len(mesh.vertices), dtype=np.int64)
-    member[vertex_of[used]] = used
-    corners = np.concatenate(
-        [source.working.vertices, source.working.vertex_normals, _marks(source, pair.source_shape)], 1
-    )
-    number = np.zeros(len(source.triangles), dtype=np.int64)
-    number[source.working.triangle_of] = np.arange(len(source.working.triangles))
-    triangle, barycentric = number[surface_map.triangle[member]], surface_map.barycentric[member]
-    images = _Images(triangle, barycentric, _interpolate(corners, source.working.triangles[triangle], barycentric))
-    fixed = np.zeros(len(member), dtype=bool)
-    if pair.exact_landmarks is not None:
-        points = landmark_points(pair, pair.exact_landmarks)[1]
-        fixed[vertex_of[used[cKDTree(target.vertices[used]).query(points)[1]]]] = True
-
-    edges, _ = unique_edges(mesh.triangles)
-    own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
-    torn, limit = _torn(images.features, edges, own)
-    filled = ((_to_fill(mesh, edges, torn) & ~branches[member]) | bases[member]) & ~fixed
+    source, target, member, edges = meshes.source, meshes.target, meshes.member, meshes.edges
+    number = np.zeros(len(pair.source.triangles), dtype=np.int64)
+    number[source.triangle_of] = np.arange(len(source.triangles))
+    images = meshes.images(number[surface_map.triangle[member]], surface_map.barycentric[member])
+    length = _lengths(images.features, edges)
+    limit = REPAIR.max_stretch * float(np.median(length / np.maximum(meshes.length, SMALLEST)))
+    torn = _torn(length, meshes.length, limit)
+    filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
-        tried = [images, *_fills(images, filled, edges, mesh, source.working, corners)]
-        best = _choose_images(tried, filled, edges, limit / REPAIR.max_stretch * own)
-        for choice, filling in enumerate(tried[1:], start=1):
-            images = images.replace_at(filling, best == choice)
-        filled &= best > 0
-        torn, _ = _torn(images.features, edges, own, limit)
+        beside = filled[edges].any(axis=1)  # edges that the filling changes
+        vertices, ends = np.unique(edges[beside], return_inverse=True)
+        fills = [images.at(vertices)]
+        for some, fill in _fills(images, filled, meshes):
+            fills.append(images.at(vertices))
+            fills[-1].replace_at(np.searchsorted(vertices, some), fill)
+        usual = limit / REPAIR.max_stretch * meshes.length[beside]
+        best = _choose_images(fills, filled[vertices], ends.reshape(-1, 2), usual)
+        for choice, fill in enumerate(fills):
+            chosen = np.flatnonzero(best == choice)
+            images.replace_at(vertices[chosen], fill.at(chosen))
+        filled[vertices[best == 0]] = False
+        length[beside] = _lengths(images.features, edges[beside])
+        torn = _torn(length, meshes.length, limit)
     at_torn = np.zeros(len(filled), dtype=bool)
     at_torn[edges[torn]] = True
-    changed = used[filled[vertex_of[used]]]
-    new_triangle = source.working.triangle_of[images.triangle[vertex_of[changed]]]
+    vertex_of = target.vertex_of
+    changed = np.flatnonzero(_on_surface(filled, vertex_of))
+    new_triangle = source.triangle_of[images.triangle[vertex_of[changed]]]
     new = SurfaceMap(new_triangle, images.barycentric[vertex_of[changed]], surface_map.source_triangles)
     repaired = replace_images(surface_map, changed, new)
-    return Repair(repaired, _on_surface(filled, vertex_of), _on_surface(at_torn & ~fixed, vertex_of))
+    return Repair(repaired, _on_surface(filled, vertex_of), _on_surface(at_torn & ~meshes.fixed, vertex_of))
 
 
 def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
@@ -158,7 +202,9 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
     if len(beside):  # loose parts are where the body is next to them
         places = body.from_surface(working.to_surface(working.vertices[beside]))
         of_body[beside] = cKDTree(body.vertices).query(places)[1]
-    return np.asarray(shape.proxy.place.interpolate(shape.distances[:BOUND_SAMPLES].T)[of_body])
+    place = shape.proxy.place
+    at_vertices = SurfaceMap(place.triangle[of_body], place.barycentric[of_body], place.source_triangles)
+    return at_vertices.interpolate(shape.distances[:BOUND_SAMPLES].T)
 
 
 def _choose_images(tried: Sequence[_Images], filled: Booleans, edges: Integers, usual: Floats) -> Integers:
@@ -167,7 +213,7 @@ def _choose_images(tried: Sequence[_Images], filled: Booleans, edges: Integers, 
     `usual` (e,) are the lengths that the edges' images have if the map is not distorted.
     """
     among = filled[edges]
-    patch = connected_components(_graph(edges[among.all(axis=1)], len(filled)), directed=False)[1]
+    patch = components(edges[among.all(axis=1)], len(filled))
     touched = among.any(axis=1)
     of_edge, usual = patch[np.where(among[:, 0], edges[:, 0], edges[:, 1])][touched], usual[touched]
     distortion = []
@@ -181,69 +227,62 @@ def _choose_images(tried: Sequence[_Images], filled: Booleans, edges: Integers, 
 def _lengths(features: SingleFloats, edges: Integers) -> Floats:
     """(e,) lengths of the images of edges (e, 2), in space or along the surface, from their features (n, 6 + d)."""
     length = np.empty(len(edges))
-    for first in range(0, len(edges), BLOCK):
-        some = edges[first : first + BLOCK]
-        apart = features[some[:, 0]] - features[some[:, 1]]
-        space = np.linalg.norm(apart[:, :3], axis=1)
-        length[first : first + BLOCK] = np.maximum(space, np.abs(apart[:, 6:]).max(axis=1))
+    for first in range(0, len(edges), EDGES):
+        some = edges[first : first + EDGES]
+        apart = take_rows(features, some[:, 0]) - take_rows(features, some[:, 1])
+        space = row_norms(apart[:, :3])
+        length[first : first + EDGES] = np.maximum(space, np.abs(apart[:, 6:]).max(axis=1))
     return length
 
 
-def _torn(features: SingleFloats, edges: Integers, own: Floats, limit: float | None = None) -> tuple[Booleans, float]:
-    """Which edges (e, 2) have images that are far too long in space or along the surface, and the ratio from which on.
+def _torn(length: Floats, own: Floats, limit: float) -> Booleans:
+    """(e,) which edges have images that are far too long.
 
-    The features (n, 6 + d) are those of the images, and `own` (e,) are the lengths on the target.
+    The lengths (e,) are those of the images, in space or along the surface, and `own` (e,) are those on the target. The
+    limit is the ratio from which on they are torn.
     """
-    length = _lengths(features, edges)
-    ratio = length / np.maximum(own, 1e-300)
-    if limit is None:
-        limit = REPAIR.max_stretch * float(np.median(ratio))
-    return (ratio > limit) & (length > REPAIR.min_length), limit
+    return np.asarray((length / np.maximum(own, SMALLEST) > limit) & (length > REPAIR.min_length))
 
 
-def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
-    """(n,) vertices near torn edges and on small patches that these cut off, on components that are mostly whole."""
-    n, areas = len(mesh.vertices), vertex_areas(mesh.vertices, mesh.triangles)
-    patch = connected_components(_graph(edges[~torn], n), directed=False)[1]
-    component_area = np.bincount(mesh.component, areas)[mesh.component]
+def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:
+    """(n,) vertices near torn edges (e,) and on small patches that these cut off, on components mostly whole."""
+    edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
+    patch = components(edges[~torn], len(areas))
+    component_area = np.bincount(component, areas)[component]
     chosen = np.bincount(patch, areas)[patch] < REPAIR.small_patch * component_area
     chosen &= np.isin(patch, patch[edges[torn]])
     chosen[edges[torn]] = True
     chosen[edges[chosen[edges].any(axis=1)]] = True
-    whole = np.bincount(mesh.component, areas * ~chosen)[mesh.component]
+    whole = np.bincount(component, areas * ~chosen)[component]
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))
 
 
-def _fills(
-    images: _Images, filled: Booleans, edges: Integers, target: WorkingMesh, source: WorkingMesh, corners: Floats
-) -> Iterator[_Images]:
-    """Fill in some images from the others, and project them to the source.
+def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> Iterator[tuple[Integers, _Images]]:
+    """Fill in some images from the others, and project them to the source: yields the vertices (q,), and their images.
 
     The features of the images solve Poisson's equation: their differences in a patch are those of the target, turned
     and scaled like the patch's surroundings (Yu et al. 2004), so that the tip of a finger does not shrink to its base.
     The second solution is harmonic. A part of the target stays on the parts of the source that its trusted images are
-    on: a shirt does not land on the body below it. `edges` (e, 2) are those of the target, and `corners` (n_s, 6 + d)
-    the features of the source's vertices.
+    on: a shirt does not land on the body below it.
     """
-    graph, component = csr_array(_graph(edges, len(filled))), target.component
-    vertices = np.flatnonzero(filled)
-    laplacian = csr_array(diags_array(graph.sum(axis=1)) - graph)[vertices]
-    known = images.features.astype(np.float64)
-    known[vertices] = 0
+    source, component = meshes.source, meshes.target.component
+    graph, vertices = meshes.graph, np.flatnonzero(filled)
+    adjacent = graph[vertices]
+    degree = csr_array((adjacent.sum(axis=1), (np.arange(len(vertices)), vertices)), shape=adjacent.shape)
+    laplacian = csr_array(degree - adjacent)
+    beside = np.unique(adjacent.indices)
+    beside = beside[~filled[beside]]
+    known = laplacian[:, beside] @ images.features[beside].astype(np.float64)
     factors = factorise(laplacian[:, vertices].tocsc())
     source_component = source.component[source.triangles[:, 0]]
     stride = int(source_component.max()) + 1
     allowed = np.unique(component[~filled] * stride + source_component[images.triangle[~filled]])
-    divergences = _divergence(images, filled, graph, laplacian, target), 0
-    goals = np.concatenate([factors.solve(np.asfortranarray(each - laplacian @ known)) for each in divergences])
-    goals[:, 3:6] /= np.maximum(np.linalg.norm(goals[:, 3:6], axis=1, keepdims=True), 1e-300)
-    projected = _project(goals, source, corners, allowed, np.tile(component[vertices] * stride, len(divergences)))
+    divergences = _divergence(images, filled, graph, laplacian, meshes.target), 0
+    goals = np.concatenate([factors.solve(np.asfortranarray(each - known)) for each in divergences])
+    goals[:, 3:6] /= np.maximum(row_norms(goals[:, 3:6])[:, None], SMALLEST)
+    projected = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
     for on, barycentric in zip(*(np.split(each, len(divergences)) for each in projected), strict=True):
-        found = _Images(images.triangle.copy(), images.barycentric.copy(), images.features.copy())
-        some, on, barycentric = vertices[on >= 0], on[on >= 0], barycentric[on >= 0]
-        found.triangle[some], found.barycentric[some] = on, barycentric
-        found.features[some] = _interpolate(corners, source.triangles[on], barycentric)
-        yield found
+        yield vertices[on >= 0], meshes.images(on[on >= 0], barycentric[on >= 0])
 
 
 def _divergence(
@@ -294,35 +333,31 @@ def _handedness(images: _Images, filled: Booleans, graph: csr_array, target: Wor
     """1 if the map preserves the orientation of trusted neighbourhoods, -1 if it reverses it."""
     trusted = np.flatnonzero(~filled)
     some = trusted[:: max(1, len(trusted) // NEIGHBOURHOODS)]
-    rings = graph[some] @ (graph + diags_array(np.ones(len(filled))))
-    means = csr_array(diags_array(1 / rings.sum(axis=1)) @ rings)
-    both = products(target.vertices, images.features[:, :3].astype(np.float64))
+    rings = csr_array(graph[some] @ graph + graph[some])
+    near = np.unique(rings.indices)
+    means = diags_array(1 / rings.sum(axis=1)) @ rings[:, near]
+    both = products(target.vertices[near], images.features[near, :3].astype(np.float64))
     return Moments.of_products(np.asarray(means @ both)).handedness
 
 
-def _project(
-    goals: Floats, source: WorkingMesh, corners: Floats, allowed: Integers, first_key: Integers
-) -> tuple[Integers, Floats]:
-    """The points of a source closest to goals (q, 6 + d), in space, in direction and along the surface.
+def _project(goals: Floats, meshes: _Meshes, allowed: Integers, first_key: Integers) -> tuple[Integers, Floats]:
+    """The points of the source closest to goals (q, 6 + d), in space, in direction and along the surface.
 
     A goal lands on a component of the source if `allowed` (a,), sorted, has the sum of its `first_key` (q,) and of the
     component's number. Returns (q,) triangle numbers, -1 where no point near a goal is allowed, and (q, 3) barycentric
     coordinates.
     """
-    count = len(source.triangles) * SAMPLES_OF_TRIANGLE
-    count = max(min(count, REPAIR.samples), len(source.triangles))
-    points, on = surface_samples(source.vertices, source.triangles, count)
-    normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
-    tree = cKDTree(np.hstack([points, REPAIR.normal_weight * normals]), balanced_tree=False, compact_nodes=False)
-    marks, component = corners[:, 6:].astype(np.float32), source.component[source.triangles[:, 0]]
+    source, (tree, on) = meshes.source, meshes.samples
+    corner, marks = source.triangles[:, 0].copy(), meshes.features[:, 6:].copy()
+    component = source.component[corner]
     triangle = np.empty(len(goals), dtype=np.int64)
-    block = max(1, BLOCK // REPAIR.candidates)
+    block = max(1, PLACES // REPAIR.candidates)
     for first in range(0, len(goals), block):
         some, keys = goals[first : first + block], first_key[first : first + block]
         rows = np.hstack([some[:, :3], REPAIR.normal_weight * some[:, 3:6]])
-        apart, near = map(np.asarray, tree.query(rows, min(REPAIR.candidates, count)))
+        apart, near = map(np.asarray, tree.query(rows, min(REPAIR.candidates, len(on))))
         candidate = on[near]
-        along = np.abs(marks[source.triangles[candidate, 0]] - some[:, None, 6:].astype(np.float32)).max(axis=2)
+        along = np.abs(take_rows(marks, corner[candidate]) - some[:, None, 6:].astype(np.float32)).max(axis=2)
         key = keys[:, None] + component[candidate]
         elsewhere = allowed[np.minimum(np.searchsorted(allowed, key), len(allowed) - 1)] != key
         beyond = np.where(along > MAX_GEODESIC_DISTANCE, along, 0) + elsewhere
@@ -331,18 +366,6 @@ def _project(
         triangle[first : first + block] = np.where(elsewhere[row, best], -1, candidate[row, best])
     a, b, c = (source.vertices[source.triangles[triangle, i]] for i in range(3))
     return triangle, closest_on_triangles(goals[:, :3], a, b, c)[0]
-
-
-def _graph(edges: Integers, n: int) -> coo_array:
-    """(n, n) adjacency of vertices."""
-    ends = np.concatenate([edges, edges[:, ::-1]])
-    return coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
-
-
-def _interpolate(values: Floats, corners: Integers, barycentric: Floats) -> SingleFloats:
-    """(q, d) values (n, d) at points given by their corners (q, 3) and barycentric coordinates (q, 3)."""
-    found = sum(barycentric[:, i, None].astype(np.float32) * values[corners[:, i]].astype(np.float32) for i in range(3))
-    return np.asarray(found, dtype=np.float32)
 
 
 def _on_surface(chosen: Booleans, vertex_of: Integers) -> Booleans:

@@ -154,9 +154,7 @@ class MatchResult(Summary):
         Returns (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the
         source for each of them.
         """
-        source, target = self.pair.source_shape, self.pair.target_shape
-        images = source.search.samples[self.candidates[candidate].sample_map]
-        return target.surface_vertex[target.search.samples], source.surface_vertex[images]
+        return outline(self.pair, self.candidates[candidate])
 
     @memory_in_words
     @on_one_blas_thread
@@ -185,6 +183,13 @@ class MatchResult(Summary):
             >>> again = zo.load_result(folder / "result.npz")
         """
         save_object(path, self, STORED)
+
+
+def outline(pair: Pair, candidate: Candidate) -> tuple[Integers, Integers]:
+    """(s,) some vertices of the target's main part, and (s,) vertices of the source near their images."""
+    source, target = pair.source_shape, pair.target_shape
+    images = source.search.samples[candidate.sample_map]
+    return target.surface_vertex[target.search.samples], source.surface_vertex[images]
 
 
 def load_result(path: str | PathLike[str]) -> MatchResult:

@@ -13,8 +13,8 @@ import fast_simplification
 import numpy as np
 from scipy.sparse import coo_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
+from zoomout_core.mesh.triangles import have_three_corners, triangle_areas
 from zoomout_core.runtime.progress import advance
 
 # The library keeps its mesh in global variables, so only one thread may use it at a time.
@@ -43,11 +43,13 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
     random = np.random.default_rng(0)
     while len(vertices) > MAX_STAGE_VERTICES:
         into = _thin(vertices, triangles, close, random, _progress(most, len(vertices), count))
-        kept, number = np.unique(into, return_inverse=True)
+        is_kept = np.zeros(len(vertices), dtype=bool)
+        is_kept[into] = True
+        kept, number = np.flatnonzero(is_kept), (np.cumsum(is_kept) - 1)[into]
         if len(kept) < count or len(kept) > MAX_REMAINING_SHARE * len(vertices):
             break
-        triangles = number[triangles]
-        triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+        triangles = take_rows(number, triangles)
+        triangles = triangles[have_three_corners(triangles)]
         vertices, merged = vertices[kept], number[merged]
         advance(_progress(most, len(vertices), count))
     while 2 * count < len(triangles):
@@ -85,8 +87,7 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
     """
     n = len(vertices)
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    offset = vertices[tail] - vertices[head]
-    short = np.einsum("ex,ex->e", offset, offset) < close**2
+    short = row_norms(take_rows(vertices, tail) - take_rows(vertices, head)) < close
     tail, head = tail[short], head[short]
     advance(done)
     ends = np.concatenate([tail, head]), np.concatenate([head, tail])

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from zoomout_core.arrays import Floats, Indices, Integers, segment_sum
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers, row_norms, segment_sum, take_rows
 
 
 def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
     """(m,) areas of the triangles (m, 3) on the points (n, 3)."""
-    return 0.5 * np.linalg.norm(area_normals(vertices, triangles), axis=1)
+    return 0.5 * row_norms(area_normals(vertices, triangles))
 
 
 def vertex_areas(vertices: Floats, triangles: Integers) -> Floats:
@@ -29,14 +29,21 @@ def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     """(n, 3) unit normals of the vertices, averaged over triangles by area; zero without triangles."""
-    weighted = np.repeat(area_normals(vertices, triangles), 3, axis=0)
-    return unit_vectors(segment_sum(weighted, triangles.ravel(), len(vertices)))
+    corner, n = triangles.ravel(), len(vertices)
+    sums = [segment_sum(np.repeat(along, 3), corner, n) for along in area_normals(vertices, triangles).T]
+    return unit_vectors(np.stack(sums, axis=1))
 
 
 def unit_vectors(vectors: Floats) -> Floats:
     """Vectors (m, 3) scaled to unit length; zero vectors stay."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = row_norms(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def have_three_corners(triangles: Integers) -> Booleans:
+    """(m,) which triangles (m, 3) have three different corners."""
+    a, b, c = triangles.T
+    return np.asarray((a != b) & (b != c) & (c != a))
 
 
 def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
@@ -97,20 +104,30 @@ def sides_by_edge(triangles: Integers) -> Sides:
 def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
     """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric."""
     edges, _ = unique_edges(triangles)
-    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    length = edge_lengths(vertices, edges)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     return csr_array((np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices)))
 
 
+def edge_lengths(vertices: Floats, edges: Integers) -> Floats:
+    """(e,) lengths of edges (e, 2) between points (n, 3)."""
+    return row_norms(take_rows(vertices, edges[:, 0]) - take_rows(vertices, edges[:, 1]))
+
+
 def components(pairs: Integers, n: int) -> Indices:
     """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    # Other types of values would be converted.
+    graph = coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T)), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def area_normals(vertices: Floats, triangles: Integers) -> Floats:
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return cross(b - a, c - a)
+    """(m, 3) normals of the triangles (m, 3) on the points (n, 3), twice as long as their areas."""
+    # One coordinate after the other takes half the time of whole vectors.
+    a, b, c = np.ascontiguousarray(triangles.T)
+    sides = [(x[b] - x[a], x[c] - x[a]) for x in np.ascontiguousarray(vertices.T)]
+    ab, ac = zip(*sides, strict=True)
+    return np.stack([ab[i - 2] * ac[i - 1] - ab[i - 1] * ac[i - 2] for i in range(3)], axis=1)
 
 
 def cross(u: Floats, v: Floats) -> Floats:

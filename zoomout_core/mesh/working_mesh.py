@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum, take_rows
 from zoomout_core.mesh.triangles import (
     Sides,
     area_normals,
     components,
-    cross,
+    have_three_corners,
     sides_by_edge,
     triangle_areas,
     vertex_normals,
@@ -81,7 +81,7 @@ class WorkingMesh:
 
     def _sides_are_known(self, patch: Integers) -> Booleans:
         """(p,) whether the enclosed volume defines the outside of patches, by the patch of each triangle (m,)."""
-        area, volume = _area_and_volume(self.vertices[self.oriented_triangles], patch)
+        area, volume = _area_and_volume(self.vertices, self.oriented_triangles, patch)
         normals = segment_sum(area_normals(self.vertices, self.oriented_triangles), patch)
         mean_normal = np.linalg.norm(normals, axis=1) / 2 / area
         return np.asarray(volume / _sphere(area) > MIN_VOLUME_PER_NORMAL * mean_normal + NO_VOLUME)
@@ -159,7 +159,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     sides = sides_by_edge(triangles)
     stands_for = weld(vertices, triangles, sides)
     triangles = stands_for[triangles]
-    kept = np.flatnonzero(np.all(triangles != np.roll(triangles, 1, axis=1), axis=1))
+    kept = np.flatnonzero(have_three_corners(triangles))
     if not (len(kept) == len(triangles) and (triangles == given).all()):
         triangles = triangles[kept]
         sides = sides_by_edge(triangles)
@@ -216,7 +216,7 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     else:
         turned, patch = _agreeing(m, left, right, agree)
         oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
-    area, volume = _area_and_volume(vertices[oriented], patch)
+    area, volume = _area_and_volume(vertices, oriented, patch)
     has_border = np.zeros(len(area), dtype=bool)
     has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
     inward = volume < -np.where(has_border, MIN_OPEN_VOLUME, NO_VOLUME) * _sphere(area)
@@ -241,16 +241,16 @@ def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[B
     return turned, np.minimum(sheet[:m], sheet[m:])
 
 
-def _area_and_volume(corners: Floats, patch: Indices) -> tuple[Floats, Floats]:
-    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between each and its centroid."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    area_normal = cross(b - a, c - a)
+def _area_and_volume(vertices: Floats, triangles: Integers, patch: Indices) -> tuple[Floats, Floats]:
+    """The area (p,) of patches of triangles (m, 3), and the signed volume between each and its centroid."""
+    area_normal = area_normals(vertices, triangles)
+    a, b, c = (take_rows(vertices, corner) for corner in triangles.T)
     centre = (a + b + c) / 3
     size = np.sqrt(np.einsum("mx,mx->m", area_normal, area_normal)) / 2
     area = segment_sum(size, patch)
     middle = segment_sum(size[:, None] * centre, patch)
     middle = middle / np.where(area > 0, area, 1)[:, None]
-    volume = segment_sum(np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6, patch)
+    volume = segment_sum(np.einsum("ij,ij->i", centre - take_rows(middle, patch), area_normal) / 6, patch)
     return area, volume
 
 

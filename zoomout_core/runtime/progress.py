@@ -10,9 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:  # the command line reports progress before numpy is imported
+    import numpy as np
+    from numpy.typing import NDArray
+
+# For each candidate of a match, the most likely first, (s,) vertices of the target and (s,) their images on the source.
+Outlines: TypeAlias = "tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...]"
 
 
 @dataclass(frozen=True)
@@ -22,6 +29,8 @@ class Progress:
     Attributes:
         fraction: part done, in [0, 1], never decreasing.
         stage: description of the current stage, for users.
+        outlines: a first look at a match: rough images of its candidates, the most likely first, as from
+            `MatchResult.outline`. Empty until candidates are known; replaced if their order changes.
 
     Example:
         >>> zo.Progress(0.5, "Refining").fraction
@@ -30,6 +39,7 @@ class Progress:
 
     fraction: float
     stage: str
+    outlines: Outlines = field(default=(), compare=False, repr=False)
 
 
 class Cancelled(BaseException):
@@ -50,6 +60,8 @@ def _ignore(_fraction: float, _stage: str) -> None:
 
 
 _report: ContextVar[Report] = ContextVar("report", default=_ignore)
+# Takes the outlines of a match; None if nobody listens.
+_show: ContextVar[Callable[[Outlines], None] | None] = ContextVar("show", default=None)
 
 
 def advance(fraction: float) -> None:
@@ -59,6 +71,17 @@ def advance(fraction: float) -> None:
         Cancelled: the user asked to stop.
     """
     _report.get()(fraction, "")
+
+
+def show_outlines(outlines: Callable[[], Outlines]) -> None:
+    """Compute the outlines of a match and report them, if anybody listens.
+
+    Raises:
+        Cancelled: the user asked to stop.
+    """
+    show = _show.get()
+    if show is not None:
+        show(outlines())
 
 
 def portion(start: float, end: float) -> AbstractContextManager[None]:
@@ -114,17 +137,30 @@ def progress(listener: Callable[[Progress], object]) -> Iterator[None]:
         >>> with zo.progress(lambda progress: None):  # receives Progress(fraction, stage) again and again
         ...     result = zo.match(source, target, k_final=30)
     """
-    outer, lock, reached = _report.get(), Lock(), Progress(0.0, "")
+    outer, outer_show, lock, reached = _report.get(), _show.get(), Lock(), Progress(0.0, "")
 
     def report(fraction: float, title: str) -> None:
         nonlocal reached
         with lock:
-            reached = Progress(max(reached.fraction, min(1.0, fraction)), title or reached.stage)
+            fraction_reached = max(reached.fraction, min(1.0, fraction))
+            reached = replace(reached, fraction=fraction_reached, stage=title or reached.stage)
             listener(reached)
         outer(fraction, title)
 
-    with reporting(report):
-        yield
+    def show(outlines: Outlines) -> None:
+        nonlocal reached
+        with lock:
+            reached = replace(reached, outlines=outlines)
+            listener(reached)
+        if outer_show is not None:
+            outer_show(outlines)
+
+    token = _show.set(show)
+    try:
+        with reporting(report):
+            yield
+    finally:
+        _show.reset(token)
 
 
 def listening(listener: Callable[[Progress], object] | None) -> AbstractContextManager[None]:

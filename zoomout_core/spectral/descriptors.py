@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Floats, Integers, check_counts
+from zoomout_core.arrays import Floats, Integers, check_counts, take_rows
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
@@ -188,8 +188,9 @@ def pseudo_scalar_signatures(mesh: WorkingMesh, areas: Floats, bands: Floats) ->
 
 def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:
     """(n, d) pseudo-scalars <n, grad f x grad g> of pairs of functions (n, d), averaged to vertices of areas (n,)."""
-    a, b, c = mesh.oriented_triangles.T
-    wedge = ((f[b] - f[a]) * (g[c] - g[a]) - (f[c] - f[a]) * (g[b] - g[a])) / 6
+    f_a, f_b, f_c = (take_rows(f, corner) for corner in mesh.oriented_triangles.T)
+    g_a, g_b, g_c = (take_rows(g, corner) for corner in mesh.oriented_triangles.T)
+    wedge = ((f_b - f_a) * (g_c - g_a) - (f_c - f_a) * (g_b - g_a)) / 6
     return sum_at_vertices(mesh.triangles, wedge, len(areas)) / areas[:, None]
 
 

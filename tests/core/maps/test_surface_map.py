@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,23 @@ def test_positions_and_linear_functions_are_carried_exactly(
     assert np.linalg.norm(images - finer.surface.vertices, axis=1).max() < 0.12
     linear = resting.surface.vertices @ [1.0, -2, 3]
     np.testing.assert_allclose(onto.interpolate(linear), images @ [1, -2, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (2,), (40,), (3, 3)])
+def test_values_of_any_shape_are_mixed_by_the_weights_of_the_corners(resting, onto, shape: tuple[int, ...]) -> None:
+    values = np.random.default_rng(0).standard_normal((len(resting.surface.vertices), *shape))
+    corners = values[onto.source_triangles[onto.triangle]]
+    weights = onto.barycentric.reshape(*onto.barycentric.shape, *[1] * len(shape))
+    np.testing.assert_allclose(onto.interpolate(values), (weights * corners).sum(axis=1), atol=1e-14)
+
+
+def test_interpolation_needs_no_array_of_the_values_at_all_corners(resting, onto) -> None:
+    values = np.ones((len(resting.surface.vertices), 100))
+    tracemalloc.start()
+    found = onto.interpolate(values)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.5 * found.nbytes
 
 
 def test_the_nearest_vertex_is_the_one_that_weighs_most(resting: Creature, onto: SurfaceMap) -> None:

@@ -12,8 +12,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
+from zoomout_core.matching import repair as repair_module
 from zoomout_core.matching.analysis import analyse
-from zoomout_core.matching.branches import BRANCHES, exchange_branches
+from zoomout_core.matching.branches import BRANCHES, branches_of, exchange_branches
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.repair import REPAIR, repair
 from zoomout_core.samples.implicit import Ellipsoid, Limb, bounds, surface_net
@@ -108,9 +109,20 @@ def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dic
     assert found.filled.any()
 
 
+def test_both_rounds_of_a_repair_share_what_they_need_of_the_meshes(pair: Pair, monkeypatch) -> None:
+    computed = []
+    for name in ("surface_samples", "branches_of", "unique_edges"):
+        function = getattr(repair_module, name)
+        monkeypatch.setattr(
+            repair_module, name, lambda *given, f=function, name=name: (computed.append(name), f(*given))[1]
+        )
+    assert repair(pair, send({4: 5})).filled.any()
+    assert sorted(computed) == ["branches_of", "surface_samples", "unique_edges"]
+
+
 def test_fingers_that_were_matched_anew_are_not_filled_in_from_their_bases(pair: Pair) -> None:
     wrong = send({2: 3, 3: 2})
-    exchanged, bases = exchange_branches(pair, wrong)
+    exchanged, bases = exchange_branches(pair, wrong, branches_of(pair))
     matched = (exchanged.triangle != wrong.triangle) & ~bases
     assert matched.mean() > 0.02
     with retune(REPAIR, small_patch=0.1, max_stretch=2.0):  # fingers count as patches, and are torn at their bases
@@ -147,7 +159,7 @@ def test_a_finger_of_which_a_patch_is_on_another_one_is_matched_anew(pair: Pair)
 
 def test_a_right_map_is_left_alone_but_for_borders_of_branches(pair: Pair) -> None:
     right = send({})
-    found, unsettled = exchange_branches(pair, right)
+    found, unsettled = exchange_branches(pair, right, branches_of(pair))
     assert unsettled.mean() < 0.005
     assert (found.triangle == right.triangle).all()
 
@@ -156,9 +168,9 @@ def test_long_branches_unclear_ones_and_exact_landmarks_are_left_alone(pair: Pai
     given = send({4: 5})
     for change in ({"max_length": 0.01}, {"max_difference": 0.0}, {"max_siblings": 3}):
         with retune(BRANCHES, **change):
-            assert not exchange_branches(pair, given)[1].any(), change
+            assert not exchange_branches(pair, given, branches_of(pair))[1].any(), change
     exact = np.arange(4), np.arange(4)
-    assert not exchange_branches(replace(pair, exact_landmarks=exact), given)[1].any()
+    assert branches_of(replace(pair, exact_landmarks=exact)) is None
 
 
 def test_a_pairing_that_fits_about_as_well_as_another_is_kept() -> None:
@@ -169,7 +181,7 @@ def test_a_pairing_that_fits_about_as_well_as_another_is_kept() -> None:
     given = zo.SurfaceMap.from_vertices(mirrored, surface)
 
     def fingers_of_images() -> list[int]:
-        image = finger[exchange_branches(pair, given)[0].vertex]
+        image = finger[exchange_branches(pair, given, branches_of(pair))[0].vertex]
 
         return [int(np.median(image[(finger == number) & (along > 0.5)])) for number in range(1, 5)]
 

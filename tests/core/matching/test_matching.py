@@ -11,6 +11,7 @@ from creatures import Creature, creature, directions, mirrored_vertex, on_limb, 
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
+from zoomout_core.matching import pipeline
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.spectral import eigenbasis
 
@@ -49,6 +50,36 @@ def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, resu
     assert mean_error(result, resting.surface, mirrored_vertex(resting, bent)) > 5 * RIGHT
     assert result.surface_map.barycentric.min() >= 0
     np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
+
+
+def test_a_first_look_at_the_candidates_comes_before_they_are_refined(resting, bent, watched) -> None:
+    result, seen = watched
+    (first, *_) = [progress for progress in seen if progress.outlines]
+    assert first.fraction < 0.5
+    assert first.stage not in [progress.stage for progress in seen if progress.stage.startswith("Refining")]
+    assert len(first.outlines) == len(result.candidates)
+    vertices, images = first.outlines[0]
+    off = resting.surface.vertices[images] - resting.surface.vertices[true_vertex(resting, bent)[vertices]]
+    assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
+    for shown, used in zip(seen[-1].outlines[0], result.outline(0), strict=True):
+        np.testing.assert_array_equal(shown, used)
+
+
+def test_a_first_look_does_not_wait_for_what_only_the_map_needs(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    self_maps = pipeline.self_maps
+    monkeypatch.setattr(pipeline, "self_maps", lambda shape: (order.append("rotations"), self_maps(shape))[1])
+
+    def listen(progress: zo.Progress) -> None:
+        if progress.outlines:
+            order.append("look")
+            raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled):
+        matched(coarse, progress=listen)
+    assert order == ["look"]
+    matched(coarse)
+    assert order == ["look", "rotations", "rotations"]
 
 
 @pytest.mark.slow

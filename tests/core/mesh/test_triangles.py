@@ -11,6 +11,8 @@ import pytest
 from zoomout_core.mesh.triangles import (
     border_edges,
     edge_graph,
+    edge_lengths,
+    have_three_corners,
     sides_by_edge,
     triangle_areas,
     triangle_normals,
@@ -80,3 +82,9 @@ def test_polygons_of_several_sizes_keep_their_corners() -> None:
     assert [len(np.unique(part)) for part in (triangles[:4], triangles[4:6], triangles[6:])] == [6, 4, 3]
     assert triangles[:4].max() < 6 <= triangles[4:6].min()
     assert triangles[4:6].max() < 10 <= triangles[6:].min()
+
+
+def test_edges_have_lengths_and_triangles_with_a_corner_twice_are_found() -> None:
+    assert edge_lengths(CORNER, np.array([[0, 1], [3, 0], [2, 2]])).tolist() == [1, 3, 0]
+    triangles = np.array([[0, 1, 2], [0, 0, 1], [0, 1, 1], [1, 0, 1]])
+    assert have_three_corners(triangles).tolist() == [True, False, False, False]

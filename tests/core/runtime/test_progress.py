@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import threading
 
+import numpy as np
 import pytest
 from creatures import creature
 from reports import fractions_of, reports_of
 
 import zoomout_core as zo
-from zoomout_core.runtime.progress import advance, listening, portion, renaming, stage
+from zoomout_core.runtime.progress import advance, listening, portion, renaming, show_outlines, stage
 
 
 def told(progress: zo.Progress) -> tuple[float, str]:
@@ -93,6 +94,37 @@ def test_each_of_several_listeners_hears_the_progress_of_its_own_block() -> None
             advance(1.0)
     assert [told(one) for one in inner] == [(0.5, "")]
     assert [told(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
+
+
+def test_outlines_reach_all_listeners_at_once_and_stay_until_there_are_others() -> None:
+    outer: list[zo.Progress] = []
+    inner: list[zo.Progress] = []
+    first, second = ((np.arange(2), np.arange(2)),), ((np.arange(3), np.arange(3)),)
+    with zo.progress(outer.append), zo.progress(inner.append), stage("Comparing", 0.5, 1.0):
+        show_outlines(lambda: first)
+        advance(0.5)
+        show_outlines(lambda: second)
+    for heard in (outer, inner):
+        assert [one.outlines for one in heard] == [(), first, first, second]
+        assert [told(one) for one in heard[1:]] == [(0.5, "Comparing"), (0.75, "Comparing"), (0.75, "Comparing")]
+
+
+def test_outlines_are_computed_only_if_somebody_listens() -> None:
+    computed: list[int] = []
+    show_outlines(lambda: (computed.append(1), ())[1])
+    assert not computed
+    with zo.progress(lambda _: None):
+        show_outlines(lambda: (computed.append(1), ())[1])
+    assert computed == [1]
+
+
+def test_a_listener_can_cancel_at_a_first_look() -> None:
+    def stop(latest: zo.Progress) -> None:
+        if latest.outlines:
+            raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled), zo.progress(stop):
+        show_outlines(lambda: ((np.arange(2), np.arange(2)),))
 
 
 def test_blocks_end_with_an_error_as_well_and_without_a_listener_nothing_is_told() -> None:

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import bsr_array
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.arrays import Floats, Integers, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.analysis import ShapeAnalysis
 
@@ -106,10 +106,11 @@ class DeformationGraph:
         positions = np.zeros_like(self.rest)
         blends = np.zeros((len(self.rest), 3, 3))
         for node, share in zip(near.T, weight.T, strict=True):
-            away = self.rest - self.rest[self.nodes.vertex[node]]
-            turned = np.einsum("nij,nj->ni", self.rotations[node], away)
-            positions += share[:, None] * (turned + self.images[node])
-            blends += share[:, None, None] * self.rotations[node]
+            away = self.rest - take_rows(self.rest, self.nodes.vertex[node])
+            rotations = take_rows(self.rotations, node)
+            turned = np.einsum("nij,nj->ni", rotations, away)
+            positions += share[:, None] * (turned + take_rows(self.images, node))
+            blends += share[:, None, None] * rotations
         return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
 
     def step(
