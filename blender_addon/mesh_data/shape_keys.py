@@ -199,6 +199,20 @@ def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> 
     mesh.shape_keys.update_tag()
 
 
+def rename_shape_keys(key: Key, names: Mapping[str, str]) -> None:
+    """Rename the shape keys of a mesh; Blender updates the paths of animations and drivers.
+
+    Args:
+        key: the mesh's shape keys.
+        names: new names by old ones; new names may be old ones of others that are renamed, too.
+    """
+    blocks = [(key.key_blocks[old], new) for old, new in names.items() if old != new]
+    for new in {new for _, new in blocks}.intersection(names):
+        key.key_blocks[new].name = f"{new} before"
+    for block, new in blocks:
+        block.name = new
+
+
 def write_shape(obj: Object, name: str, shape: Floats) -> None:
     """Write a shape (n, 3) in the object's space as a key of value 0; a key of that name is overwritten."""
     settings = {"slider_max": 1.0, "slider_min": 0.0, "value": 0.0, "mute": False, "vertex_group": ""}
