@@ -68,6 +68,7 @@ from .shape_keys import (
     join_shape_keys,
     move_vertices,
     offsets_of,
+    read_full_offsets,
     read_key_positions,
     read_own_shape_keys,
     read_rest_positions,
@@ -105,6 +106,7 @@ from .surfaces import (
     to_object,
     without_faces,
 )
+from .text import text_triangles
 from .vertex_groups import (
     deforming_bones,
     locked_groups,
@@ -191,6 +193,7 @@ __all__ = [
     "read_bones",
     "read_custom_normals",
     "read_faces",
+    "read_full_offsets",
     "read_joined_active_layers",
     "read_joined_active_uv_map",
     "read_joined_at_rest",
@@ -227,6 +230,7 @@ __all__ = [
     "stands_as_modelled",
     "surface_point_in_face",
     "surface_point_of_vertex",
+    "text_triangles",
     "to_object",
     "turn_bones",
     "unbind",

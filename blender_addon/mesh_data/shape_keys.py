@@ -22,6 +22,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
 from .surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
+from .vertex_groups import read_mask
 
 # Properties of a key besides its place and its reference key; the range comes before the value, which it clamps.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
@@ -125,6 +126,22 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
     shapes = {key.name: read_key_positions(mesh, key.name) for key in keys}
     bases = [rest if key.base < 0 else shapes[keys[key.base].name] for key in keys]
     return _shape_keys(keys, rest, [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)])
+
+
+def read_full_offsets(obj: Object) -> dict[str, Floats]:
+    """By name, what each shape key of an object adds at a value of 1, through its mask: (n, 3) in the object's space.
+
+    Raises:
+        MeshError: a key has a mask that the object lacks.
+    """
+    if obj.data.shape_keys is None:
+        return {}
+    own = read_own_shape_keys(obj.data)
+    found = {}
+    for number, key in enumerate(own.keys):
+        offsets, mask = own.offsets.values[:, number].astype(np.float64), key.settings["vertex_group"]
+        found[key.name] = offsets * read_mask(obj, mask)[:, None] if mask else offsets
+    return found
 
 
 def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:

@@ -39,11 +39,7 @@ def rename_shape_keys(context: Context, obj: Object, convention: str, compose: b
     renamed = {old: new for old, new in keys.renamed.items() if old != basis}
     with mesh_data.all_or_nothing(obj):
         if compose and keys.composed:
-            own, rest = mesh_data.read_own_shape_keys(obj.data), mesh_data.read_rest_positions(obj.data)
-            offsets = {one.name: own.offsets.values[:, number] for number, one in enumerate(own.keys)}
-            for one in own.keys:
-                if mask := one.settings["vertex_group"]:
-                    offsets[one.name] = offsets[one.name] * mesh_data.read_mask(obj, mask)[:, None]
+            offsets, rest = mesh_data.read_full_offsets(obj), mesh_data.read_rest_positions(obj.data)
             for name, parts in keys.composed.items():
                 mesh_data.write_shape(obj, name, rest + sum(offsets[part] for part in parts))
         mesh_data.rename_shape_keys(obj.data.shape_keys, renamed)

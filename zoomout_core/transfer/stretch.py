@@ -152,6 +152,13 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
     return np.asarray(poses[np.sort(chosen)])
 
 
+def play_offsets(rest: Surface, offsets: Floats) -> Played:
+    """Move a surface by offsets (n, 3), such as those of a shape key, and measure its edges."""
+    edges, _ = unique_edges(rest.triangles)
+    moved = _lengths(rest.vertices + offsets, edges)
+    return Played(edges, moved / np.maximum(_lengths(rest.vertices, edges), 1e-300), moved)
+
+
 def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
     """Pose a surface by linear blend skinning, and measure its edges; vertices without weights stay in place.
 
