@@ -29,7 +29,7 @@ MARK = BAD_TO_GOOD[0]
 YAW = 20.0
 # The picture shows the vertices that a key moves at least this share of the most that it moves any, and this margin
 # around them, as a share of their extent.
-MOVING, MARGIN = 0.3, 0.1
+MOVING, MARGIN = 0.5, 0.15
 # Keys whose places determine the rotation between two heads; and the share of their spread that the second direction
 # must have, else they are on a line.
 MIN_PLACES, MIN_SPREAD = 4, 0.1

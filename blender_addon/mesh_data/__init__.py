@@ -4,7 +4,7 @@
 Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
-from .animation import HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
+from .animation import HeldKeys, HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
 from .armatures import (
     Bones,
     armatures_of,
@@ -141,6 +141,7 @@ __all__ = [
     "EvaluatedObject",
     "Faces",
     "Fingerprint",
+    "HeldKeys",
     "HeldPose",
     "JoinedLayer",
     "Layer",

@@ -17,7 +17,10 @@ from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer.stretch import play_offsets, stretched_edges
 
 from .. import mesh_data
+from ..colors import stretched_colors
+from ..jobs import run
 from ..scene.pair import find_mesh
+from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import Match
 
 # Height of letters, relative to that of their line, and their distance from its left and lower border.
@@ -87,10 +90,47 @@ def review_expressions(context: Context, sources: Sequence[str], matches: Mappin
         return Review(draw_sheet(source.head, target.head, marks, _draw_text), counts)
 
 
+@dataclass(frozen=True, eq=False)
+class Stretched:
+    """What the keys of a matched object stretch.
+
+    Attributes:
+        sources: names of the objects that it was matched with; none if it has no match.
+        vertices: by key, the vertices (n_t,) at edges that stretch much more than on the source; only where there are
+            some.
+        content: hash of the object's mesh, see `mesh_data.content_hash`.
+    """
+
+    sources: tuple[str, ...]
+    vertices: dict[str, Booleans]
+    content: str
+
+    def colors(self, key: str) -> Floats | None:
+        """(n_t, 3) colours of the vertices for a key; None if it stretches nothing."""
+        found = self.vertices.get(key)
+        return None if found is None else stretched_colors(found)
+
+
+def stretch_of_keys(context: Context, target: Object) -> Stretched:
+    """What the keys of an object stretch, along its stored match; nothing without one that is valid."""
+    content = mesh_data.content_hash(target.data)
+    try:
+        pair, match = run(read_stored_match(context, target.name))
+    except zo.MeshError:  # no match, or a mesh was edited since
+        return Stretched((), {}, content)
+    found = find_stretched(context, pair.source_names, target.name, match)
+    return Stretched(pair.source_names, {key: each for key, each in found.items() if each.any()}, content)
+
+
+def names_of_keys(obj: Object) -> list[str]:
+    """The names of an object's shape keys besides the Basis."""
+    key = obj.data.shape_keys
+    return [] if key is None else [block.name for block in key.key_blocks if block != key.reference_key]
+
+
 def has_keys(context: Context, name: str) -> bool:
     """Whether an object has shape keys besides the Basis."""
-    key = find_mesh(context, name).data.shape_keys
-    return key is not None and len(key.key_blocks) > 1
+    return bool(names_of_keys(find_mesh(context, name)))
 
 
 def find_stretched(context: Context, sources: Sequence[str], target: str, match: Match) -> dict[str, Booleans]:

@@ -3,14 +3,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.messages import Message, sentences
 from zoomout_core.transfer.key_names import describe
+from zoomout_core.transfer.key_table import CONVENTIONS
 
 from .. import mesh_data
 from ..scene.pair import check_writable
+
+
+@lru_cache(maxsize=8)  # panels ask at every redraw
+def convention_of(names: tuple[str, ...]) -> str:
+    """The title of the convention that the names of keys follow; empty if none is clear."""
+    found = zo.recognise_key_names(names)
+    return CONVENTIONS[found].title if found else ""
 
 
 def rename_shape_keys(context: Context, obj: Object, convention: str, compose: bool = True) -> Message:

@@ -25,6 +25,7 @@ from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from ..operators.play_expressions import ZOOMOUT_OT_play_expressions
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ..operators.rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
 from ..operators.test_poses import ZOOMOUT_OT_test_poses
@@ -53,6 +54,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,
             ZOOMOUT_OT_rename_shape_keys,
+            ZOOMOUT_OT_play_expressions,
         )
         _operators(layout, work)
         layout.separator()
@@ -149,7 +151,7 @@ def _draw_in_mesh(menu: Menu, context: Context) -> None:
 
 def _draw_in_shape_keys(menu: Menu, context: Context) -> None:
     menu.layout.separator()
-    _operators(invoking(menu.layout), (ZOOMOUT_OT_rename_shape_keys,))
+    _operators(invoking(menu.layout), (ZOOMOUT_OT_rename_shape_keys, ZOOMOUT_OT_play_expressions))
 
 
 def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:

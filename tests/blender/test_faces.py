@@ -31,7 +31,10 @@ def add_expressions(obj):
     for name, (place, offset) in KEYS.items():
         near = np.exp(-10 * ((points - place) ** 2).sum(axis=1))
         moved = points + np.where(near < 0.05, 0, near)[:, None] * offset
-        obj.shape_key_add(name=name, from_mix=False).points.foreach_set("co", moved.astype(np.float32).ravel())
+        block = obj.shape_key_add(name=name, from_mix=False)
+        block.points.foreach_set("co", moved.astype(np.float32).ravel())
+    for block in obj.data.shape_keys.key_blocks:
+        block.value = 0  # Blender 5 adds keys at full strength
     return obj
 
 
