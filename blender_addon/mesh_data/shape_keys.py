@@ -129,18 +129,14 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
 
 
 def read_full_offsets(obj: Object) -> dict[str, Floats]:
-    """By name, what each shape key of an object adds at a value of 1, through its mask: (n, 3) in the object's space.
-
-    Raises:
-        MeshError: a key has a mask that the object lacks.
-    """
+    """By name, what each key of an object adds at a value of 1, through its mask: (n, 3) in the object's space."""
     if obj.data.shape_keys is None:
         return {}
     own = read_own_shape_keys(obj.data)
     found = {}
     for number, key in enumerate(own.keys):
         offsets, mask = own.offsets.values[:, number].astype(np.float64), key.settings["vertex_group"]
-        found[key.name] = offsets * read_mask(obj, mask)[:, None] if mask else offsets
+        found[key.name] = offsets * read_mask(obj, mask)[:, None] if mask in obj.vertex_groups else offsets
     return found
 
 

@@ -150,9 +150,10 @@ def find_stretched(context: Context, sources: Sequence[str], target: str, match:
     found: dict[str, Booleans] = {}
     if len(source.surface.triangles) != len(match.surface_map.source_triangles):
         return found  # modifiers of the source change its faces
-    for key in source.keys.keys() & own.keys.keys():
-        played = play_offsets(source.surface, source.keys[key]), play_offsets(own.surface, own.keys[key])
-        edges = played[1].edges[stretched_edges(*played, match.surface_map, size)]
+    shared = [key for key in source.keys if key in own.keys]
+    played = (play_offsets(each.surface, [each.keys[key] for key in shared]) for each in (source, own))
+    for key, of_source, of_target in zip(shared, *played, strict=True):
+        edges = of_target.edges[stretched_edges(of_source, of_target, match.surface_map, size)]
         found[key] = np.isin(np.arange(len(own.surface.vertices)), edges)
     return found
 

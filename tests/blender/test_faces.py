@@ -130,6 +130,8 @@ def test_keys_are_read_through_their_masks(empty_scene):
     whole = read_full_offsets(obj)["jawOpen"]
     obj.data.shape_keys.key_blocks["jawOpen"].vertex_group = "Half"
     np.testing.assert_allclose(read_full_offsets(obj)["jawOpen"], whole / 2)
+    obj.vertex_groups.remove(half)
+    np.testing.assert_array_equal(read_full_offsets(obj)["jawOpen"], whole)  # as Blender shows it
 
 
 def test_text_is_made_of_triangles_and_nothing_of_it_stays(empty_scene):
