@@ -169,7 +169,7 @@ def test_morph_targets_are_renamed_and_missing_ones_listed(expressive: Path, tmp
     code, said = run(*arguments, "--json")
     assert code == 0, said
     (report,) = json.loads(said)["targets"]
-    assert report["key_names"]["source"] == "arkit"
+    assert report["key_names"]["sources"] == ["arkit"]
     assert report["key_names"]["renamed"] == {"Face_jawOpen": "jawOpen", "Face_eyeBlink_L": "eyeBlinkLeft"}
     assert report["key_names"]["composed"] == {"browInnerUp": ["Face_browInnerUp_L", "Face_browInnerUp_R"]}
     assert len(report["key_names"]["missing"]) == 49

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from zoomout_core.messages import Message, message, plural, warning
+from zoomout_core.messages import Message, enumeration, message, plural, warning
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.key_table import CONVENTIONS, TABLE
 
@@ -56,7 +56,8 @@ class TranslatedKeys:
     """Key names in another convention.
 
     Attributes:
-        source: the convention of the given names; empty if it is not known.
+        sources: the conventions of the given names; none if these are not known, several for an avatar with expressions
+            and visemes.
         target: the convention of the new names.
         renamed: the new name of each given name that has one, also where both are the same.
         composed: further names of the new convention, each with the given names of the keys that add up to it.
@@ -67,7 +68,7 @@ class TranslatedKeys:
         {'browInnerUp': ('browInnerUp_L', 'browInnerUp_R')}
     """
 
-    source: str
+    sources: tuple[str, ...]
     target: str
     renamed: dict[str, str]
     composed: dict[str, Sum]
@@ -117,7 +118,8 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
     Args:
         names: names of keys, such as `blendShape1.eyeBlink_L`.
         target: the convention of the new names, see `key_names`.
-        source: the convention of the given ones; recognised if not given.
+        source: the convention of the given ones. If not given, it is recognised, and then that of the names that are
+            left, such as visemes.
 
     Raises:
         ValueError: there is no such convention.
@@ -127,27 +129,24 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
         >>> keys.renamed, keys.composed
         ({'EyeClosedLeft': 'blinkLeft', 'EyeClosedRight': 'blinkRight'}, {'blink': ('EyeClosedLeft', 'EyeClosedRight')})
     """
-    _check(target)
-    if source is None:
-        source = recognise_key_names(names) or ""
-    else:
-        _check(source)
+    for convention in (target, source or target):
+        _check(convention)
     renamed = {name: name for name in names if name in key_names(target)}
-    if not source:
-        return TranslatedKeys("", target, renamed, {}, _missing(renamed, target))
-    taken, own = set(renamed), _find(names, source)
-    rows = [(row[source], row[target]) for row in _expressions() if source in row and target in row]
-    for old, new in rows:
-        for name in (own[keys[0]] for keys in old.sums if len(keys) == 1 and keys[0] in own):
-            if new.written and new.written not in taken and name not in renamed:
-                renamed[name] = new.written
-                taken.add(new.written)
-    composed: dict[str, Sum] = {}
-    for old, new in rows:
-        sums = [keys for keys in old.sums if len(keys) > 1 and all(key in own for key in keys)]
-        if new.written and sums and not any(taken.issuperset(keys) for keys in new.sums):
-            composed.setdefault(new.written, tuple(own[key] for key in sums[0]))
-    return TranslatedKeys(source, target, renamed, composed, _missing(taken | composed.keys(), target))
+    taken, composed = set(renamed), dict[str, Sum]()
+    own = _sort(names) if source is None else {source: _find(names, source)}
+    for each, found in own.items():
+        rows = [(row[each], row[target]) for row in _expressions() if each in row and target in row]
+        for old, new in rows:
+            for name in (found[keys[0]] for keys in old.sums if len(keys) == 1 and keys[0] in found):
+                if new.written and new.written not in taken and name not in renamed:
+                    renamed[name] = new.written
+                    taken.add(new.written)
+        for old, new in rows:
+            sums = [keys for keys in old.sums if len(keys) > 1 and all(key in found for key in keys)]
+            if new.written and sums and not any(taken.issuperset(keys) for keys in new.sums):
+                composed.setdefault(new.written, tuple(found[key] for key in sums[0]))
+    composed = {new: parts for new, parts in composed.items() if new not in taken}
+    return TranslatedKeys(tuple(own), target, renamed, composed, _missing(taken | composed.keys(), target))
 
 
 def missing_key_names(names: Sequence[str], convention: str) -> tuple[str, ...]:
@@ -203,7 +202,7 @@ def describe(keys: TranslatedKeys, compose: bool = True) -> list[Message]:
         compose: whether the composed keys were added.
     """
     title = CONVENTIONS[keys.target].title
-    if not keys.source:
+    if not keys.sources:
         return [
             warning(
                 "The names of the shape keys follow no known convention, and were kept: rename some as in {title}.",
@@ -228,10 +227,11 @@ def describe(keys: TranslatedKeys, compose: bool = True) -> list[Message]:
 
 
 def _describe_renamed(keys: TranslatedKeys) -> Message:
-    source, target = (CONVENTIONS[each].title for each in (keys.source, keys.target))
+    target = CONVENTIONS[keys.target].title
+    source = enumeration(CONVENTIONS[each].title for each in keys.sources)
     count = sum(old != new for old, new in keys.renamed.items())
     done = plural(count, "Renamed 1 shape key", "Renamed {count} shape keys")
-    if keys.source == keys.target:
+    if keys.sources == (keys.target,):
         return message("{done} to the spelling of {target}.", done=done, target=target)
     return message("{done} from {source} to {target}.", done=done, source=source, target=target)
 
@@ -304,6 +304,17 @@ def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
 
 
 # --- recognition --------------------------------------------------------------------------------------------
+
+
+def _sort(names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """By each convention that the names follow, the names that are of it, see `_find`; each name is of one only."""
+    sorted_names: dict[str, dict[str, str]] = {}
+    left = list(names)
+    while (convention := recognise_key_names(left)) is not None:
+        sorted_names[convention] = _find(left, convention)
+        known = set(sorted_names[convention].values())
+        left = [name for name in left if name not in known]
+    return sorted_names
 
 
 def _find(names: Sequence[str], convention: str) -> dict[str, str]:

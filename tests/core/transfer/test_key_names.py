@@ -83,9 +83,19 @@ def test_visemes_are_recognised_by_their_prefixes() -> None:
 def test_few_or_other_names_are_of_no_convention(names: list[str]) -> None:
     assert zo.recognise_key_names(names) is None
     keys = zo.translate_key_names(names, "unified")
-    assert (keys.source, keys.renamed, keys.composed) == ("", {}, {})
+    assert (keys.sources, keys.renamed, keys.composed) == ((), {}, {})
     assert len(keys.missing) == SIZES["unified"]
     assert "no known convention" in describe(keys)[0]
+
+
+def test_expressions_and_visemes_of_one_avatar_are_both_renamed() -> None:
+    visemes = [f"viseme_{name}" for name in ("sil", "PP", "aa", "E", "I", "O", "U")]
+    keys = zo.translate_key_names([*ARKIT, *visemes, "eyesLookUp"], "vrm1")
+    assert keys.sources == ("arkit", "oculus")
+    assert {keys.renamed[name] for name in ("viseme_aa", "viseme_O", "eyeBlinkLeft")} == {"aa", "oh", "blinkLeft"}
+    assert keys.composed["lookUp"] == ("eyeLookUpLeft", "eyeLookUpRight")
+    assert keys.missing == ("happy", "angry", "sad", "relaxed", "surprised", "neutral")
+    assert describe(keys)[0] == "Renamed 7 shape keys from ARKit, Oculus to VRM 1."
 
 
 def test_gaze_in_and_out_change_names_with_the_eye() -> None:
