@@ -101,6 +101,18 @@ def test_the_operator_renames_the_active_mesh(face):
     assert "blink" not in names(face)  # there is only one side
 
 
+def test_renaming_is_one_undo_step(face):
+    bpy.context.preferences.edit.use_global_undo = True
+    bpy.ops.ed.undo_push(message="Before")
+    before = names(face)
+    assert bpy.ops.zoomout.rename_shape_keys(convention="UNIFIED") == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Renamed")  # Blender does so after an operator in a window
+    bpy.ops.ed.undo()
+    assert bpy.data.objects["Face"].data.shape_keys.key_blocks.keys() == before
+    bpy.ops.ed.redo()
+    assert "BrowInnerUpLeft" in bpy.data.objects["Face"].data.shape_keys.key_blocks
+
+
 def test_names_of_no_convention_are_kept(face):
     for number, block in enumerate(face.data.shape_keys.key_blocks[1:]):
         block.name = f"Morph {number}"
