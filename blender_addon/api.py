@@ -33,6 +33,8 @@ True
 >>> report["objects"]
 {'Hat': 'Hat on Scan'}
 
+`rename_shape_keys(context, hero, "arkit")` gives a face's shape keys the names of another convention.
+
 `match_collections` matches two characters of several objects, such as body, eyes and clothes, as a whole.
 
 `detect_symmetry` finds a mesh's own symmetry in any pose and stores it on the mesh, for the functions that follow:
@@ -73,6 +75,7 @@ from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
+from .services.key_names import rename_shape_keys
 from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
@@ -106,6 +109,7 @@ __all__ = [
     "mirror_sculpt",
     "mirror_shape_key",
     "name_sides",
+    "rename_shape_keys",
     "select_symmetry_line",
     "set_landmark",
     "swap_sides",

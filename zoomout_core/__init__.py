@@ -55,6 +55,14 @@ if TYPE_CHECKING:
     from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
     from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
     from zoomout_core.transfer import Attribute, Domain, Dressed, Kind, Lines, Wrapped, conform, dress, transfer, wrap
+    from zoomout_core.transfer.key_names import (
+        TranslatedKeys,
+        key_names,
+        missing_key_names,
+        recognise_key_names,
+        translate_key_names,
+        translate_offsets,
+    )
 
     __version__: str
 
@@ -79,6 +87,7 @@ __all__ = [
     "SurfaceMap",
     "Symmetry",
     "TransferredLandmarks",
+    "TranslatedKeys",
     "Verdict",
     "Wrapped",
     "commutativity_error",
@@ -94,11 +103,13 @@ __all__ = [
     "hamiltonian_basis",
     "heat_kernel_map",
     "heat_kernel_signature",
+    "key_names",
     "load_result",
     "match",
     "match_by_proximity",
     "match_collection",
     "mirror_candidate",
+    "missing_key_names",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
@@ -107,6 +118,7 @@ __all__ = [
     "read_asset",
     "read_point_cloud",
     "read_surface",
+    "recognise_key_names",
     "set_threads",
     "shot",
     "slanted_sizes",
@@ -114,6 +126,8 @@ __all__ = [
     "transfer",
     "transfer_asset",
     "transfer_landmarks",
+    "translate_key_names",
+    "translate_offsets",
     "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",
@@ -160,6 +174,14 @@ _HOMES = {
     "spectral.operators": ("multiplication_operators", "orientation_operators"),
     "symmetry.detect": ("Symmetry", "detect_symmetry"),
     "transfer": ("Attribute", "Domain", "Dressed", "Kind", "Lines", "Wrapped", "conform", "dress", "transfer", "wrap"),
+    "transfer.key_names": (
+        "TranslatedKeys",
+        "key_names",
+        "missing_key_names",
+        "recognise_key_names",
+        "translate_key_names",
+        "translate_offsets",
+    ),
 }
 _MODULES = ("plotting", "samples")
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -11,6 +11,7 @@ import json
 import signal
 import sys
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,11 @@ RUN = {
     "dress": pairs.dress,
     "symmetry": symmetry.run,
     "carry": files.carry,
+    "faces": files.faces,
     "surface": files.surface,
 }
+# Commands that read two files.
+OF_FILES = ("carry", "faces")
 # Commands that work on single objects, rather than from a source to targets.
 OF_OBJECTS = ("symmetry", "surface")
 
@@ -115,19 +119,20 @@ def _run(command_line: Sequence[str]) -> int:
 
 def _check_paths(options: argparse.Namespace) -> None:
     """Raise a MeshError or OutputError if results cannot be written, or would overwrite one another or their inputs."""
-    given = [path for path in (options.save, options.report) if path]
-    if len({Path(path).resolve() for path in given}) < len(given):
-        raise zo.MeshError(f"--save and --report both name {options.save}: give them files of their own.")
-    for path in given:
+    named = {name: path for name in ("save", "report", "sheet") if (path := getattr(options, name, None))}
+    for (one, path), (other, second) in combinations(named.items(), 2):
+        if Path(path).resolve() == Path(second).resolve():
+            raise zo.MeshError(f"--{one} and --{other} both name {path}: give them files of their own.")
+    for path in named.values():
         check_output(path, _inputs(options), options.in_place)
     if options.save and options.command != "surface":
         check_writable_format(options.save)
 
 
 def _inputs(options: argparse.Namespace) -> list[str | Path]:
-    """The files that a command reads, and those that the open file and the files of `carry` name."""
+    """The files that a command reads, and those that the open file and the two files of some commands name."""
     named = (getattr(options, name, "") for name in ("map_file", "map", "file"))
-    carried = inputs_of(options.source, options.target) if options.command == "carry" else []
+    carried = inputs_of(options.source, options.target) if options.command in OF_FILES else []
     return [*filter(None, [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]), *carried]
 
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.transfer.key_table import CONVENTIONS
 
 from ..adapters import DATA, USUAL_DATA
 from ..properties.dress import DressOptions
@@ -37,6 +38,8 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
         parser.error("give --source and --target")
     elif options.command == "dress" and not (options.things or options.collection):
         parser.error("give --thing or --collection")
+    elif options.command == "faces" and not options.sheet.lower().endswith(".png"):
+        parser.error("--sheet writes a PNG file: give a name that ends in .png")
     elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
@@ -83,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_options(dress, DressOptions)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
+    _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
     _add_surface(commands.add_parser("surface", help="write the visible meshes of a file as one surface"))
     for name, command in commands.choices.items():
         when = "if everything succeeds" if name == "symmetry" else "if at least one target succeeds"
@@ -104,6 +108,14 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
         "matched as one body, unless a map is given. Supported files are .blend, .fbx, .glb, .gltf, .obj, .ply and "
         ".stl. Data that the targets do not use is not copied."
     )
+    _add_two_files(parser)
+    parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
+    for group in (BlendOptions, BindChoice, BindOptions):
+        _add_options(parser, group)
+
+
+def _add_two_files(parser: argparse.ArgumentParser) -> None:
+    """Add the files that a command transfers between, and options of their match."""
     parser.add_argument("source", metavar="SOURCE", help="file to copy data from")
     parser.add_argument("target", metavar="TARGET", help="file that receives the data")
     parser.add_argument(
@@ -113,9 +125,20 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
         help="map that `zoomout match` computed from the surfaces of both files, as written by `surface`",
     )
     parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the match, if no map is given")
-    parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
-    for group in (BlendOptions, BindChoice, BindOptions):
-        _add_options(parser, group)
+
+
+def _add_faces(parser: argparse.ArgumentParser) -> None:
+    """Add options of a transfer of expression keys."""
+    parser.description = (
+        "Transfer the shape keys of the visible meshes in the file SOURCE to those in the file TARGET, as `carry` "
+        "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Vertices "
+        "at edges that stretch much more than on the source are red."
+    )
+    _add_two_files(parser)
+    parser.add_argument("--sheet", required=True, metavar="SHEET.png", help="picture to write, a tile for each key")
+    parser.add_argument(
+        "--key-names", choices=tuple(CONVENTIONS), help="rename the keys of the target to this convention afterwards"
+    )
 
 
 def _add_surface(parser: argparse.ArgumentParser) -> None:

@@ -1,19 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands `surface` and `carry`, which open files."""
+"""The commands `surface`, `carry` and `faces`, which open files."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bpy.types import Context
 
 import zoomout_core as zo
+from zoomout_core.drawing import encode_png
 from zoomout_core.mesh.files import write_shape
+from zoomout_core.runtime.outputs import atomic_write
 
+from ..adapters import DEFAULT
 from ..properties.transfer import BindOptions, BlendOptions
 from ..services.carry import carry as carry_file
 from ..services.carry import read_file
+from ..services.expressions import Review, has_keys, review_expressions
+from ..services.key_names import rename_shape_keys
+from ..services.targets import Outcome
+from ..storage.stored_match import StoredMatch
 from .arguments import as_in_sidebar
 
 
@@ -53,3 +61,41 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         options.in_place,
     )
     return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
+
+
+def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Transfer the shape keys of one file to another, draw them all, and report on each target by name.
+
+    A target whose source has no shape keys, such as an eye, is drawn without.
+
+    Raises:
+        MeshError: a file cannot be used, or the map belongs to other files.
+        OutputError: the sheet could not be written.
+    """
+    reviews: list[Review] = []
+    without: set[str] = set()
+
+    def review(sources: Sequence[str], matches: Mapping[str, tuple[str, StoredMatch]], outcome: Outcome[Any]) -> None:
+        for name in outcome.failed:
+            first, match = matches[name]
+            if not any(has_keys(context, source) for source in (first, *match.others)):
+                without.add(name)
+        if outcome.done:
+            reviews.append(review_expressions(context, sources, matches))
+
+    files = options.source, options.target, options.save
+    outcome = carry_file(
+        context, *files, ("shape_keys",), DEFAULT, None, options.map, options.detail, options.in_place, review
+    )
+    failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
+    entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}
+    for found in reviews:
+        with atomic_write(options.sheet) as part:
+            part.write_bytes(encode_png(found.sheet))
+        for name in outcome.done:
+            entries[name]["stretched_by_keys"] = found.stretched[name]
+    if options.key_names:
+        for name in outcome.done:
+            said = rename_shape_keys(context, context.scene.objects[name], options.key_names)
+            entries[name]["notes"] = [*entries[name]["notes"], said]
+    return entries

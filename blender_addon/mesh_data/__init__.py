@@ -4,7 +4,7 @@
 Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
-from .animation import HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
+from .animation import HeldKeys, HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
 from .armatures import (
     Bones,
     armatures_of,
@@ -68,11 +68,13 @@ from .shape_keys import (
     join_shape_keys,
     move_vertices,
     offsets_of,
+    read_full_offsets,
     read_key_positions,
     read_own_shape_keys,
     read_rest_positions,
     read_shape_keys,
     read_undeformed_positions,
+    rename_shape_keys,
     write_animation,
     write_shape,
     write_shape_keys,
@@ -104,6 +106,7 @@ from .surfaces import (
     to_object,
     without_faces,
 )
+from .text import text_triangles
 from .vertex_groups import (
     deforming_bones,
     locked_groups,
@@ -138,6 +141,7 @@ __all__ = [
     "EvaluatedObject",
     "Faces",
     "Fingerprint",
+    "HeldKeys",
     "HeldPose",
     "JoinedLayer",
     "Layer",
@@ -190,6 +194,7 @@ __all__ = [
     "read_bones",
     "read_custom_normals",
     "read_faces",
+    "read_full_offsets",
     "read_joined_active_layers",
     "read_joined_active_uv_map",
     "read_joined_at_rest",
@@ -220,11 +225,13 @@ __all__ = [
     "read_weights",
     "read_weights_in_pieces",
     "read_worn",
+    "rename_shape_keys",
     "reshape",
     "select_only",
     "stands_as_modelled",
     "surface_point_in_face",
     "surface_point_of_vertex",
+    "text_triangles",
     "to_object",
     "turn_bones",
     "unbind",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Animation of objects and of the armatures that deform them."""
+"""Animation of objects, of the armatures that deform them, and of shape keys."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def moves_by_itself(obj: Object) -> bool:
 
 
 def _curves(animation: AnimData) -> list[FCurve]:
-    """The curves of the action of an object."""
+    """The curves of the action of an object, or of other data."""
     action = animation.action
     if action is None:
         return []
@@ -80,6 +80,53 @@ class HeldPose:
         for bone in armature.pose.bones:
             for name, value in self._channels.get(bone.name, {}).items():
                 setattr(bone, name, value)
+
+
+class HeldKeys:
+    """The state of an object's shape keys, to play them and to restore it; it keeps no reference to Blender's data."""
+
+    def __init__(self, obj: Object) -> None:
+        key = obj.data.shape_keys
+        blocks = [] if key is None else list(key.key_blocks)
+        self._values = {block.name: (block.value, block.mute) for block in blocks}
+        self._pinned = obj.show_only_shape_key
+        animation = None if key is None else key.animation_data
+        self._uses_tracks = animation is not None and animation.use_nla
+        self._muted = {place: curve.mute for place, curve in _curves_of_keys(obj)}
+
+    def play(self, obj: Object, name: str, value: float) -> None:
+        """Show one key at a value, and no other, even if drivers and animations say otherwise."""
+        obj.show_only_shape_key = False
+        for _, curve in _curves_of_keys(obj):
+            curve.mute = True
+        self._use_tracks(obj, False)
+        for block in obj.data.shape_keys.key_blocks if obj.data.shape_keys else ():
+            block.value, block.mute = (value, False) if block.name == name else (0, block.mute)
+
+    def restore(self, obj: Object) -> None:
+        """Restore the keys that still exist."""
+        obj.show_only_shape_key = self._pinned
+        for block in obj.data.shape_keys.key_blocks if obj.data.shape_keys else ():
+            if block.name in self._values:
+                block.value, block.mute = self._values[block.name]
+        for place, curve in _curves_of_keys(obj):
+            curve.mute = self._muted.get(place, False)
+        self._use_tracks(obj, self._uses_tracks)
+
+    @staticmethod
+    def _use_tracks(obj: Object, use: bool) -> None:
+        animation = obj.data.shape_keys and obj.data.shape_keys.animation_data
+        if animation:
+            animation.use_nla = use
+
+
+def _curves_of_keys(obj: Object) -> list[tuple[tuple[str, str], FCurve]]:
+    """The drivers and the curves of the action of an object's shape keys, each with its kind and path."""
+    key = obj.data.shape_keys
+    if key is None or key.animation_data is None:
+        return []
+    curves = {"driver": key.animation_data.drivers, "action": _curves(key.animation_data)}
+    return [((kind, curve.data_path), curve) for kind, of_kind in curves.items() for curve in of_kind]
 
 
 def turn_bones(armature: Object, turns: Mapping[str, Floats]) -> None:

@@ -22,6 +22,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
 from .surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
+from .vertex_groups import read_mask
 
 # Properties of a key besides its place and its reference key; the range comes before the value, which it clamps.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
@@ -127,6 +128,18 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
     return _shape_keys(keys, rest, [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)])
 
 
+def read_full_offsets(obj: Object) -> dict[str, Floats]:
+    """By name, what each key of an object adds at a value of 1, through its mask: (n, 3) in the object's space."""
+    if obj.data.shape_keys is None:
+        return {}
+    own = read_own_shape_keys(obj.data)
+    found = {}
+    for number, key in enumerate(own.keys):
+        offsets, mask = own.offsets.values[:, number].astype(np.float64), key.settings["vertex_group"]
+        found[key.name] = offsets * read_mask(obj, mask)[:, None] if mask in obj.vertex_groups else offsets
+    return found
+
+
 def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:
     """Join the shape keys of several objects by name; a key does not move objects that lack it.
 
@@ -197,6 +210,20 @@ def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> 
         blocks[follower].points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
     obj.active_shape_key_index = active
     mesh.shape_keys.update_tag()
+
+
+def rename_shape_keys(key: Key, names: Mapping[str, str]) -> None:
+    """Rename the shape keys of a mesh; Blender updates the paths of animations and drivers.
+
+    Args:
+        key: the mesh's shape keys.
+        names: new names by old ones; new names may be old ones of others that are renamed, too.
+    """
+    blocks = [(key.key_blocks[old], new) for old, new in names.items() if old != new]
+    for new in {new for _, new in blocks}.intersection(names):
+        key.key_blocks[new].name = f"{new} before"
+    for block, new in blocks:
+        block.name = new
 
 
 def write_shape(obj: Object, name: str, shape: Floats) -> None:

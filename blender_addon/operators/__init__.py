@@ -19,7 +19,9 @@ from .landmarks import (
 from .match import ZOOMOUT_OT_match
 from .match_collections import ZOOMOUT_OT_match_collections
 from .place_landmarks import ZOOMOUT_OT_place_landmarks
+from .play_expressions import ZOOMOUT_OT_play_expressions
 from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from .rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
 from .test_poses import ZOOMOUT_OT_test_poses
 from .transfer import ZOOMOUT_OT_transfer
 from .wrap import ZOOMOUT_OT_wrap
@@ -35,6 +37,8 @@ CLASSES = (
     ZOOMOUT_OT_clear_match_data,
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
+    ZOOMOUT_OT_rename_shape_keys,
+    ZOOMOUT_OT_play_expressions,
     ZOOMOUT_OT_bind_to_rig,
     ZOOMOUT_OT_test_poses,
     ZOOMOUT_OT_wrap,

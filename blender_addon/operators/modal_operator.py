@@ -110,9 +110,10 @@ class ModalOperator(Operator):
         return modes.come_back_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
-        """Clean up; Blender calls this when a file is loaded or the window closes."""
-        self._end(context)
-        modes.come_back_later(context, self._left)
+        """Clean up; Blender calls this when a file is loaded, the window closes, or a dialog before is cancelled."""
+        if hasattr(self, "_job"):
+            self._end(context)
+            modes.come_back_later(context, self._left)
 
     def _end(self, context: Context) -> None:
         modal.end(self)

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import bpy
 from bpy.types import Context, Depsgraph, Object
@@ -21,6 +21,9 @@ from ..storage import stored_candidates, stored_match
 from .collection_match import KnownMatch, Parts, prepare_parts
 from .targets import Outcome, Write, each_target
 from .transfer import prepare_transfer
+
+# Looks at the result, from the names of the sources, and the name of the first source and the match of each target.
+Review: TypeAlias = Callable[[Sequence[str], Mapping[str, tuple[str, stored_match.StoredMatch]], Outcome[Any]], None]
 
 # Ways to read the objects of a file: as sources, by their evaluated meshes, or as targets, by their own meshes.
 ROLES: Mapping[str, Callable[[Object, Depsgraph], zo.Surface]] = {
@@ -63,6 +66,7 @@ def carry(
     map_file: str,
     detail: str,
     in_place: bool = False,
+    review: Review | None = None,
 ) -> Outcome[dict[str, Any]]:
     """Transfer the data of one file's meshes to those of another, which is open afterwards.
 
@@ -80,6 +84,7 @@ def carry(
         map_file: file with the map; empty to match the files now.
         detail: detail of that match, one of `DETAIL`.
         in_place: whether the output may overwrite a file that is read.
+        review: called after the transfer, while the objects of both files are in the scene.
 
     Returns:
         Reports by the names of the targets, see `stored_report`.
@@ -105,6 +110,8 @@ def carry(
         return _prepare(context, matches[name][0], name, data, settings, binding)
 
     outcome = run(each_target(list(own), work))
+    if review is not None:
+        review(brought.names, matches, outcome)
     for name in own:  # their matches refer to objects of another file
         stored_match.remove(bpy.data.objects[name].data)
         stored_candidates.remove(bpy.data.objects[name].data)

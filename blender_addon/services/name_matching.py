@@ -7,7 +7,6 @@ is ignored. Only clear matches are returned, because a wrong pair is worse than 
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,13 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.transfer.key_names import COPY, SIDES, words_of
 
-# The suffix that Blender appends to a name in use.
-COPY = re.compile(r"\.\d{3,}$")
-# Beginnings of words within letters: armUpper, LEye.
-NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-WORD = re.compile(r"[^\W\d_]+|\d+")
-SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 # A word that at least this fraction of a character's objects share, and the other character lacks, is its own name.
 OWN_NAME = 0.75
 # Minimum similarity, the weighted fraction of common words, of matching names; and the maximum similarity of any other
@@ -43,7 +37,7 @@ class Words(NamedTuple):
     @classmethod
     def of(cls, name: str) -> Words:
         """The words of an object's name, without the number that Blender appends."""
-        found = {_plain(word) for word in WORD.findall(NEW_WORD.sub(" ", COPY.sub("", name)))}
+        found = {_plain(word) for word in words_of(name)}
         return cls(frozenset(found.difference(SIDES)), frozenset(SIDES[word] for word in found.intersection(SIDES)))
 
 
@@ -71,8 +65,7 @@ def pair_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple[i
 
 
 def _plain(word: str) -> str:
-    """A word in normal form: in lower case, in the singular, numbers without leading zeros."""
-    word = word.lower()
+    """A word in lower case in normal form: in the singular, numbers without leading zeros."""
     if word.isdigit():
         return word.lstrip("0") or "0"
     return word[:-1] if len(word) > 3 and word.endswith("s") and not word.endswith("ss") else word

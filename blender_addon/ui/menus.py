@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The menus *Object > ZoomOut Transfer* and *Mesh > ZoomOut Transfer*, whose items can have shortcuts.
 
+Operators of shape keys are in the menu beside Blender's list of shape keys as well.
+
 Blender's search lists each item with its menu path; the extension's full name distinguishes it from *View > Zoom Out*.
 """
 
@@ -23,7 +25,9 @@ from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from ..operators.play_expressions import ZOOMOUT_OT_play_expressions
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from ..operators.rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
 from ..operators.test_poses import ZOOMOUT_OT_test_poses
 from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..operators.wrap import ZOOMOUT_OT_wrap
@@ -49,6 +53,8 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,
+            ZOOMOUT_OT_rename_shape_keys,
+            ZOOMOUT_OT_play_expressions,
         )
         _operators(layout, work)
         layout.separator()
@@ -117,12 +123,14 @@ def register() -> None:
     """Add the menus to Blender's."""
     bpy.types.VIEW3D_MT_object.append(_draw_in_object)
     bpy.types.VIEW3D_MT_edit_mesh.append(_draw_in_mesh)
+    bpy.types.MESH_MT_shape_key_context_menu.append(_draw_in_shape_keys)
 
 
 def unregister() -> None:
     """Remove the menus from Blender's."""
     bpy.types.VIEW3D_MT_object.remove(_draw_in_object)
     bpy.types.VIEW3D_MT_edit_mesh.remove(_draw_in_mesh)
+    bpy.types.MESH_MT_shape_key_context_menu.remove(_draw_in_shape_keys)
 
 
 def invoking(layout: UILayout) -> UILayout:
@@ -139,6 +147,11 @@ def _draw_in_object(menu: Menu, context: Context) -> None:
 def _draw_in_mesh(menu: Menu, context: Context) -> None:
     menu.layout.separator()
     menu.layout.menu(ZOOMOUT_MT_mesh.__name__)
+
+
+def _draw_in_shape_keys(menu: Menu, context: Context) -> None:
+    menu.layout.separator()
+    _operators(invoking(menu.layout), (ZOOMOUT_OT_rename_shape_keys, ZOOMOUT_OT_play_expressions))
 
 
 def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:

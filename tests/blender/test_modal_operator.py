@@ -142,6 +142,12 @@ def test_a_file_that_is_loaded_meanwhile_ends_the_work(window):
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
 
 
+def test_a_dialog_that_is_cancelled_before_the_work_leaves_nothing_to_clean_up(window):
+    work = Work()
+    work.cancel(window)
+    assert (work.written, work.closed) == (False, False)
+
+
 def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, monkeypatch):
     """Blender frees operators of an unregistered class without notice."""
     override = SimpleNamespace(temp_override=lambda window: nullcontext())

@@ -28,7 +28,8 @@ def traces():
         for name in dir(bpy.app.handlers)
         if isinstance(getattr(bpy.app.handlers, name), list)
     }
-    extended = [menu.is_extended() for menu in (bpy.types.VIEW3D_MT_object, bpy.types.VIEW3D_MT_edit_mesh)]
+    menus_of_blender = "VIEW3D_MT_object", "VIEW3D_MT_edit_mesh", "MESH_MT_shape_key_context_menu"
+    extended = [getattr(bpy.types, menu).is_extended() for menu in menus_of_blender]
     manuals = len(list(bpy.utils.manual_map())), bpy.utils.preset_paths("zoomout/match")
     return names, hasattr(bpy.types.Scene, "zoomout"), handlers, extended, manuals
 

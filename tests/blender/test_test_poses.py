@@ -1,59 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Test poses turn the bones like the check of a binding, and leave the pose as it was."""
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
+from playing import playing
 from rigged import POSE, set_pose, source_and_rig
 from scenes import activate, snapshot_file
 
 from blender_addon.mesh_data import HeldPose, read_bones, turn_bones
-from blender_addon.operators import modal
-from blender_addon.operators import test_poses as operators
+from blender_addon.operators import modal, play
 from blender_addon.operators.test_poses import ZOOMOUT_OT_test_poses
 from zoomout_core.transfer.stretch import extreme_poses, extreme_turns
-
-
-class Window:
-    """A replacement of the context of a window: it counts timers, and records the text of the status bar."""
-
-    def __init__(self):
-        self.window = self.window_manager = self.workspace = self
-        self.status, self.timers, self.handlers, self.modal_operators = None, 0, 0, []
-
-    def __getattr__(self, name):
-        return getattr(bpy.context, name)
-
-    def event_timer_add(self, step, window):
-        self.timers += 1
-        return "timer"
-
-    def event_timer_remove(self, timer):
-        self.timers -= 1
-
-    def modal_handler_add(self, operator):
-        self.handlers += 1
-
-    def status_text_set(self, text):
-        self.status = text
-
-
-class Playing:
-    """The operator with simulated events, since the `bpy` module has no window."""
-
-    for _name in ("invoke", "modal", "cancel", "_play"):
-        locals()[_name] = getattr(ZOOMOUT_OT_test_poses, _name)
-
-    def __init__(self, window):
-        self.window, self.reports = window, []
-
-    def report(self, level, text):
-        self.reports.append(text)
-
-    def event(self, kind, value="PRESS"):
-        return self.modal(self.window, SimpleNamespace(type=kind, value=value))
 
 
 @pytest.fixture
@@ -67,7 +25,7 @@ def rigged(empty_scene):
 
 @pytest.fixture
 def testing(rigged):
-    operator = Playing(Window())
+    operator = playing(ZOOMOUT_OT_test_poses)
     yield operator
     modal.end(operator)
 
@@ -111,7 +69,7 @@ def test_poses_are_played_until_a_click_and_only_the_view_can_be_used_meanwhile(
     set_pose(armature, POSE)
     before = [tuple(bone.rotation_euler) for bone in armature.pose.bones]
     now = [100.0]
-    monkeypatch.setattr(operators, "monotonic", lambda: now[0])
+    monkeypatch.setattr(play, "monotonic", lambda: now[0])
     assert testing.invoke(testing.window, None) == {"RUNNING_MODAL"}
     assert testing.window.status.startswith("Test pose 1 of 12")
     now[0] += 1.5

@@ -24,10 +24,12 @@ from blender_addon import operators, presets, translations
 from blender_addon.translations.catalogue import read_catalogue
 from blender_addon.ui import menus, panels, preferences
 from blender_addon.viewport import preview
+from zoomout_core.transfer.key_table import CONVENTIONS
 
 ADDON, CORE = (Path(package.__file__).parent for package in (blender_addon, zoomout_core))
 # The same in every language.
 NAMES = {"ZoomOut", menus.EXTENSION, "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
+NAMES |= {spelling.title for spelling in CONVENTIONS.values()}
 # What is printed in English: the command lines, the demo, and functions for scripts.
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.

@@ -25,6 +25,8 @@ ROOMS = (
     "symmetry",
     "evaluation",
     "colors",
+    "drawing",
+    "expression_sheet",
     "plotting",
     "samples",
     "collection",

@@ -147,3 +147,49 @@ def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path,
     code, said = run(tmp_path / "hero.blend", files[1], "-o", tmp_path / "out.glb")
     assert code == 1
     assert "use `zoomout collection`" in said
+
+
+@pytest.fixture(scope="module")
+def expressive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A creature with four expression keys in one of many spellings, and one of its own."""
+    made = creature(400).surface
+    labels = ("Face_browInnerUp_L", "Face_browInnerUp_R", "Face_jawOpen", "Face_eyeBlink_L", "Face_ears")
+    values = np.zeros((len(made.vertices), len(labels), 3))
+    for column in range(len(labels)):
+        values[:, column, column % 3] = np.maximum(0, made.vertices[:, 2]) * (column + 1) / 10
+    offsets = Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, labels)
+    path = tmp_path_factory.mktemp("expressive") / "source.glb"
+    write_asset(Asset(made, (offsets,)), path)
+    return path
+
+
+def test_morph_targets_are_renamed_and_missing_ones_listed(expressive: Path, tmp_path: Path) -> None:
+    write_asset(Asset(creature(350, seed=1).surface), tmp_path / "target.ply")
+    arguments = expressive, tmp_path / "target.ply", "-o", tmp_path / "out.glb", "--key-names", "arkit"
+    code, said = run(*arguments, "--json")
+    assert code == 0, said
+    (report,) = json.loads(said)["targets"]
+    assert report["key_names"]["sources"] == ["arkit"]
+    assert report["key_names"]["renamed"] == {"Face_jawOpen": "jawOpen", "Face_eyeBlink_L": "eyeBlinkLeft"}
+    assert report["key_names"]["composed"] == {"browInnerUp": ["Face_browInnerUp_L", "Face_browInnerUp_R"]}
+    assert len(report["key_names"]["missing"]) == 49
+    offsets = read_asset(tmp_path / "out.glb").find("shape keys")
+    assert offsets is not None
+    assert offsets.labels == (
+        *("Face_browInnerUp_L", "Face_browInnerUp_R", "jawOpen", "eyeBlinkLeft", "Face_ears", "browInnerUp"),
+    )
+    assert np.abs(offsets.values[:, 5]).max() > 0.01
+    np.testing.assert_allclose(offsets.values[:, 5], offsets.values[:, 0] + offsets.values[:, 1], atol=1e-6)
+    code, said = run(*arguments)
+    assert "Renamed 2 shape keys to the spelling of ARKit." in said
+    assert "Missing of the 52 keys of ARKit: eyeBlinkRight, " in said
+
+
+def test_without_morph_targets_key_names_have_nothing_to_rename(
+    files: tuple[Path, Path], expressive: Path, tmp_path: Path
+) -> None:
+    for source, more in ((files[0], ()), (expressive, ("--kinds", "shape-keys,color"))):
+        code, said = run(source, files[1], "-o", tmp_path / "out.glb", "--key-names", "vrm1", *more)
+        assert (code, "--key-names has no morph targets of" in said) == ((1, True) if not more else (0, False)), said
+    code, said = run(expressive, files[1], "-o", tmp_path / "out.glb", "--key-names", "vrm1", "--kinds", "color")
+    assert code == 1

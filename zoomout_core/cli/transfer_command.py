@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import (
     MESHES,
     WRITERS,
@@ -24,6 +24,7 @@ from zoomout_core.assets.files import (
     read_asset,
     write_asset,
 )
+from zoomout_core.assets.key_names import rename_keys
 from zoomout_core.assets.part_names import name_parts
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset
 from zoomout_core.batch import (
@@ -49,6 +50,7 @@ from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import portion
+from zoomout_core.transfer.key_table import CONVENTIONS
 
 # Fraction of the progress at the end of matching.
 MATCHED = 0.8
@@ -70,6 +72,12 @@ MATCHED = 0.8
     show_default=True,
     help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
+@click.option(
+    "--key-names",
+    type=click.Choice(list(CONVENTIONS)),
+    help="Rename the morph targets to a convention of expression keys, add those that are sums of others, and list "
+    "those that are missing.",
+)
 @folders_option
 @json_option
 @match_options
@@ -81,6 +89,7 @@ def transfer(
     in_place: bool,
     kinds: str,
     shape: str,
+    key_names: str | None,
     candidate: int,
     force: bool,
     folders: tuple[str, ...],
@@ -113,9 +122,22 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         arguments, asset = start_arguments(**options), read_asset(source, folders)
-        choices = candidate, force, wanted, shape.replace("-", " "), arguments
+        choices = candidate, force, wanted, shape.replace("-", " "), key_names, arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
-        given = {"kinds": wanted, "shape": shape, "candidate": candidate, "force": force, "folders": folders, **options}
+        if key_names and (SHAPE_KEYS not in wanted or asset.find(SHAPE_KEYS) is None):
+            raise MeshError(
+                f"--key-names has no morph targets of {source} to rename: leave it out, or choose a source and --kinds "
+                "with shape-keys."
+            )
+        given = {
+            "kinds": wanted,
+            "shape": shape,
+            "key_names": key_names,
+            "candidate": candidate,
+            "force": force,
+            "folders": folders,
+            **options,
+        }
         outcomes, figures = run_batch(source, jobs, partial(_run_job, asset, folders, inputs, *choices), given, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -161,6 +183,7 @@ def _run_job(
     force: bool,
     kinds: list[str],
     shape: str,
+    key_names: str | None,
     arguments: dict[str, Any],
     job: Job,
     report: dict[str, Any],
@@ -181,9 +204,13 @@ def _run_job(
         job.output.parent.mkdir(exist_ok=True)
         with portion(MATCHED, 1.0):
             made = transfer_asset(source, target, result, kinds, shape)
-        left_out = write_asset(made.asset, job.output, inputs)
+        written, named = made.asset, list[str]()
+        if key_names:
+            written, keys, named = rename_keys(made.asset, key_names)
+            report["key_names"] = asdict(keys)
+        left_out = write_asset(written, job.output, inputs)
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
-    report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *left_out]}
+    report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *named, *left_out]}
     return [
         f"Transferred: {', '.join(received)}.",
         *match_lines(result, parts),

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -20,6 +18,7 @@ from zoomout_core.assets.asset import COLOR, UV, Asset, Material, Skin, material
 from zoomout_core.assets.files import write_asset
 from zoomout_core.assets.gltf import Buffer, Document, library
 from zoomout_core.colors import place_colors
+from zoomout_core.drawing import encode_png
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -139,12 +138,7 @@ def checker() -> bytes:
     shade = np.where((place[:, None] + place) % 2, 1.0, 0.7)
     hue = np.stack(np.broadcast_arrays(place[:, None], SQUARES - 1 - place, SQUARES // 2), axis=-1) / (SQUARES - 1)
     pixels = (255 * shade[:, :, None] * (0.4 + 0.6 * hue)).astype(np.uint8)
-    rows = np.column_stack([np.zeros((TEXELS, 1), np.uint8), pixels.reshape(TEXELS, -1)]).tobytes()
-    header = struct.pack(">IIBBBBB", TEXELS, TEXELS, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
-    )
+    return encode_png(pixels)
 
 
 def _texture_coordinates(made: Creature) -> Floats:

@@ -8,6 +8,7 @@ stretched if it grows much more than the source does at its image. Weights there
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -150,6 +151,15 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
     moved = np.einsum("fbxy,bcy->fbcx", poses[..., :3], corners) + poses[:, :, None, :, 3]
     chosen = farthest_points(moved.reshape(len(poses), -1), MAX_FRAMES)
     return np.asarray(poses[np.sort(chosen)])
+
+
+def play_offsets(rest: Surface, keys: Iterable[Floats]) -> Iterator[Played]:
+    """Move a surface by the offsets (n, 3) of each of several shape keys, and measure its edges."""
+    edges, _ = unique_edges(rest.triangles)
+    own = np.maximum(_lengths(rest.vertices, edges), 1e-300)
+    for offsets in keys:
+        moved = _lengths(rest.vertices + offsets, edges)
+        yield Played(edges, moved / own, moved)
 
 
 def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:

@@ -5,6 +5,7 @@ from . import symmetry
 from .binding import ZOOMOUT_PT_binding, ZOOMOUT_PT_binding_check
 from .collections import ZOOMOUT_PT_collections
 from .dress import ZOOMOUT_PT_dress
+from .expressions import ZOOMOUT_PT_expressions
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
@@ -27,6 +28,7 @@ CLASSES = (
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,
+    ZOOMOUT_PT_expressions,
     ZOOMOUT_PT_binding,
     ZOOMOUT_PT_binding_check,
     ZOOMOUT_PT_wrap,

@@ -17,6 +17,7 @@ from zoomout_core.transfer.stretch import (
     distinct_poses,
     extreme_poses,
     play,
+    play_offsets,
     smooth_weights,
     stretched_edges,
 )
@@ -133,3 +134,15 @@ def test_smoothed_weights_keep_their_sums() -> None:
     weights = csr_array(wrong_weights(on_side()).toarray() * 0.5)
     smoothed = smooth_weights(weights, TARGET, on_side(1.0))
     np.testing.assert_allclose(smoothed.sum(axis=1), 0.5)
+
+
+def test_the_edges_of_each_key_are_measured() -> None:
+    square = zo.Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    lifted = np.zeros((4, 3))
+    lifted[3, 2] = 1
+    still, moved = play_offsets(square, [np.zeros((4, 3)), lifted])
+    np.testing.assert_array_equal(still.growth, 1)
+    at_corner = (moved.edges == 3).any(axis=1)
+    np.testing.assert_allclose(moved.growth[at_corner], np.sqrt(2))
+    np.testing.assert_allclose(moved.length[at_corner], np.sqrt(2))
+    np.testing.assert_array_equal(moved.growth[~at_corner], 1)

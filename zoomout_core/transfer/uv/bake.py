@@ -9,7 +9,7 @@ texels, the gutters, take the value of the nearest texel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,20 +17,17 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
-from zoomout_core.geometry.closest_points import barycentric_of_closest, inner_products
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import advance, stage
-from zoomout_core.transfer.groups import expand_ranges, find, first_of_each
+from zoomout_core.transfer.groups import find, first_of_each
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.pixels import INSIDE, pixels_near
 from zoomout_core.transfer.uv.chart import chart_of
 
-# Pairs of a texel and a triangle tested together, and texels read together; bounds the memory.
-BLOCK = 1 << 19
+# Texels that are read together; bounds the memory.
 READ_TOGETHER = 1 << 15
 # Maximum distance, in texels, of a place from the four texels that it is interpolated from.
 REACH = 2**0.5
-# A texel is in a triangle if its centre is within this rounding error of it.
-INSIDE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +115,7 @@ class _Islands:
         self._endless = np.unique(island[repeated])
         bounded = np.flatnonzero(~repeated)
         owned = [np.empty(0, dtype=np.int64)]
-        for x, y, triangle, _, distance in _near(uv[bounded], width, height):
+        for x, y, triangle, _, distance in pixels_near(uv[bounded], width, height):
             inside = distance <= INSIDE
             owned.append(np.unique(self._key(x, y, island[bounded[triangle]])[inside]))
         self._owned = np.unique(np.concatenate(owned))
@@ -176,7 +173,7 @@ def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers,
     best = np.full(width * height, np.inf)
     triangle = np.full(width * height, -1)
     weights = np.zeros((width * height, 3))
-    for x, y, candidate, place, distance in _near(uv, width, height, REACH, window=True):
+    for x, y, candidate, place, distance in pixels_near(uv, width, height, REACH, window=True):
         chosen = np.flatnonzero(distance <= REACH)
         texel = y[chosen] * width + x[chosen]
         order = first_of_each(texel, distance[chosen])
@@ -185,33 +182,3 @@ def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers,
         best[texel], triangle[texel], weights[texel] = distance[chosen], candidate[chosen], place[chosen]
     texel = np.flatnonzero(triangle >= 0)
     return texel, triangle[texel], weights[texel]
-
-
-def _near(
-    uv: Floats, width: int, height: int, reach: float = 0.0, window: bool = False
-) -> Iterator[tuple[Integers, Integers, Integers, Floats, Floats]]:
-    """Texels within reach of triangles (m, 3, 2), and some more, in blocks; all, or only those in the image's window.
-
-    Yields:
-        (q,) columns and (q,) rows from the bottom; (q,) triangles, (q, 3) barycentric coordinates of the place nearest
-        to the texel's centre, and (q,) its distance, in texels.
-    """
-    size = np.array([width, height])
-    places = uv * size
-    low = np.ceil(places.min(axis=1) - 0.5 - reach)
-    high = np.floor(places.max(axis=1) - 0.5 + reach)
-    if window:
-        low, high = np.maximum(low, 0), np.minimum(high, size - 1)
-    first = low.astype(np.int64)
-    columns, rows = np.maximum(high - low + 1, 0).astype(np.int64).T
-    row_triangle, row = expand_ranges(first[:, 1], first[:, 1] + rows)
-    ends = np.cumsum(columns[row_triangle])
-    for block in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends // BLOCK)) + 1):
-        start = first[row_triangle[block], 0]
-        owner, x = expand_ranges(start, start + columns[row_triangle[block]])
-        triangle, y = row_triangle[block][owner], row[block][owner]
-        a, b, c = places[triangle].transpose(1, 2, 0)
-        ab, ac, offset = b - a, c - a, np.stack([x, y]) + 0.5 - a
-        weights = barycentric_of_closest(inner_products(offset, ab, ac, axis=0))
-        offset -= weights[:, 1] * ab + weights[:, 2] * ac
-        yield x, y, triangle, weights, np.hypot(*offset)

@@ -9,6 +9,7 @@ import pytest
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.transfer import pixels
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv import bake as module
 from zoomout_core.transfer.uv.bake import Baked, Picture, bake
@@ -117,7 +118,7 @@ def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
 def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeypatch: pytest.MonkeyPatch) -> None:
     uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]
     at_once = baked(ATLAS, picture(33), uv)
-    monkeypatch.setattr(module, "BLOCK", 64)
+    monkeypatch.setattr(pixels, "BLOCK", 64)
     monkeypatch.setattr(module, "READ_TOGETHER", 100)
     np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).image, at_once.image)
 
