@@ -12,6 +12,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import Counterparts, confidence_of, counterparts_by_cycle
 from zoomout_core.matching.constraints import pin
+from zoomout_core.matching.finished_maps import refine_candidate
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
@@ -42,9 +43,8 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     source, target = pair.source_shape, pair.target_shape
 
     def forwards() -> tuple[Fit, Floats]:
-        how = candidate.mirrored, pair.k_final, pair.step
         with portion(0.0, 0.6):
-            refined, functional_map = refine(source, target, candidate.functional_map, candidate.final_anchors, *how)
+            refined, functional_map = refine_candidate(candidate, source, target, pair.k_final, pair.step)
         with portion(0.6, 1.0):
             return bend_onto_source(refined, functional_map, source, target, candidate.mirrored)
 

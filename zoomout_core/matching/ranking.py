@@ -11,6 +11,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import nearest_samples, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
@@ -110,6 +111,8 @@ class Candidate(Summary):
     # The placement of one shape as a part of the other, from which the map is found by registration; None for maps of
     # two whole shapes.
     part_match: PartCandidate | None = None
+    # Its map between the shapes' meshes, and the functional map (k, k) of that, if it was refined to be ranked.
+    refined: tuple[SurfaceMap, Floats] | None = None
     turns: int = 1  # number of maps, this one included, that differ only by rotational symmetries of one of the shapes
 
     def _summary(self) -> dict[str, str]:
