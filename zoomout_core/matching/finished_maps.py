@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.geometry.similarity_residual import similarity_residual
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.confidence import local_distortion
 from zoomout_core.matching.ranking import Candidate, in_order
 from zoomout_core.matching.refinement import final_size, refine
 from zoomout_core.matching.scores import ENERGY
@@ -35,8 +35,6 @@ class FinishedMapTuning(Tuning, set_by="correspondence"):
     # refined of SHREC19, 0.6 of FAUST and SCAPE, 1.3 of TOSCA, and 2.8 of SMAL.
     margin: float = tuned(1.25, "1", 0, 100)
     size: int = tuned(120, "eigenfunctions", 4, 1000)  # size of the functional maps
-    # To the farthest neighbours of a vertex. A single ring was right in 9 of 12 pairs, three in 18 of 19.
-    rings: int = tuned(3, "edges", 1, 10)
 
 
 FINISHED_MAPS = FinishedMapTuning()
@@ -93,11 +91,8 @@ def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, 
 
 
 def similarity_energy(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> float:
-    """Energy of a map: 0 if it is a similarity around every vertex, 1 if it scatters them all.
+    """Mean of `local_distortion` over the target: 0 for a similarity around every vertex, near 1 for a scattered map.
 
-    It is the mean over the target's area of `similarity_residual`; a `mirrored` map is one of its mirror image.
+    A `mirrored` map is one of the target's mirror image.
     """
-    places = target.mesh.vertices * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    images = surface_map.interpolate(source.mesh.vertices)
-    residual = similarity_residual(places, target.mesh.triangles, images, FINISHED_MAPS.rings)
-    return float(np.average(residual, weights=target.basis.areas))
+    return float(np.average(local_distortion(surface_map, source, target, mirrored), weights=target.basis.areas))

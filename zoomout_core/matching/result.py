@@ -47,7 +47,8 @@ class MatchResult(Summary):
 
     Attributes:
         surface_map: for every target vertex a point on the source surface.
-        confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby.
+        confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby, and small on parts
+            that tears cut off from the rest.
         has_partner: (n_t,) whether a vertex of the target has a counterpart on the source. A part without one, such as
             a tail that the source lacks, maps to where its surroundings do. True for vertices without a face.
         source_has_partner: (n_s,) the same for the source's vertices.
@@ -56,9 +57,9 @@ class MatchResult(Summary):
         chosen: number of the candidate that this result was computed from.
         notes: sentences for the user.
         pair: the analysed surfaces, from which results of other candidates are computed.
-        placed: the part of the target's area, in [0, 1], that has a counterpart.
+        placed: the part of the target's area, in [0, 1], that has a counterpart and is not cut off by tears.
         filled: (n_t,) vertices at which the map was torn, and whose images were filled in from their surroundings.
-        torn: (n_t,) vertices at which the map is torn still.
+        torn: (n_t,) vertices at which the map is torn still, and those on parts that tears cut off.
 
     Example:
         >>> result.surface_map.interpolate(source.vertices).shape == target.vertices.shape
@@ -92,7 +93,7 @@ class MatchResult(Summary):
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
 
-        It refers to the whole target, and decreases with the part without a counterpart.
+        It refers to the whole target, and decreases with the part that has no counterpart or is cut off by tears.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -241,10 +242,12 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         whole = lift(pair, dense.fit, dense.confidence, dense.counterparts)
     with stage("Repairing torn places", 0.95, 1.0):
         repaired = repair(pair, whole.surface_map)
-    doubts = notes_on_map(candidates, chosen, whole.placed, dense.folded)
+    cut_off = repaired.connected < LOW
+    placed = whole.placed * (1 - pair.target.share_of_area(cut_off))
+    doubts = notes_on_map(candidates, chosen, placed, dense.folded)
     return MatchResult(
         surface_map=repaired.surface_map,
-        confidence=whole.confidence,
+        confidence=whole.confidence * repaired.connected,
         has_partner=whole.counterparts.target,
         source_has_partner=whole.counterparts.source,
         functional_map=dense.functional_map,
@@ -252,7 +255,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         chosen=chosen,
         notes=(*doubts, *notes_on_rest(pair, whole.counterparts), *whole.notes, *pair.notes),
         pair=pair,
-        placed=whole.placed,
+        placed=placed,
         filled=repaired.filled,
-        torn=repaired.torn,
+        torn=repaired.torn | cut_off,
     )

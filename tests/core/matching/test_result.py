@@ -11,6 +11,7 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
+from zoomout_core.matching.repair import Repair
 from zoomout_core.runtime.array_files import read_arrays
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -36,6 +37,21 @@ def test_a_saved_result_is_the_same_and_has_its_other_candidates(result: zo.Matc
     loaded = zo.load_result(tmp_path / "result.npz")
     assert_equal(loaded, result)
     assert_equal(loaded.use(1), result.use(1))
+
+
+def test_a_part_that_tears_cut_off_is_not_trusted_and_reported_as_torn(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upper = result.target.vertices[:, 2] > np.quantile(result.target.vertices[:, 2], 0.8)
+    share, connected = result.target.share_of_area(upper), np.where(upper, 0.1, 0.9)
+    untorn = np.zeros(len(upper), dtype=bool)
+    cut_off = Repair(result.surface_map, untorn, untorn, connected)
+    monkeypatch.setattr("zoomout_core.matching.result.repair", lambda *_: cut_off)
+    found = result.use(0)
+    np.testing.assert_allclose(found.confidence, connected * result.confidence)
+    np.testing.assert_array_equal(found.torn, upper)
+    assert found.faults.torn == pytest.approx(share)
+    assert found.certainty == pytest.approx(result.certainty * (1 - share))
 
 
 def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Path) -> None:
