@@ -214,14 +214,19 @@ def with_others(
     return in_order([*candidates, *new], source, target)
 
 
+def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis) -> bool:
+    """Whether two candidates are different maps, by the mean geodesic distance between their images."""
+    images = source.nearest_distance_sample[one.sample_map]
+    apart = source.distances[images, source.search.samples[other.sample_map]].mean()
+    return other is not one and bool(apart > CERTAINTY.rival)
+
+
 def _certainty(number: int, ranked: Sequence[Candidate], totals: Floats, source: ShapeAnalysis, misfit: float) -> float:
     """Probability that a candidate is right: its share among the maps that rival it, times that of its fit in space."""
     candidate = ranked[number]
-    images = source.nearest_distance_sample[candidate.sample_map]
     rivals = 0.0
     for other, total in zip(ranked, totals, strict=True):
-        apart = source.distances[images, source.search.samples[other.sample_map]].mean()
-        if other is not candidate and apart > CERTAINTY.rival:
+        if are_rivals(candidate, other, source):
             lead = np.clip(total - totals[number], -CERTAINTY.largest_lead, CERTAINTY.largest_lead)
             rivals += np.exp(-CERTAINTY.rivalry * lead)
     doubt = np.exp(misfit + CERTAINTY.misfit_rate * np.log(max(candidate.scores["place"], 1e-9)))
