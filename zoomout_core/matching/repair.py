@@ -42,6 +42,8 @@ SAMPLES_OF_TRIANGLE = 20
 # Share of the variance that keeps the linear fit around flat patches stable, and number of neighbourhoods that show
 # whether a map preserves orientation.
 RIDGE, NEIGHBOURHOODS = 0.03, 1000
+# Share of the target's area below which a component is too small, as a strand of hair is, to have parts cut off.
+SMALL_COMPONENT = 0.05
 # Multiple by which a geodesic distance beyond the limit counts: only if all candidates are beyond it one is taken.
 BEYOND = 1e3
 
@@ -75,7 +77,7 @@ class Repair(NamedTuple):
     filled: Booleans  # (n_t,) vertices whose images were filled in from their surroundings
     torn: Booleans  # (n_t,) vertices at edges that are torn still
     # (n_t,) part of its component's area, in [0, 1], that a vertex is connected with across no tear: small on a limb
-    # that is mapped to another one. Filled places count as connected with everything.
+    # that is mapped to another one. Filled places and small components count as connected with everything.
     connected: Floats
 
 
@@ -151,7 +153,8 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, bases: Booleans, branches: B
     new_triangle = source.working.triangle_of[images.triangle[vertex_of[changed]]]
     new = SurfaceMap(new_triangle, images.barycentric[vertex_of[changed]], surface_map.source_triangles)
     repaired = replace_images(surface_map, changed, new)
-    connected[filled | fixed] = 1
+    area = np.bincount(mesh.component, vertex_areas(mesh.vertices, mesh.triangles))
+    connected[filled | fixed | (area < SMALL_COMPONENT * area.sum())[mesh.component]] = 1
     return Repair(
         repaired,
         _on_surface(filled, vertex_of),
