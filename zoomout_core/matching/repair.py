@@ -134,12 +134,9 @@ def _fill_torn(pair: Pair, surface_map: SurfaceMap, bases: Booleans, branches: B
     edges, _ = unique_edges(mesh.triangles)
     own = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     torn, limit = _torn(images.features, edges, own)
-    connected = _connected_share(
-        mesh, edges, _torn(images.features, edges, own, limit * REPAIR.seam / REPAIR.max_stretch)[0]
-    )
-    filled = (
-        (_to_fill(mesh, edges, torn, _connected_share(mesh, edges, torn)) & ~branches[member]) | bases[member]
-    ) & ~fixed
+    seams, _ = _torn(images.features, edges, own, limit * REPAIR.seam / REPAIR.max_stretch)
+    connected = _connected_share(mesh, edges, seams)
+    filled = ((_to_fill(mesh, edges, torn) & ~branches[member]) | bases[member]) & ~fixed
     if filled.any():
         tried = [images, *_fills(images, filled, edges, mesh, source.working, corners)]
         best = _choose_images(tried, filled, edges, limit / REPAIR.max_stretch * own)
@@ -234,10 +231,10 @@ def _connected_share(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Floa
     return np.where(np.isin(patch, patch[edges[torn]]), share, 1.0)
 
 
-def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans, connected: Floats) -> Booleans:
+def _to_fill(mesh: WorkingMesh, edges: Integers, torn: Booleans) -> Booleans:
     """(n,) vertices near torn edges and on small patches that these cut off, on components that are mostly whole."""
     areas = vertex_areas(mesh.vertices, mesh.triangles)
-    chosen = connected < REPAIR.small_patch
+    chosen = _connected_share(mesh, edges, torn) < REPAIR.small_patch
     chosen[edges[torn]] = True
     chosen[edges[chosen[edges].any(axis=1)]] = True
     whole = np.bincount(mesh.component, areas * ~chosen)[mesh.component]
