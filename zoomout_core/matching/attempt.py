@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.ranking import Candidate, are_rivals
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -57,19 +57,27 @@ class Attempt:
 def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """The attempt of the highest worth, or the one of the largest coverage if all found the same map.
 
-    In that case they confirm each other, and the result takes the highest certainty among them. The most promising
-    attempts come first; a later one is chosen only if it is clearly better.
+    In that case they confirm each other (see `confirm`). The most promising attempts come first; a later one is chosen
+    only if it is clearly better.
     """
     most = max(attempt.coverage for attempt in attempts)
     widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])
     if not all(agree(widest, attempt) for attempt in attempts if attempt is not widest):
         return _first_of_the_best(attempts)
-    return confirm(widest, max(attempt.candidates[0].certainty for attempt in attempts))
+    return confirm(widest, max(attempts, key=lambda attempt: attempt.candidates[0].certainty))
 
 
-def confirm(attempt: Attempt, certainty: float) -> Attempt:
-    """Raise the certainty of an attempt's first candidate to that of another one with the same map."""
+def confirm(attempt: Attempt, by: Attempt) -> Attempt:
+    """Raise the certainty of an attempt's first candidate to that of another attempt with the same map.
+
+    Maps that agree in most places may still differ on a leg. If the other attempt agrees with a rival of the first
+    candidate, too, it does not decide between the two, so that the rival keeps its share.
+    """
     first, *others = attempt.candidates
+    rivals = [other for other in others if are_rivals(first, other, attempt.pair.source_shape)]
+    undecided = (other.certainty for other in rivals if agree(replace(attempt, candidates=[other]), by))
+    share = first.certainty / max(first.certainty + max(undecided, default=0.0), 1e-300)
+    certainty = max(first.certainty, share * by.candidates[0].certainty)
     return replace(attempt, candidates=[replace(first, certainty=certainty), *others])
 
 

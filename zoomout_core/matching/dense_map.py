@@ -12,6 +12,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import Counterparts, confidence_of, counterparts_by_cycle
 from zoomout_core.matching.constraints import pin
+from zoomout_core.matching.finished_maps import refine_candidate
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
@@ -42,9 +43,8 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     source, target = pair.source_shape, pair.target_shape
 
     def forwards() -> tuple[Fit, Floats]:
-        how = candidate.mirrored, pair.k_final, pair.step
         with portion(0.0, 0.6):
-            refined, functional_map = refine(source, target, candidate.functional_map, candidate.final_anchors, *how)
+            refined, functional_map = refine_candidate(candidate, source, target, pair.k_final, pair.step)
         with portion(0.6, 1.0):
             return bend_onto_source(refined, functional_map, source, target, candidate.mirrored)
 
@@ -58,7 +58,8 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     (fit, functional_map), back = side_by_side(forwards, backwards)
     if pair.exact_landmarks is not None and not target.proxy.full.is_hull:
         fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
-    measured = confidence_of(fit.surface_map, back, functional_map, source, target, candidate.reverses_orientation)
+    senses = candidate.reverses_orientation, candidate.mirrored
+    measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
     return DenseMap(fit, counterparts_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
@@ -80,7 +81,7 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.counterparts.target
-    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, known)
+    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, False, known)
     if is_small(source, target):
         confidence, folded = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
@@ -97,5 +98,5 @@ def _confidence_by_part(
     """
     there, known = found.fit.surface_map, found.counterparts.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, known)
+    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, False, known)
     return found.counterparts.target * there.interpolate(of_part), folded

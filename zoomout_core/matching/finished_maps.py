@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zoomout_core.geometry.similarity_residual import similarity_residual
+from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.confidence import local_distortion
 from zoomout_core.matching.ranking import Candidate, in_order
-from zoomout_core.matching.refinement import refine
+from zoomout_core.matching.refinement import final_size, refine
 from zoomout_core.matching.scores import ENERGY
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -34,8 +35,6 @@ class FinishedMapTuning(Tuning, set_by="correspondence"):
     # refined of SHREC19, 0.6 of FAUST and SCAPE, 1.3 of TOSCA, and 2.8 of SMAL.
     margin: float = tuned(1.25, "1", 0, 100)
     size: int = tuned(120, "eigenfunctions", 4, 1000)  # size of the functional maps
-    # To the farthest neighbours of a vertex. A single ring was right in 9 of 12 pairs, three in 18 of 19.
-    rings: int = tuned(3, "edges", 1, 10)
 
 
 FINISHED_MAPS = FinishedMapTuning()
@@ -53,7 +52,8 @@ def rank_finished(
         step: growth of the functional map in a round.
 
     Returns:
-        The same maps; those that were refined have the score `ENERGY`. If the first one is far ahead, none is refined.
+        The same maps; those that were refined keep their finished map, and have the score `ENERGY`. If the first one is
+        far ahead, none is refined.
     """
     first = candidates[0]
     near = [
@@ -63,23 +63,36 @@ def rank_finished(
     ]
     if len(near) < 2:
         return list(candidates)
-    energies = for_each(lambda number: energy(candidates[number], source, target, step), near)
+    finished = for_each(lambda number: _finish(candidates[number], source, target, step), near)
     found = list(candidates)
-    for number, value in zip(near, energies, strict=True):
-        found[number] = replace(found[number], scores=found[number].scores | {ENERGY: value})
+    for number, candidate in zip(near, finished, strict=True):
+        found[number] = candidate
     return in_order(found, source, target)
 
 
-def energy(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, step: int) -> float:
-    """Energy of a candidate's finished map: 0 if it is a similarity around every vertex, 1 if it scatters them all."""
-    how = candidate.final_anchors, candidate.mirrored, FINISHED_MAPS.size, step
-    finished, _ = refine(source, target, candidate.functional_map, *how)
-    return similarity_energy(finished, source, target, candidate.mirrored)
+def refine_candidate(
+    candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, k_final: int, step: int
+) -> tuple[SurfaceMap, Floats]:
+    """`refine` a candidate, unless the ranking has done so with a functional map of the same size."""
+    known = candidate.refined
+    if known is not None and len(known[1]) == final_size(source, target, k_final):
+        return known
+    how = candidate.final_anchors, candidate.mirrored, k_final, step
+    return refine(source, target, candidate.functional_map, *how)
+
+
+def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, step: int) -> Candidate:
+    """A candidate with its finished map and the energy of that map, unless it has them already."""
+    if candidate.refined is not None:
+        return candidate
+    refined = refine_candidate(candidate, source, target, FINISHED_MAPS.size, step)
+    energy = similarity_energy(refined[0], source, target, candidate.mirrored)
+    return replace(candidate, refined=refined, scores=candidate.scores | {ENERGY: energy})
 
 
 def similarity_energy(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> float:
-    """Mean over the target's area of `similarity_residual`; a `mirrored` map is one of the target's mirror image."""
-    places = target.mesh.vertices * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    images = surface_map.interpolate(source.mesh.vertices)
-    residual = similarity_residual(places, target.mesh.triangles, images, FINISHED_MAPS.rings)
-    return float(np.average(residual, weights=target.basis.areas))
+    """Mean of `local_distortion` over the target: 0 for a similarity around every vertex, near 1 for a scattered map.
+
+    A `mirrored` map is one of the target's mirror image.
+    """
+    return float(np.average(local_distortion(surface_map, source, target, mirrored), weights=target.basis.areas))

@@ -11,6 +11,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import nearest_samples, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
@@ -110,6 +111,8 @@ class Candidate(Summary):
     # The placement of one shape as a part of the other, from which the map is found by registration; None for maps of
     # two whole shapes.
     part_match: PartCandidate | None = None
+    # Its map between the shapes' meshes, and the functional map (k, k) of that, if it was refined to be ranked.
+    refined: tuple[SurfaceMap, Floats] | None = None
     turns: int = 1  # number of maps, this one included, that differ only by rotational symmetries of one of the shapes
 
     def _summary(self) -> dict[str, str]:
@@ -211,14 +214,19 @@ def with_others(
     return in_order([*candidates, *new], source, target)
 
 
+def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis) -> bool:
+    """Whether two candidates are different maps, by the mean geodesic distance between their images."""
+    images = source.nearest_distance_sample[one.sample_map]
+    apart = source.distances[images, source.search.samples[other.sample_map]].mean()
+    return other is not one and bool(apart > CERTAINTY.rival)
+
+
 def _certainty(number: int, ranked: Sequence[Candidate], totals: Floats, source: ShapeAnalysis, misfit: float) -> float:
     """Probability that a candidate is right: its share among the maps that rival it, times that of its fit in space."""
     candidate = ranked[number]
-    images = source.nearest_distance_sample[candidate.sample_map]
     rivals = 0.0
     for other, total in zip(ranked, totals, strict=True):
-        apart = source.distances[images, source.search.samples[other.sample_map]].mean()
-        if other is not candidate and apart > CERTAINTY.rival:
+        if are_rivals(candidate, other, source):
             lead = np.clip(total - totals[number], -CERTAINTY.largest_lead, CERTAINTY.largest_lead)
             rivals += np.exp(-CERTAINTY.rivalry * lead)
     doubt = np.exp(misfit + CERTAINTY.misfit_rate * np.log(max(candidate.scores["place"], 1e-9)))

@@ -104,9 +104,7 @@ def refine(
     schedule: Schedule | None = None,
 ) -> tuple[SurfaceMap, Floats]:
     """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""
-    available = min(len(source.basis.eigenvalues), target.sampled.rows.shape[1])
-    resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // REFINEMENT.vertices_per_function
-    size = min(k_final, available, max(RANKING.screening_size, resolved))
+    size = final_size(source, target, k_final)
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[target.sampled.samples])
     eigenvectors = source.basis.eigenvectors
@@ -124,7 +122,7 @@ def refine(
         weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness
         vertex, _ = align_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
-    size_of_images = min(RIGID_ALIGNMENT.image_functions, available)
+    size_of_images = min(RIGID_ALIGNMENT.image_functions, _available(source, target))
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     weight = REFINEMENT.finishing_weight * factor * min(1.0, REFINEMENT.finishing_size / size) ** 2
@@ -137,6 +135,17 @@ def refine(
     advance(0.85)
     dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
     return dense, functional_map_by(dense, source, target, (size, size))
+
+
+def final_size(source: ShapeAnalysis, target: ShapeAnalysis, k_final: int) -> int:
+    """Size of the functional map of a refined map: `k_final`, or less on coarse meshes."""
+    resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // REFINEMENT.vertices_per_function
+    return min(k_final, _available(source, target), max(RANKING.screening_size, resolved))
+
+
+def _available(source: ShapeAnalysis, target: ShapeAnalysis) -> int:
+    """Number of eigenfunctions that both shapes have."""
+    return min(len(source.basis.eigenvalues), target.sampled.rows.shape[1])
 
 
 def functional_map_by(

@@ -97,7 +97,7 @@ def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
     if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
-        return confirm(whole, candidates[0].certainty)
+        return confirm(whole, part)
     return part
 
 

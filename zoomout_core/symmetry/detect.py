@@ -225,7 +225,8 @@ def _finish(
 ) -> Symmetry:
     """Make the symmetry of the whole surface from the shape fitted to its other side, and the inverse map."""
     shape, surface, reverses = pair.source_shape, pair.source, candidate.reverses_orientation
-    confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
+    senses = reverses, candidate.mirrored
+    confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, *senses)
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
     everywhere = np.ones(len(confidence), dtype=bool)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from zoomout_core.matching.attempt import Attempt, best_of
 from zoomout_core.matching.ranking import Candidate
@@ -23,7 +24,10 @@ def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.
     def shape(vertices: np.ndarray) -> Any:
         full = SimpleNamespace(to_surface=lambda points: scale * points, scale=scale)
         return SimpleNamespace(
-            proxy=SimpleNamespace(full=full, vertices=vertices), search=SimpleNamespace(samples=samples)
+            proxy=SimpleNamespace(full=full, vertices=vertices),
+            search=SimpleNamespace(samples=samples),
+            distances=cdist(vertices, vertices),
+            nearest_distance_sample=samples,
         )
 
     pair: Any = SimpleNamespace(source_shape=shape(images), target_shape=shape(PLACES))
@@ -47,6 +51,19 @@ def test_two_maps_are_one_where_most_places_go_to_nearly_the_same_place(scale: f
     few[:15], many[:40] = 1, 1
     assert is_taken_for_the_same(few, scale)
     assert not is_taken_for_the_same(many, scale)
+
+
+@pytest.mark.parametrize(("off", "expected"), [(0, 0.9), (15, 0.6), (40, 0.9)])
+def test_an_attempt_that_agrees_with_a_rival_as_well_does_not_decide_against_it(off: int, expected: float) -> None:
+    # The rival differs in some places: if in few, it counts as the same map as the one of the other attempt.
+    here = np.zeros(100)
+    wide, narrow = body(0.4, 1.0, here), body(0.9, 0.5, here)
+    samples = np.arange(100)
+    samples[:off] = np.arange(100)[::-1][:off]
+    first = wide.candidates[0]
+    rival = replace(first, certainty=0.2, sample_map=samples)
+    chosen = best_of([narrow, replace(wide, candidates=[first, rival])])
+    assert chosen.candidates[0].certainty == pytest.approx(expected)
 
 
 def test_a_map_is_worth_what_it_is_sure_of_times_what_it_tells_of() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Confidence is low where both the round trip and the eigenfunctions disagree, and where triangles flip."""
+"""Confidence is low where round trip, eigenfunctions and surroundings disagree with a map, and where it flips."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from pieces import analyse_piece, piece_of
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching import confidence as confidence_module
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.confidence import (
     CONFIDENCE,
     confidence_of,
     counterparts_by_cycle,
     cycle_error,
+    local_distortion,
     spectral_distance,
 )
 from zoomout_core.tuning import retune
@@ -53,35 +55,51 @@ def elsewhere(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
 
 
 def test_a_map_that_all_agree_on_is_trusted(shape: ShapeAnalysis) -> None:
-    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, False)
+    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, False, False)
     assert confidence.min() > 0.99
     assert over == 0
 
 
-def test_where_both_witnesses_speak_against_a_map_it_is_not_trusted(shape: ShapeAnalysis) -> None:
+def test_where_all_witnesses_speak_against_a_map_it_is_not_trusted(shape: ShapeAnalysis) -> None:
     there, back = elsewhere(shape, TAIL), identity(shape)
-    confidence, _ = confidence_of(there, back, np.eye(40), shape, shape, False)
+    confidence, _ = confidence_of(there, back, np.eye(40), shape, shape, False, False)
     assert confidence[TAIL].mean() < 0.3
     assert np.median(confidence[~TAIL]) > 0.8
 
 
 def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> None:
     # The way back is wrong, but the eigenfunctions at both ends agree.
-    confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False)
+    confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False, False)
     assert confidence[TAIL].mean() > 0.95
     # The eigenfunctions disagree, but the way back returns to the start.
     signs = np.diag(np.where(np.arange(40) % 2, -1.0, 1.0))
-    confidence, _ = confidence_of(identity(shape), identity(shape), signs, shape, shape, False)
+    confidence, _ = confidence_of(identity(shape), identity(shape), signs, shape, shape, False, False)
     assert confidence.mean() > 0.95
 
 
 @pytest.mark.parametrize(
-    ("cycle", "spectral", "low", "high"),
-    [(0.004, 0.004, 0.9, 1.0), (0.022, 0.022, 0.4, 0.6), (0.025, 0.5, 0.0, 0.1), (0.004, 0.12, 0.4, 0.6)],
+    ("cycle", "spectral", "distortion", "low", "high"),
+    [
+        (0.004, 0.004, 1, 0.9, 1.0),
+        (0.022, 0.022, 1, 0.4, 0.6),
+        (0.025, 0.5, 1, 0.0, 0.1),
+        (0.004, 0.12, 1, 0.4, 0.6),
+        (0.022, 0.022, 9, 0.0, 0.2),
+        (0.022, 0.022, 0.1, 0.8, 1.0),
+        (0.022, 0.5, 0.01, 0.7, 1.0),
+    ],
 )
 def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
-    shape: ShapeAnalysis, cycle: float, spectral: float, low: float, high: float
+    shape: ShapeAnalysis,
+    monkeypatch: pytest.MonkeyPatch,
+    cycle: float,
+    spectral: float,
+    distortion: float,
+    low: float,
+    high: float,
 ) -> None:
+    usual = np.full(len(shape.mesh.vertices), CONFIDENCE.usual_residual)
+    monkeypatch.setattr(confidence_module, "local_distortion", lambda *_: distortion * usual)
     # The way back ends beside the start, on an edge.
     there = identity(shape)
     corner = np.argmax(there.barycentric, axis=1)
@@ -94,22 +112,42 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
     # An error in the constant function is the same at all vertices.
     C = np.eye(40)
     C[0, 0] += spectral * np.sqrt(shape.basis.eigenvalues[:40].sum() / 2)
-    confidence, _ = confidence_of(there, back, C, shape, shape, False)
+    confidence, _ = confidence_of(there, back, C, shape, shape, False, False)
     assert low <= np.median(confidence) <= high
+
+
+def test_a_map_distorts_its_surroundings_where_it_tears_and_everywhere_if_it_reflects(shape: ShapeAnalysis) -> None:
+    assert local_distortion(identity(shape), shape, shape, False).max() < 1e-9
+    torn = local_distortion(elsewhere(shape, TAIL), shape, shape, False)
+    distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
+    assert torn[TAIL].min() > 0.5
+    assert torn[distance > 0.5].max() < 1e-9
+    assert np.median(local_distortion(identity(shape), shape, shape, True)) > 0.1
+
+
+def test_on_coarse_meshes_the_surroundings_are_not_asked() -> None:
+    for count, asked in ((300, False), (500, True)):
+        made = creature(count, seed=0)
+        shape = analyse(made.surface.working.part(0)[0], 60, 200, 0)
+        there = SurfaceMap.from_vertices(np.arange(count), made.surface)
+        C = np.eye(40) * 1.5
+        back = SurfaceMap.from_vertices(np.roll(np.arange(count), 1), made.surface)
+        plain, reflected = (confidence_of(there, back, C, shape, shape, False, sense)[0] for sense in (False, True))
+        assert (plain.mean() > reflected.mean() + 0.1) == asked
 
 
 def test_what_lies_beside_an_error_is_doubted_too() -> None:
     # With all these functions nothing is smooth by itself.
     shape = analyse(MADE.surface.working.part(0)[0], 400, 400, 0)
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
-    confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False)
+    confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False, False)
     beside, far = (distance > 0.07) & (distance < 0.1), distance > 0.3
     assert confidence[far].mean() > 0.99
     assert confidence[beside].mean() < 0.9
 
 
 def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: ShapeAnalysis) -> None:
-    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True)
+    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True, False)
     assert over == pytest.approx(1)
     assert confidence.max() < 0.01
     # Swapping two neighbours flips only the triangles around them.
@@ -117,7 +155,7 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
     vertex = np.arange(len(shape.mesh.vertices))
     vertex[[a, b]] = b, a
     swapped = vertex_map(vertex, shape)
-    confidence, over = confidence_of(swapped, swapped, np.eye(40), shape, shape, False)
+    confidence, over = confidence_of(swapped, swapped, np.eye(40), shape, shape, False, False)
     assert 0 < over < 0.05
     assert ((confidence > 0.05) & (confidence < 0.95)).any()  # by the flipped share around each vertex
 

@@ -13,8 +13,10 @@ from scipy.spatial import cKDTree
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.finished_maps import FINISHED_MAPS, rank_finished, similarity_energy
+from zoomout_core.matching.dense_map import dense_map
+from zoomout_core.matching.finished_maps import FINISHED_MAPS, rank_finished, refine_candidate, similarity_energy
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank
 from zoomout_core.matching.scores import ENERGY
 
@@ -54,7 +56,7 @@ def test_the_finished_map_decides_if_samples_prefer_the_wrong_one_by_a_little(ca
     assert (first.origin, second.origin, mirrored.origin) == ("true", "about", "mirrored")
     assert first.scores[ENERGY] < 0.8 * second.scores[ENERGY]
     assert first.certainty > 0.9 > 0.1 > second.certainty
-    # Refining is for the ranking only: the candidate itself stays.
+    # The finished map is beside the candidate, which itself stays.
     assert first.functional_map is candidates["true"].functional_map
     # Mirror images rival only each other, so a single one is not refined.
     assert ENERGY not in mirrored.scores
@@ -70,6 +72,25 @@ def test_only_the_first_few_are_refined(candidates, shapes) -> None:
     given = [with_total(candidates["true"], -15.0 + 0.01 * number) for number in range(FINISHED_MAPS.most + 2)]
     found = rank_finished(given, *shapes, 20)
     assert sum(ENERGY in one.scores for one in found) == FINISHED_MAPS.most
+
+
+def test_the_finished_map_of_the_ranking_is_kept_and_is_the_one_that_would_be_computed(
+    creatures, candidates, shapes, monkeypatch
+) -> None:
+    found = ranked(candidates, shapes, 0.5)
+    kept = refine_candidate(found[0], *shapes, FINISHED_MAPS.size, 20)
+    assert kept is found[0].refined
+    for known, computed in zip(
+        kept, refine_candidate(candidates["true"], *shapes, FINISHED_MAPS.size, 20), strict=True
+    ):
+        arrays = (vars(one).values() if isinstance(one, SurfaceMap) else (one,) for one in (known, computed))
+        assert all(np.array_equal(a, b) for a, b in zip(*arrays, strict=True))
+    assert refine_candidate(found[0], *shapes, 34, 20)[1].shape == (34, 34)
+    monkeypatch.setattr("zoomout_core.matching.finished_maps.refine", lambda *_: pytest.fail("a map was refined again"))
+    again = rank_finished(found, *shapes, 20)
+    assert [(one.origin, one.certainty) for one in again] == [(one.origin, one.certainty) for one in found]
+    pair = Pair(*(one.surface for one in creatures), *shapes, FINISHED_MAPS.size, 20)
+    assert dense_map(pair, again[0]).functional_map.shape == kept[1].shape
 
 
 def test_a_map_of_the_mirror_image_is_no_reflection(creatures, shapes) -> None:

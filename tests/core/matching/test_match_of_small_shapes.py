@@ -93,6 +93,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
             advance(fraction)
         return Fit.of_map(refined)
 
+    monkeypatch.setattr(dense_map, "refine_candidate", refining)
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))

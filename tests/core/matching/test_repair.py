@@ -110,6 +110,24 @@ def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
     return Pair(folded, flat, *shapes, 40, 5), zo.SurfaceMap.from_vertices(np.arange(u.size), folded), u.ravel()
 
 
+@pytest.mark.parametrize("steps", [20, 2])
+def test_a_part_that_tears_cut_off_is_connected_with_little(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair, truth, u = facing_plates()
+    n = len(np.unique(u))
+    moved = np.flatnonzero((u > 0.29) & (u < 0.41))
+    torn = send(truth, moved, moved + steps * (len(u) // n), pair)
+    found = repair(pair, torn)
+    share = pair.target.share_of_area(np.isin(np.arange(len(u)), moved))
+    away = np.abs(u - 0.35)
+    cut_off = steps > REPAIR.seam
+    assert np.median(found.connected[away < 0.03]) == pytest.approx(share if cut_off else 1, abs=0.05)
+    assert np.median(found.connected[u > 0.5]) == pytest.approx(1 - share if cut_off else 1, abs=0.35)
+    assert repair(pair, truth).connected.min() == 1
+    # Halves of a strand of hair do not matter.
+    monkeypatch.setattr("zoomout_core.matching.repair.SMALL_COMPONENT", 1.1)
+    assert repair(pair, torn).connected.min() == 1
+
+
 def test_a_patch_at_a_tip_does_not_shrink_to_its_border() -> None:
     pair, truth, u = facing_plates()
     flipped = replace(pair, source=pair.target, source_shape=pair.target_shape, target=pair.source)

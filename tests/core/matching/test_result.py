@@ -11,6 +11,9 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
+from zoomout_core.matching.components.lift import LiftedMap
+from zoomout_core.matching.confidence import Counterparts
+from zoomout_core.matching.repair import Repair
 from zoomout_core.runtime.array_files import read_arrays
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -21,6 +24,13 @@ OPTIONS = {"k_final": 30, "samples": 120}
 @pytest.fixture(scope="module")
 def result() -> zo.MatchResult:
     return zo.match(creature(400).surface, creature(350, seed=1, bend=0.9).surface, **OPTIONS)
+
+
+def with_loose_part(surface: zo.Surface) -> zo.Surface:
+    """A surface and a small ball above it."""
+    ball = creature(80, seed=5).surface
+    vertices = np.vstack([surface.vertices, 0.2 * ball.vertices + [0, 0, 1.5 * surface.vertices[:, 2].max()]])
+    return zo.Surface(vertices, np.vstack([surface.triangles, ball.triangles + len(surface.vertices)]))
 
 
 def assert_equal(found: zo.MatchResult, expected: zo.MatchResult) -> None:
@@ -36,6 +46,41 @@ def test_a_saved_result_is_the_same_and_has_its_other_candidates(result: zo.Matc
     loaded = zo.load_result(tmp_path / "result.npz")
     assert_equal(loaded, result)
     assert_equal(loaded.use(1), result.use(1))
+
+
+def test_a_part_that_tears_cut_off_is_not_trusted_and_reported_as_torn(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upper = result.target.vertices[:, 2] > np.quantile(result.target.vertices[:, 2], 0.8)
+    share, connected = result.target.share_of_area(upper), np.where(upper, 0.1, 0.9)
+    untorn = np.zeros(len(upper), dtype=bool)
+    cut_off = Repair(result.surface_map, untorn, untorn, connected)
+    monkeypatch.setattr("zoomout_core.matching.result.repair", lambda *_: cut_off)
+    found = result.use(0)
+    np.testing.assert_allclose(found.confidence, connected * result.confidence)
+    np.testing.assert_array_equal(found.torn, upper)
+    assert found.faults.torn == pytest.approx(share)
+    assert found.certainty == pytest.approx(result.certainty * (1 - share))
+
+
+@pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, False)])
+def test_certainty_decreases_with_loose_parts_of_unknown_place(
+    monkeypatch: pytest.MonkeyPatch, confidence: float, is_lost: bool
+) -> None:
+    source, target = (with_loose_part(creature(400 - 50 * pose, pose, bend=0.9 * pose).surface) for pose in (0, 1))
+    found = zo.match(source, target, **OPTIONS)
+    loose = target.components == 1
+    share, certainty = target.share_of_area(loose), found.certainty / found.placed
+    assert 0.02 < share < 0.2
+    doubted = LiftedMap(
+        found.surface_map,
+        np.where(loose, confidence, 0.9),
+        Counterparts(found.has_partner, found.source_has_partner),
+        1.0,
+        (),
+    )
+    monkeypatch.setattr("zoomout_core.matching.result.lift", lambda *_: doubted)
+    assert found.use(0).certainty == pytest.approx(certainty * (1 - share * is_lost))
 
 
 def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations, product
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,14 @@ from solids import CUBE, ICOSAHEDRON, OCTAHEDRON, TETRAHEDRON, prism, pyramid, s
 
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.rotational_symmetry import MAX_ROTATIONS, certainty_but_for_turns, likely_turns, self_maps
+from zoomout_core.matching.rotational_symmetry import (
+    MAX_ROTATIONS,
+    certainty_but_for_turns,
+    likely_turns,
+    self_maps,
+    with_turned,
+)
+from zoomout_core.matching.scores import no_disagreement
 from zoomout_core.mesh.surface import Surface
 
 BOX = CUBE * [1.0, 1.4, 2.1]
@@ -121,6 +129,14 @@ def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface,
     assert result.certainty == pytest.approx(1 / 24, rel=0.05)
     assert "at least 24 maps fit as well" in result.notes[0]
     assert not any("No reliable match" in note for note in result.notes)
+
+
+def test_the_finished_map_of_the_best_one_is_not_that_of_its_turned_maps(cubes) -> None:
+    result = cubes[0]
+    best = replace(result.candidates[0], refined=(result.surface_map, result.functional_map))
+    found = with_turned([best], result.pair.source_shape, result.pair.target_shape, no_disagreement)
+    assert len(found) == 24
+    assert [one.refined for one in found if one.refined is not None] == [best.refined]
 
 
 @pytest.mark.slow
