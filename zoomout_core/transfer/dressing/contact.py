@@ -22,7 +22,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class ContactTuning(Tuning, set_by="dress"):
+class ContactTuning(Tuning, set_by="outfits"):
     """How to keep worn objects out of the skin.
 
     Attributes:

@@ -44,7 +44,7 @@ STRETCHED, MIN_LENGTH = 2.0, 0.01
 
 
 @dataclass(frozen=True)
-class DressTuning(Tuning, set_by="dress"):
+class DressTuning(Tuning, set_by="outfits"):
     """How far soft objects keep their form.
 
     Attributes:

@@ -27,7 +27,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class FollowingTuning(Tuning, set_by="dress"):
+class FollowingTuning(Tuning, set_by="outfits"):
     """The width of the patch of skin that a place follows.
 
     Attributes:
