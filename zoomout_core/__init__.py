@@ -54,7 +54,19 @@ if TYPE_CHECKING:
     from zoomout_core.spectral.hamiltonian import hamiltonian_basis
     from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
     from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
-    from zoomout_core.transfer import Attribute, Domain, Dressed, Kind, Lines, Wrapped, conform, dress, transfer, wrap
+    from zoomout_core.transfer import (
+        Attribute,
+        Domain,
+        Dressed,
+        Kind,
+        Lines,
+        Wrapped,
+        conform,
+        dress,
+        follow_keys,
+        transfer,
+        wrap,
+    )
 
     __version__: str
 
@@ -88,6 +100,7 @@ __all__ = [
     "dress",
     "eigenbasis",
     "fit_functional_map",
+    "follow_keys",
     "forget_shapes",
     "functional_map_of",
     "geodesic_error",
@@ -159,7 +172,19 @@ _HOMES = {
     "spectral.hamiltonian": ("hamiltonian_basis",),
     "spectral.operators": ("multiplication_operators", "orientation_operators"),
     "symmetry.detect": ("Symmetry", "detect_symmetry"),
-    "transfer": ("Attribute", "Domain", "Dressed", "Kind", "Lines", "Wrapped", "conform", "dress", "transfer", "wrap"),
+    "transfer": (
+        "Attribute",
+        "Domain",
+        "Dressed",
+        "Kind",
+        "Lines",
+        "Wrapped",
+        "conform",
+        "dress",
+        "follow_keys",
+        "transfer",
+        "wrap",
+    ),
 }
 _MODULES = ("plotting", "samples")
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -104,6 +104,13 @@ class _Measure:
         self._case, self._strict_keys = case, strict_keys
         self._expected = _at_rest(case)
         self._expected_in_poses = [] if case.body is None else _in_poses(case, case.body)
+        keys = {} if case.body is None else case.body.keys
+        self._skin = Skin(case.target)
+        self._keyed = {
+            name: Skin(case.target.with_vertices(case.target.vertices + offsets))
+            for name, offsets in keys.items()
+            if name in strict_keys
+        }
 
     def rows(self, fitted: Fitted) -> Iterator[Record]:
         """A record for each worn object."""
@@ -122,10 +129,24 @@ class _Measure:
                     record[f"posed {figure}"] = max(figures[figure] for figures in in_poses)
             if fitted.keys:
                 record |= key_figures(fitted.keys[number], case.garments[name].keys, self._strict_keys)
+                record["keyed in skin"] = self._in_keyed_skin(case.things[name], found, fitted.keys[number])
             if fitted.joints and len(fitted.joints[number]):
                 off = np.linalg.norm(fitted.joints[number] - case.garments[name].true_joints, axis=1)
                 record["bones"] = float(off.mean())
             yield record
+
+    def _in_keyed_skin(self, thing: Surface, found: Floats, keys: dict[str, Floats]) -> float:
+        """The percentage of places in the skin with some strict key at 1 but not without; the mean over the keys."""
+        still = self._skin.distances(_places(thing, found)) >= -DEEP * self._case.centimetre
+        shares = [
+            100
+            * float(
+                (still & (skin.distances(_places(thing, found + keys[key])) < -DEEP * self._case.centimetre)).mean()
+            )
+            for key, skin in self._keyed.items()
+            if np.linalg.norm(keys[key], axis=1).max() >= MOVED
+        ]
+        return _mean(shares)
 
 
 def _at_rest(case: Case) -> dict[str, Expected]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import bpy
 import numpy as np
 from bpy.types import Object
 
+import zoomout_core as zo
 from benchmarks.outfits.cases import Case
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
@@ -38,14 +40,16 @@ class Fitted:
 Way = Callable[[Case, Floats], Fitted]
 
 
-def dress(case: Case, shape: Floats) -> Fitted:
+def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
     """Ours."""
-    return Fitted(list(carry(case.source, shape, case.target, list(case.things.values())).vertices))
-
-
-def stiff(case: Case, shape: Floats) -> Fitted:
-    """Ours, with stiffer cloth."""
-    return Fitted(list(carry(case.source, shape, case.target, list(case.things.values()), stiffness=0.8).vertices))
+    things = list(case.things.values())
+    vertices = list(carry(case.source, shape, case.target, things, stiffness=stiffness).vertices)
+    if case.body is None:
+        return Fitted(vertices)
+    names, offsets = list(case.body.keys), np.stack(list(case.body.keys.values()), axis=1)
+    worn = [thing.with_vertices(points) for thing, points in zip(things, vertices, strict=True)]
+    followed = zo.follow_keys(case.target, offsets, worn)
+    return Fitted(vertices, [dict(zip(names, each.transpose(1, 0, 2), strict=True)) for each in followed])
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:
@@ -124,7 +128,7 @@ def surface_deform(case: Case, shape: Floats) -> Fitted:
 
 WAYS: dict[str, Way] = {
     "dress": dress,
-    "dress, stiff": stiff,
+    "dress, stiff": partial(dress, stiffness=0.8),
     "Surface Deform": surface_deform,
     "nearest triangle": bind_to_nearest,
     "box": scale_box,

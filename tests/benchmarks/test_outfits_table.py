@@ -166,6 +166,8 @@ def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> N
     truth = rows[outfits.TRUE]
     for name in ("error", "in skin", "posed in skin", "posed stretched", "posed torn", "key error", "bones"):
         assert truth[name] == 0
+    assert truth["keyed in skin"] == rows["dress"]["keyed in skin"] == 0
+    assert rows["dress"]["cosine"] > 0.99
     naive = rows[BY_TRUE_MAP]
     assert naive["error"] < 1
     assert 0 < naive["key error"] < 0.2

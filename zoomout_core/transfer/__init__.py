@@ -3,6 +3,7 @@
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
+from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
@@ -25,6 +26,7 @@ __all__ = [
     "carry",
     "conform",
     "dress",
+    "follow_keys",
     "map_target",
     "reverse_match",
     "shape_of_source",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, vstack
@@ -16,6 +16,7 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.tuning import Tuning, tuned
@@ -57,6 +58,8 @@ class ContactTuning(Tuning, set_by="outfits"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
+# The smallest and the largest distance from the skin that is kept; places between them keep their own.
+Margins: TypeAlias = tuple[float, float]
 
 
 class SidedSurface:
@@ -66,6 +69,18 @@ class SidedSurface:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
+
+    @classmethod
+    def of(cls, surface: Surface, unit: float) -> SidedSurface:
+        """A surface in a unit, wound outwards."""
+        triangles, working = surface.triangles.copy(), surface.working
+        inward = working.triangle_of[working.flipped]
+        triangles[inward] = triangles[inward, ::-1]
+        return cls(surface.vertices / unit, triangles)
+
+    def with_vertices(self, vertices: Floats) -> SidedSurface:
+        """The same triangles on other vertices (n, 3)."""
+        return SidedSurface(vertices, self._triangles)
 
     def closest(self, points: Floats) -> tuple[Integers, Floats, Floats]:
         """Triangles, barycentric coordinates and distances of the points closest to points (p, 3).
@@ -114,8 +129,14 @@ class _Bounds(NamedTuple):
         return self.which[some], missing[some, None] * normals[some]
 
 
+def margins_with(gap: float) -> Margins:
+    """Margins of at least a gap."""
+    smallest = max(CONTACT.min_margin, gap)
+    return smallest, max(CONTACT.max_margin, smallest)
+
+
 def push_out(
-    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float, soft: Integers
+    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], margins: Margins, soft: Integers
 ) -> tuple[Floats, int]:
     """Push a soft form smoothly out of barriers that it was outside of.
 
@@ -124,7 +145,7 @@ def push_out(
         positions: (n, 3) its current positions.
         growth: (n,) growth of its surroundings.
         barriers: surfaces that it must not enter; the first is the skin.
-        gap: minimum distance.
+        margins: bounds of the distance from the skin that is kept.
         soft: the points that may be pushed.
 
     Returns:
@@ -133,7 +154,7 @@ def push_out(
     probes = form.probes(soft, CONTACT.fine)
     if len(form.between(soft)):
         probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
-    bounds = _bounds(barriers, probes, form, positions, growth, gap)
+    bounds = _bounds(barriers, probes, form, positions, growth, margins)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
     staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
     positions, moving = positions.copy(), bounds
@@ -154,11 +175,11 @@ def push_out(
 
 
 def push_out_rigidly(
-    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float
+    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], margins: Margins
 ) -> tuple[Floats, int]:
     """`push_out` by a rigid motion of the whole form."""
     probes = form.probes(np.arange(len(form.rest)), CONTACT.fine)
-    bounds = _bounds(barriers, probes, form, positions, growth, gap)
+    bounds = _bounds(barriers, probes, form, positions, growth, margins)
     for _ in range(CONTACT.rounds):
         places = probes @ positions
         which, pushes = _pushes(bounds, places)
@@ -189,7 +210,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 
 
 def _bounds(
-    barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, gap: float
+    barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, margins: Margins
 ) -> list[_Bounds]:
     """Bounds of the places that were originally near each barrier, and may now change sides."""
     before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
@@ -198,8 +219,8 @@ def _bounds(
         off, _, known = barrier.before.sides(before)
         lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
         which = np.flatnonzero(known & (off > lowest) & (off < highest))
-        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
-        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
+        smallest, largest = (0.0, CONTACT.max_margin) if barrier.is_layer else margins
+        margin = np.clip(off[which] * growth[which], smallest, largest)
         off, _, _ = barrier.after.sides(now[which])
         bounds.append(_Bounds(barrier.after, which, margin).only(off < margin + CONTACT.looked_at))
     return bounds
