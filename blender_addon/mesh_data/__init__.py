@@ -25,6 +25,7 @@ from .base import (
     read_target_surface,
     values_through_modifiers,
 )
+from .body_keys import BodyKeys, read_body_keys, write_body_keys
 from .cutting import divide, write_divided
 from .inspection import MeshFacts, content_hash, inspect_mesh
 from .joined import (
@@ -134,6 +135,7 @@ __all__ = [
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
+    "BodyKeys",
     "Bones",
     "EvaluatedObject",
     "Faces",
@@ -187,6 +189,7 @@ __all__ = [
     "raycast_surface_point",
     "read_active_layers",
     "read_animation",
+    "read_body_keys",
     "read_bones",
     "read_custom_normals",
     "read_faces",
@@ -236,6 +239,7 @@ __all__ = [
     "worn_copies_in",
     "write_active_layers",
     "write_animation",
+    "write_body_keys",
     "write_custom_normals",
     "write_divided",
     "write_layer",

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,7 @@ from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
 
 from .. import mesh_data
 from ..jobs import compute, pause, run
-from ..mesh_data import ObjectPair, Worn
+from ..mesh_data import BodyKeys, ObjectPair, Worn
 from ..scene.pair import check_not_edited, edit_error, find_mesh
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
@@ -32,6 +32,8 @@ from .targets import Write
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
+# Fraction of the progress for fitting the objects, before they follow keys.
+FITTED = 0.9
 READING = "Reading the objects"
 
 
@@ -44,11 +46,13 @@ class Dressing:
             the body. "soft": all follow the body. "rigid": none do.
         stiffness: how far objects that follow the body keep their form, in [0, 1].
         gap: minimum distance from the skin of points that were outside of it, in scene units.
+        follow_keys: whether shape keys of the target drive keys of the copies.
     """
 
     manner: Manner = "automatic"
     stiffness: float = 0.5
     gap: float = 0.0
+    follow_keys: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +64,7 @@ class _Fitting:
         target: likewise of the target.
         is_body: (n_s,) vertices of the source that are not worn themselves.
         worn: the worn objects.
+        keys: the shape keys of the target that the copies follow; None for none.
         notes: sentences for the user.
     """
 
@@ -67,7 +72,23 @@ class _Fitting:
     target: zo.Surface
     is_body: np.ndarray
     worn: list[Worn]
+    keys: BodyKeys | None
     notes: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The fitted objects.
+
+    Attributes:
+        dressed: their shapes.
+        moved: (4, 4) the motion of the body, as a similarity.
+        keys: (n, keys, 3) offsets of each object that follow the target's keys; zero for those without shape keys.
+    """
+
+    dressed: Dressed
+    moved: Floats
+    keys: list[Floats]
 
 
 def dress(
@@ -130,7 +151,7 @@ async def prepare_dress(
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
     left_out: dict[str, str] = {}
-    fitting = await _read_fitting(context, pair, things, left_out)
+    fitting = await _read_fitting(context, pair, things, dressing, left_out)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
@@ -143,7 +164,7 @@ async def prepare_dress(
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):
-        moved, dressed = await compute(partial(_carry, match, fitting, dressing))
+        fit = await compute(partial(_carry, match, fitting, dressing))
 
     def write() -> dict[str, Any]:
         check_not_edited(context, pair)
@@ -151,13 +172,13 @@ async def prepare_dress(
         with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
             if stored is None:
                 store_match(find_mesh(context, target_name).data, match, pair, made_with)
-            made, notes = _write(context, pair, fitting, dressed, moved, writing)
+            made, notes = _write(context, pair, fitting, fit, writing)
         return {
             "source": source_name,
             "target": target_name,
             "objects": made,
             "left_out": left_out,
-            "notes": [*dressed.notes, *_notes_on_stretch(fitting.worn, dressed), *fitting.notes, *notes],
+            "notes": [*fit.dressed.notes, *_notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
         }
 
     return write
@@ -210,7 +231,9 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
             raise edit_error(each.name)
 
 
-async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> _Fitting:
+async def _read_fitting(
+    context: Context, pair: ObjectPair, names: Sequence[str], dressing: Dressing, left_out: dict[str, str]
+) -> _Fitting:
     """Read the worn objects, in the rest pose if the target is bound to the source's armature.
 
     Raises:
@@ -258,9 +281,19 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
                 left_out[name] = str(error)
     if not worn:
         raise zo.MeshError(next(iter(left_out.values())))
+    keys = mesh_data.read_body_keys(target) if dressing.follow_keys else None
+    if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
+        keys = None
+        notes.append(
+            warning(
+                "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
+                "deformation, and dress it again.",
+                target=target.name,
+            )
+        )
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
-    return _Fitting(surface, onto, is_body, worn, notes)
+    return _Fitting(surface, onto, is_body, worn, keys, notes)
 
 
 def _read(context: Context, name: str, at_rest: bool) -> Worn:
@@ -272,15 +305,15 @@ def _read(context: Context, name: str, at_rest: bool) -> Worn:
     return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
 
 
-def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> tuple[Floats, Dressed]:
-    """The motion of the body, as a similarity matrix (4, 4), and the fitted objects."""
+def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> _Fit:
+    """Fit the worn objects, and let them follow the target's keys."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
     manners: list[Manner] = [
         "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
     ]
-    with portion(SHAPING, 1):
+    with portion(SHAPING, FITTED):
         dressed = carry(
             body,
             shape,
@@ -292,7 +325,30 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
         )
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
-    return moved, dressed
+    if fitting.keys is None:
+        return _Fit(dressed, moved, [])
+    with portion(FITTED, 1):
+        keys = _follow_keys(fitting, fitting.keys, dressed)
+    if not fitting.worn[0].at_rest:  # then the target's keys have their present values
+        still = [np.einsum("nkx,k->nx", each, fitting.keys.values) for each in keys]
+        vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
+        dressed = replace(dressed, vertices=vertices)
+    return _Fit(dressed, moved, keys)
+
+
+def _follow_keys(fitting: _Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
+    """(n, keys, 3) offsets of each fitted object that follow the target's keys, zero without shape keys."""
+    offsets = [np.zeros((len(points), len(keys.keys), 3)) for points in dressed.vertices]
+    taking = [number for number, worn in enumerate(fitting.worn) if worn.takes_keys]
+    shapes = [_in_shape(fitting.worn[number].shape, dressed.vertices[number]) for number in taking]
+    for number, found in zip(taking, zo.follow_keys(fitting.target, keys.offsets, shapes), strict=True):
+        offsets[number] = found
+    return offsets
+
+
+def _in_shape(shape: zo.Surface | zo.Lines, vertices: Floats) -> zo.Surface | zo.Lines:
+    """The same object with other vertices (n, 3)."""
+    return zo.Lines(vertices, shape.edges) if isinstance(shape, zo.Lines) else shape.with_vertices(vertices)
 
 
 def _notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[str]:
@@ -321,8 +377,7 @@ def _write(
     context: Context,
     pair: ObjectPair,
     fitting: _Fitting,
-    dressed: Dressed,
-    moved: Floats,
+    fit: _Fit,
     writing: mesh_data.Writing,
 ) -> tuple[dict[str, str], list[str]]:
     """Add the copies; returns their names by those of the originals, and notes."""
@@ -330,13 +385,17 @@ def _write(
     bodies = [find_mesh(context, name) for name in pair.source_names]
     collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")
     made, notes = {}, []
-    for worn, positions, turns in zip(fitting.worn, dressed.vertices, dressed.turns, strict=True):
+    for number, worn in enumerate(fitting.worn):
+        positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]
         obj = context.scene.objects[worn.name]
         for earlier in mesh_data.worn_copies_in(collection, worn.name):
             writing.replace(earlier)
-        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, moved)
+        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, fit.moved)
         if copy.type == "CURVES":
             mesh_data.attach_strands(copy, target, fitting.target, positions)
+        elif fitting.keys is not None:
+            keys = fitting.keys.keys
+            mesh_data.write_body_keys(copy, target, keys, fit.keys[number], worn.place(fit.moved))
         made[worn.name] = copy.name
         notes.extend(more)
     context.view_layer.update()
