@@ -50,7 +50,6 @@ class Garment:
         refitted: (n, 3) its vertices on the other body.
         weights: (n, b) weights of the body's bones; those of its own bones are added to the body's bone above.
         keys: (n, 3) offsets of the body's keys, by name.
-        own_weights: (n, j) weights of its own bones.
         joints: (j, 3) heads of its own bones on the first body.
         true_joints: (j, 3) the same on the other body.
     """
@@ -59,7 +58,6 @@ class Garment:
     refitted: Floats
     weights: Floats
     keys: dict[str, Floats]
-    own_weights: Floats
     joints: Floats
     true_joints: Floats
 
@@ -114,13 +112,13 @@ class Wardrobe:
             for name in ("vertices", "extra_heads")
         )
         weights = _weights(data, len(vertices[0]), len(bones) + len(own))
-        own_weights, parents = weights[:, len(bones) :].copy(), data["extra_parents"].tolist() if own else []
+        parents = data["extra_parents"].tolist() if own else []
         for number in reversed(range(len(own))):  # children follow their parents
             above = (bones + own).index(parents[number])
             weights[:, above] += weights[:, len(bones) + number]
         keys = dict(zip(data["key_names"].tolist(), data["keys"].astype(np.float64), strict=True))
         surface = _surface(vertices[0], data)
-        return Garment(surface, vertices[1], weights[:, : len(bones)], keys, own_weights, *joints)
+        return Garment(surface, vertices[1], weights[:, : len(bones)], keys, *joints)
 
     def _transforms(self, rotations: np.ndarray, heads: Floats) -> Floats:
         """(b, 3, 4) transforms of bones that rotate by (b, 3, 3) about their heads (b, 3), in world axes."""

@@ -49,7 +49,12 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
     names, offsets = list(case.body.keys), np.stack(list(case.body.keys.values()), axis=1)
     worn = [thing.with_vertices(points) for thing, points in zip(things, vertices, strict=True)]
     followed = zo.follow_keys(case.target, offsets, worn)
-    return Fitted(vertices, [dict(zip(names, each.transpose(1, 0, 2), strict=True)) for each in followed])
+    keys = [dict(zip(names, each.transpose(1, 0, 2), strict=True)) for each in followed]
+    joints = [
+        zo.move_joints(thing, points, garment.joints).positions
+        for thing, points, garment in zip(things, vertices, case.garments.values(), strict=True)
+    ]
+    return Fitted(vertices, keys, joints)
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:

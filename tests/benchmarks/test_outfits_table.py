@@ -151,7 +151,6 @@ def test_the_set_of_clothes_is_read_with_keys_bones_and_poses(wardrobe: Path) ->
     case, garment = found[0], found[0].garments["shirt"]
     np.testing.assert_allclose(case.truth["shirt"], 1.1 * case.target.vertices)
     np.testing.assert_allclose(garment.true_joints, case.truth["shirt"][:5].mean(axis=0, keepdims=True))
-    assert garment.own_weights.sum() == 5
     upper = case.target.vertices[:, 1] > 0
     posed = case.body.in_pose(0, case.target.vertices, case.body.weights)
     np.testing.assert_allclose(posed[upper], case.target.vertices[upper] @ HALF_TURN.T, atol=1e-9)
@@ -168,6 +167,7 @@ def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> N
         assert truth[name] == 0
     assert truth["keyed in skin"] == rows["dress"]["keyed in skin"] == 0
     assert rows["dress"]["cosine"] > 0.99
+    assert rows["dress"]["bones"] < 1
     naive = rows[BY_TRUE_MAP]
     assert naive["error"] < 1
     assert 0 < naive["key error"] < 0.2
