@@ -62,6 +62,7 @@ from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
+from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
 from .selection import read_selection, select_only, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -145,12 +146,14 @@ __all__ = [
     "Layer",
     "MeshFacts",
     "ObjectPair",
+    "OutfitBones",
     "Role",
     "ShapeKey",
     "ShapeKeys",
     "SurfacePoint",
     "Worn",
     "Writing",
+    "add_outfit_bones",
     "add_shaped_copy",
     "add_worn_copy",
     "all_or_nothing",
@@ -158,6 +161,7 @@ __all__ = [
     "attach_strands",
     "base_mesh",
     "bind_like",
+    "bind_to_other",
     "bind_worn_copy",
     "can_be_put",
     "collection_beside",
@@ -208,6 +212,7 @@ __all__ = [
     "read_mask",
     "read_materials",
     "read_mirrored_surface",
+    "read_outfit_bones",
     "read_own_normals",
     "read_own_shape_keys",
     "read_positions",

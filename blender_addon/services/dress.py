@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -16,11 +16,11 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
+from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
 
 from .. import mesh_data
 from ..jobs import compute, pause, run
-from ..mesh_data import BodyKeys, ObjectPair, Worn
+from ..mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ..scene.pair import check_not_edited, edit_error, find_mesh
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
@@ -56,6 +56,25 @@ class Dressing:
 
 
 @dataclass(frozen=True, eq=False)
+class _Rigs:
+    """The armatures of a source and of a target.
+
+    Attributes:
+        source: name of the source's armature.
+        target: name of the target's.
+        body: the bones that move the source.
+        others: the bones that move the target.
+        outfit: the bones that only move worn objects.
+    """
+
+    source: str
+    target: str
+    body: mesh_data.Bones
+    others: mesh_data.Bones
+    outfit: OutfitBones
+
+
+@dataclass(frozen=True, eq=False)
 class _Fitting:
     """The bodies and the worn objects to transfer.
 
@@ -65,6 +84,7 @@ class _Fitting:
         is_body: (n_s,) vertices of the source that are not worn themselves.
         worn: the worn objects.
         keys: the shape keys of the target that the copies follow; None for none.
+        rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
         notes: sentences for the user.
     """
 
@@ -73,6 +93,7 @@ class _Fitting:
     is_body: np.ndarray
     worn: list[Worn]
     keys: BodyKeys | None
+    rigs: _Rigs | None
     notes: list[str]
 
 
@@ -84,11 +105,15 @@ class _Fit:
         dressed: their shapes.
         moved: (4, 4) the motion of the body, as a similarity.
         keys: (n, keys, 3) offsets of each object that follow the target's keys; zero for those without shape keys.
+        outfit: the outfit's own bones in their new places, if they are to be copied.
+        pairs: names of the target's bones by those of the source's.
     """
 
     dressed: Dressed
     moved: Floats
     keys: list[Floats]
+    outfit: OutfitBones | None = None
+    pairs: dict[str, str] = field(default_factory=dict)
 
 
 def dress(
@@ -101,8 +126,9 @@ def dress(
 ) -> dict[str, Any]:
     """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
-    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. Else
-    the copies are children of the target in its present pose, and follow when it is bound to the source's armature.
+    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. If the
+    target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
+    are children of the target in its present pose, and follow when it is bound to the source's armature.
     Earlier copies of the same objects are replaced; the objects themselves are not changed.
 
     Args:
@@ -231,6 +257,22 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
             raise edit_error(each.name)
 
 
+def _read_rigs(context: Context, pair: ObjectPair, worn: Sequence[str]) -> _Rigs | None:
+    """The armatures of the source and of the target, if both have one of their own, and it may be changed."""
+    source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
+    of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
+    if not of_source or not of_target or set(of_source) & set(of_target):
+        return None
+    if of_target[0].data.library is not None or of_target[0].name not in context.view_layer.objects:
+        return None
+    bodies = [find_mesh(context, name) for name in pair.source_names if name not in worn]
+    objects = [context.scene.objects[name] for name in worn if name in context.scene.objects]
+    outfit = mesh_data.read_outfit_bones(of_source[0], of_target[0], bodies, objects)
+    bones = mesh_data.read_bones(source).without(outfit.names)
+    others = mesh_data.read_bones(target).without(outfit.names)
+    return _Rigs(of_source[0].name, of_target[0].name, bones, others, outfit)
+
+
 async def _read_fitting(
     context: Context, pair: ObjectPair, names: Sequence[str], dressing: Dressing, left_out: dict[str, str]
 ) -> _Fitting:
@@ -248,7 +290,8 @@ async def _read_fitting(
         )
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     armatures = set(mesh_data.armatures_of(source))
-    at_rest = bool(armatures & set(mesh_data.armatures_of(target)))
+    rigs = _read_rigs(context, pair, chosen)
+    at_rest = rigs is not None or bool(armatures & set(mesh_data.armatures_of(target)))
     surface, onto, notes = pair.source, pair.target, list[str]()
     if at_rest:
         surface = surface.with_vertices(read_sources_at_rest(context, pair))
@@ -293,7 +336,7 @@ async def _read_fitting(
         )
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
-    return _Fitting(surface, onto, is_body, worn, keys, notes)
+    return _Fitting(surface, onto, is_body, worn, keys, rigs, notes)
 
 
 def _read(context: Context, name: str, at_rest: bool) -> Worn:
@@ -325,15 +368,34 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
         )
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
+    fit = _Fit(dressed, moved, [])
+    if fitting.rigs is not None:
+        fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
     if fitting.keys is None:
-        return _Fit(dressed, moved, [])
+        return fit
     with portion(FITTED, 1):
         keys = _follow_keys(fitting, fitting.keys, dressed)
     if not fitting.worn[0].at_rest:  # then the target's keys have their present values
         still = [np.einsum("nkx,k->nx", each, fitting.keys.values) for each in keys]
         vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
         dressed = replace(dressed, vertices=vertices)
-    return _Fit(dressed, moved, keys)
+    return replace(fit, dressed=dressed, keys=keys)
+
+
+def _move_bones(fit: _Fit, fitting: _Fitting, rigs: _Rigs, body: zo.Surface, shape: Floats) -> _Fit:
+    """Move the outfit's own bones along with the objects, and find the counterparts of all others."""
+    outfit = rigs.outfit
+    ends, upright = outfit.ends.copy(), outfit.upright.copy()
+    for number, worn in enumerate(fitting.worn):
+        own = np.flatnonzero([name == worn.name for name in outfit.wearer])
+        joints = zo.move_joints(worn.shape, fit.dressed.vertices[number], outfit.ends[own].reshape(-1, 3))
+        ends[own] = joints.positions.reshape(-1, 2, 3)
+        upright[own] = np.einsum("bxy,by->bx", joints.rotations[::2], outfit.upright[own])
+    size = float(np.ptp(fitting.target.vertices, axis=0).max())
+    heads = zo.move_joints(body, shape, rigs.body.heads).positions
+    bones = Skeleton(rigs.body.names, rigs.body.parents, heads)
+    pairs = pair_bones(bones, Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads), size)
+    return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
 
 
 def _follow_keys(fitting: _Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
@@ -396,7 +458,38 @@ def _write(
         elif fitting.keys is not None:
             keys = fitting.keys.keys
             mesh_data.write_body_keys(copy, target, keys, fit.keys[number], worn.place(fit.moved))
+        if fitting.rigs is not None:
+            source_rig, target_rig = (
+                context.scene.objects[name] for name in (fitting.rigs.source, fitting.rigs.target)
+            )
+            mesh_data.bind_to_other(copy, source_rig, target_rig, fit.pairs, worn.place(fit.moved))
         made[worn.name] = copy.name
         notes.extend(more)
     context.view_layer.update()
+    if fitting.rigs is not None and fit.outfit is not None:
+        mesh_data.add_outfit_bones(context, *_armatures(context, fitting.rigs), fit.outfit, fit.pairs)
+        notes.extend(_notes_on_bones(fit.outfit, fit.pairs, fitting.rigs.target))
     return made, notes
+
+
+def _armatures(context: Context, rigs: _Rigs) -> tuple[Object, Object]:
+    """The source's and the target's armature."""
+    return context.scene.objects[rigs.source], context.scene.objects[rigs.target]
+
+
+def _notes_on_bones(outfit: OutfitBones, pairs: dict[str, str], armature: str) -> Iterator[str]:
+    """Sentences on the armature that the copies were bound to."""
+    yield message(
+        "The objects are bound to '{armature}', to which {count} bones of their own were added.",
+        armature=armature,
+        count=len(outfit.names),
+    )
+    missing = [name for name in outfit.of_body if name not in pairs]
+    if missing:
+        yield warning(
+            "{count} bones that move the objects have no counterpart in '{armature}', such as '{bone}': assign their "
+            "weights to other bones.",
+            count=len(missing),
+            armature=armature,
+            bone=missing[0],
+        )

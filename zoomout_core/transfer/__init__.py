@@ -4,6 +4,7 @@
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.dressing.body_keys import follow_keys
+from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.dressing.joints import MovedJoints, move_joints
@@ -23,6 +24,7 @@ __all__ = [
     "Mode",
     "MovedJoints",
     "Rule",
+    "Skeleton",
     "Wrapped",
     "blend",
     "carry",
@@ -31,6 +33,7 @@ __all__ = [
     "follow_keys",
     "map_target",
     "move_joints",
+    "pair_bones",
     "reverse_match",
     "shape_of_source",
     "transfer",
