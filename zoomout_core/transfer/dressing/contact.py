@@ -110,23 +110,44 @@ class Barrier(NamedTuple):
     is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
 
 
-class _Bounds(NamedTuple):
-    """Places that must stay on their side of a barrier."""
+class _Bounds:
+    """Places that must stay on their side of a barrier, which are tested again only if they may have come too close.
 
-    skin: SidedSurface  # the barrier after the change of shape
-    which: Integers  # (b,) numbers of the places
-    margin: Floats  # (b,) the distance that they must keep
+    Args:
+        barrier: the barrier.
+        which: (b,) numbers of the places.
+        margin: (b,) the distance that they must keep.
+        at: (b, 3) where they are.
+    """
 
-    def only(self, some: Booleans) -> _Bounds:
-        """The bounds in a mask (b,)."""
-        return _Bounds(self.skin, self.which[some], self.margin[some])
+    def __init__(self, barrier: Barrier, which: Integers, margin: Floats, at: Floats) -> None:
+        off, normals, known = barrier.after.sides(at)
+        some = off < margin + CONTACT.looked_at
+        # Layers are open: a place may change sides without coming close, around a border.
+        self._skin, self._flips = barrier.after, barrier.is_layer
+        self._which, self._margin = which[some], margin[some]
+        self._at, self._off, self._normals, self._known = at[some], off[some], normals[some], known[some]
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
         """(v,) numbers of the places (p, 3) that are too close, and (v, 3) how they must move."""
-        off, normals, known = self.skin.sides(places[self.which])
-        missing = self.margin - off
-        some = known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
-        return self.which[some], missing[some, None] * normals[some]
+        self._test(places)
+        missing = self._margin - self._off
+        some = self._known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
+        return self._which[some], missing[some, None] * self._normals[some]
+
+    def count_inside(self, places: Floats) -> int:
+        """How many of the places (p, 3) are on the other side of the barrier."""
+        self._test(places)
+        return int(((self._off < 0) & self._known).sum())
+
+    def _test(self, places: Floats) -> None:
+        """Measure the distances of places (p, 3) that may be too close after moving, or have changed sides."""
+        at = places[self._which]
+        moved = np.linalg.norm(at - self._at, axis=1)
+        again = np.flatnonzero((moved > 0) & (self._flips | (self._off - moved < np.maximum(self._margin, 0))))
+        if len(again):
+            self._at[again] = at[again]
+            self._off[again], self._normals[again], self._known[again] = self._skin.sides(at[again])
 
 
 def margins_with(gap: float) -> Margins:
@@ -157,9 +178,9 @@ def push_out(
     bounds = _bounds(barriers, probes, form, positions, growth, margins)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
     staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
-    positions, moving = positions.copy(), bounds
+    positions = positions.copy()
     for _ in range(CONTACT.rounds):
-        which, pushes = _pushes(moving, probes @ positions)
+        which, pushes = _pushes(bounds, probes @ positions)
         if not len(which):
             break
         touched, weights = csr_array(probes[which]), CONTACT.firmness * areas[which]
@@ -168,10 +189,7 @@ def push_out(
         matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
         loads = there.T @ (weights[:, None] * pushes)
         positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
-        # Places that have not moved keep their margins.
-        is_moving = probes @ np.isin(np.arange(len(positions)), free) > 0
-        moving = [each.only(is_moving[each.which]) for each in bounds]
-    return positions, _wrong(bounds, probes @ positions)
+    return positions, bounds[0].count_inside(probes @ positions)
 
 
 def push_out_rigidly(
@@ -189,7 +207,7 @@ def push_out_rigidly(
         np.add.at(wanted, which, pushes)
         weights[which] = CONTACT.firmness
         positions = procrustes(places, wanted, weights, scales=(1, 1))(positions)
-    return positions, _wrong(bounds, probes @ positions)
+    return positions, bounds[0].count_inside(probes @ positions)
 
 
 def _around(points: Floats, chosen: Integers) -> Integers:
@@ -221,8 +239,7 @@ def _bounds(
         which = np.flatnonzero(known & (off > lowest) & (off < highest))
         smallest, largest = (0.0, CONTACT.max_margin) if barrier.is_layer else margins
         margin = np.clip(off[which] * growth[which], smallest, largest)
-        off, _, _ = barrier.after.sides(now[which])
-        bounds.append(_Bounds(barrier.after, which, margin).only(off < margin + CONTACT.looked_at))
+        bounds.append(_Bounds(barrier, which, margin, now[which]))
     return bounds
 
 
@@ -230,9 +247,3 @@ def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:
     """(v,) numbers of places (p, 3) that are too close, possibly repeated, and (v, 3) how they must move."""
     found = [each.pushes(places) for each in bounds]
     return np.concatenate([which for which, _ in found]), np.concatenate([pushes for _, pushes in found])
-
-
-def _wrong(bounds: list[_Bounds], places: Floats) -> int:
-    """How many of the places (p, 3) are in the skin, which is the first of the bounds."""
-    off, _, known = bounds[0].skin.sides(places[bounds[0].which])
-    return int(((off < 0) & known).sum())
