@@ -434,11 +434,11 @@ def wrap(data: Path, pairs: int | None, json_file: Path | None, pictures: Path |
 @main.command()
 @common_options
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each case here.")
-def dress(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
-    """Outfits on other bodies: error, penetration of the skin and distortion, beside Blender's Surface Deform."""
-    from benchmarks import dressing  # it starts Blender, which the other tables do without
+def outfits(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """Outfits on other bodies: error, penetration of the skin, distortion, keys and bones, beside Surface Deform."""
+    from benchmarks import outfits as outfits_table  # it starts Blender, which the other tables do without
 
-    report(dressing.run(data, pairs, pictures), data, json_file)
+    report(outfits_table.run(data, pairs, pictures), data, json_file)
 
 
 @main.command()

@@ -54,7 +54,21 @@ if TYPE_CHECKING:
     from zoomout_core.spectral.hamiltonian import hamiltonian_basis
     from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
     from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
-    from zoomout_core.transfer import Attribute, Domain, Dressed, Kind, Lines, Wrapped, conform, dress, transfer, wrap
+    from zoomout_core.transfer import (
+        Attribute,
+        Domain,
+        Dressed,
+        Kind,
+        Lines,
+        MovedJoints,
+        Wrapped,
+        conform,
+        dress,
+        follow_keys,
+        move_joints,
+        transfer,
+        wrap,
+    )
     from zoomout_core.transfer.key_names import (
         TranslatedKeys,
         key_names,
@@ -79,6 +93,7 @@ __all__ = [
     "MatchOptions",
     "MatchResult",
     "MeshError",
+    "MovedJoints",
     "PointCloud",
     "Progress",
     "ProximityMatch",
@@ -97,6 +112,7 @@ __all__ = [
     "dress",
     "eigenbasis",
     "fit_functional_map",
+    "follow_keys",
     "forget_shapes",
     "functional_map_of",
     "geodesic_error",
@@ -110,6 +126,7 @@ __all__ = [
     "match_collection",
     "mirror_candidate",
     "missing_key_names",
+    "move_joints",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
@@ -173,7 +190,21 @@ _HOMES = {
     "spectral.hamiltonian": ("hamiltonian_basis",),
     "spectral.operators": ("multiplication_operators", "orientation_operators"),
     "symmetry.detect": ("Symmetry", "detect_symmetry"),
-    "transfer": ("Attribute", "Domain", "Dressed", "Kind", "Lines", "Wrapped", "conform", "dress", "transfer", "wrap"),
+    "transfer": (
+        "Attribute",
+        "Domain",
+        "Dressed",
+        "Kind",
+        "Lines",
+        "MovedJoints",
+        "Wrapped",
+        "conform",
+        "dress",
+        "follow_keys",
+        "move_joints",
+        "transfer",
+        "wrap",
+    ),
     "transfer.key_names": (
         "TranslatedKeys",
         "key_names",

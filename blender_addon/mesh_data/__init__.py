@@ -25,6 +25,7 @@ from .base import (
     read_target_surface,
     values_through_modifiers,
 )
+from .body_keys import BodyKeys, read_body_keys, write_body_keys
 from .cutting import divide, write_divided
 from .inspection import MeshFacts, content_hash, inspect_mesh
 from .joined import (
@@ -61,6 +62,7 @@ from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
+from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
 from .selection import read_selection, select_only, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -137,6 +139,7 @@ __all__ = [
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
+    "BodyKeys",
     "Bones",
     "EvaluatedObject",
     "Faces",
@@ -147,12 +150,14 @@ __all__ = [
     "Layer",
     "MeshFacts",
     "ObjectPair",
+    "OutfitBones",
     "Role",
     "ShapeKey",
     "ShapeKeys",
     "SurfacePoint",
     "Worn",
     "Writing",
+    "add_outfit_bones",
     "add_shaped_copy",
     "add_worn_copy",
     "all_or_nothing",
@@ -160,6 +165,7 @@ __all__ = [
     "attach_strands",
     "base_mesh",
     "bind_like",
+    "bind_to_other",
     "bind_worn_copy",
     "can_be_put",
     "collection_beside",
@@ -191,6 +197,7 @@ __all__ = [
     "raycast_surface_point",
     "read_active_layers",
     "read_animation",
+    "read_body_keys",
     "read_bones",
     "read_custom_normals",
     "read_faces",
@@ -210,6 +217,7 @@ __all__ = [
     "read_mask",
     "read_materials",
     "read_mirrored_surface",
+    "read_outfit_bones",
     "read_own_normals",
     "read_own_shape_keys",
     "read_positions",
@@ -243,6 +251,7 @@ __all__ = [
     "worn_copies_in",
     "write_active_layers",
     "write_animation",
+    "write_body_keys",
     "write_custom_normals",
     "write_divided",
     "write_layer",

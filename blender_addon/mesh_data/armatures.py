@@ -6,6 +6,7 @@ The armatures themselves are never changed: they may belong to another file.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import bpy
@@ -45,6 +46,13 @@ class Bones:
     names: tuple[str, ...]
     parents: Integers
     heads: Floats
+
+    def without(self, names: Collection[str]) -> Bones:
+        """The bones that have none of some names; children of these have no parent."""
+        kept = [number for number, name in enumerate(self.names) if name not in names]
+        number = np.full(len(self.names) + 1, -1)
+        number[kept] = np.arange(len(kept))
+        return Bones(tuple(self.names[each] for each in kept), number[self.parents[kept]], self.heads[kept])
 
 
 def armatures_of(obj: Object) -> list[Object]:

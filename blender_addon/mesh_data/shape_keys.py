@@ -254,8 +254,13 @@ def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
             own.action_slot = own.action.slots[slot.identifier]
 
 
+def path_of_key(name: str) -> str:
+    """The data path of a key's properties, without their names."""
+    return f'key_blocks["{bpy.utils.escape_identifier(name)}"].'
+
+
 def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
-    paths = tuple(f'key_blocks["{bpy.utils.escape_identifier(name)}"].' for name in names)
+    paths = tuple(path_of_key(name) for name in names)
     return [curve for curve in key.animation_data.drivers if curve.data_path.startswith(paths)]
 
 

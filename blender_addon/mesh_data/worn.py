@@ -42,6 +42,7 @@ class Worn:
         stood: (4, 4) the world matrix of that shape.
         at_rest: whether the shape is undeformed.
         hangs_from_bone: whether its parent is a bone.
+        takes_keys: whether it can have shape keys.
         content: hash of its own data, to detect edits.
     """
 
@@ -50,7 +51,12 @@ class Worn:
     stood: Floats
     at_rest: bool
     hangs_from_bone: bool
+    takes_keys: bool
     content: str
+
+    def place(self, moved: Floats) -> Floats:
+        """(4, 4) the world matrix of a copy, given the motion (4, 4) of all worn objects, if not at rest."""
+        return self.stood if self.at_rest else moved @ self.stood
 
 
 def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
@@ -74,6 +80,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
         stood,
         at_rest,
         obj.parent is not None and obj.parent_type == "BONE",
+        obj.type == "MESH",
         content_of(obj),
     )
 
@@ -120,9 +127,8 @@ def add_worn_copy(
     collection.objects.link(copy)
     copy.select_set(False)
     notes = _refer_to(copy, wearer, bodies)
-    place = worn.stood
+    place = worn.place(moved)
     if not worn.at_rest:
-        place = moved @ worn.stood
         seen, is_deformed = (
             worn.shape.vertices,
             bool(armatures_of(obj)) or any(each.type in VERTEX_PRESERVING for each in obj.modifiers),

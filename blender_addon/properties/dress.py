@@ -6,7 +6,7 @@ Blender needs evaluated property annotations, so this module does not postpone t
 
 from typing import Any
 
-from bpy.props import EnumProperty, FloatProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 from bpy.types import Collection
 
 from .once import ONCE
@@ -46,6 +46,15 @@ class DressOptions:
         default=0,
         min=0,
         subtype="DISTANCE",
+        options=ONCE,
+    )
+    dress_follow_keys: BoolProperty(
+        name="Follow Body Keys",
+        description=(
+            "Add a shape key to each copy for each shape key of the target that moves it. Drivers give it the value of "
+            "the target's key"
+        ),
+        default=True,
         options=ONCE,
     )
 

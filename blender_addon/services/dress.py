@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -16,11 +16,11 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.messages import message, sentences, warning
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
+from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
 
 from .. import mesh_data
 from ..jobs import compute, pause, run
-from ..mesh_data import ObjectPair, Worn
+from ..mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ..scene.pair import check_not_edited, edit_error, find_mesh
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
@@ -32,6 +32,8 @@ from .targets import Write
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
+# Fraction of the progress for fitting the objects, before they follow keys.
+FITTED = 0.9
 READING = "Reading the objects"
 
 
@@ -44,11 +46,32 @@ class Dressing:
             the body. "soft": all follow the body. "rigid": none do.
         stiffness: how far objects that follow the body keep their form, in [0, 1].
         gap: minimum distance from the skin of points that were outside of it, in scene units.
+        follow_keys: whether shape keys of the target drive keys of the copies.
     """
 
     manner: Manner = "automatic"
     stiffness: float = 0.5
     gap: float = 0.0
+    follow_keys: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Rigs:
+    """The armatures of a source and of a target.
+
+    Attributes:
+        source: name of the source's armature.
+        target: name of the target's.
+        body: the bones that move the source.
+        others: the bones that move the target.
+        outfit: the bones that only move worn objects.
+    """
+
+    source: str
+    target: str
+    body: mesh_data.Bones
+    others: mesh_data.Bones
+    outfit: OutfitBones
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +83,8 @@ class _Fitting:
         target: likewise of the target.
         is_body: (n_s,) vertices of the source that are not worn themselves.
         worn: the worn objects.
+        keys: the shape keys of the target that the copies follow; None for none.
+        rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
         notes: sentences for the user.
     """
 
@@ -67,7 +92,28 @@ class _Fitting:
     target: zo.Surface
     is_body: np.ndarray
     worn: list[Worn]
+    keys: BodyKeys | None
+    rigs: _Rigs | None
     notes: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The fitted objects.
+
+    Attributes:
+        dressed: their shapes.
+        moved: (4, 4) the motion of the body, as a similarity.
+        keys: (n, keys, 3) offsets of each object that follow the target's keys; zero for those without shape keys.
+        outfit: the outfit's own bones in their new places, if they are to be copied.
+        pairs: names of the target's bones by those of the source's.
+    """
+
+    dressed: Dressed
+    moved: Floats
+    keys: list[Floats]
+    outfit: OutfitBones | None = None
+    pairs: dict[str, str] = field(default_factory=dict)
 
 
 def dress(
@@ -80,8 +126,9 @@ def dress(
 ) -> dict[str, Any]:
     """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
-    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. Else
-    the copies are children of the target in its present pose, and follow when it is bound to the source's armature.
+    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. If the
+    target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
+    are children of the target in its present pose, and follow when it is bound to the source's armature.
     Earlier copies of the same objects are replaced; the objects themselves are not changed.
 
     Args:
@@ -130,7 +177,7 @@ async def prepare_dress(
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
     left_out: dict[str, str] = {}
-    fitting = await _read_fitting(context, pair, things, left_out)
+    fitting = await _read_fitting(context, pair, things, dressing, left_out)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
@@ -143,7 +190,7 @@ async def prepare_dress(
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):
-        moved, dressed = await compute(partial(_carry, match, fitting, dressing))
+        fit = await compute(partial(_carry, match, fitting, dressing))
 
     def write() -> dict[str, Any]:
         check_not_edited(context, pair)
@@ -151,13 +198,13 @@ async def prepare_dress(
         with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
             if stored is None:
                 store_match(find_mesh(context, target_name).data, match, pair, made_with)
-            made, notes = _write(context, pair, fitting, dressed, moved, writing)
+            made, notes = _write(context, pair, fitting, fit, writing)
         return {
             "source": source_name,
             "target": target_name,
             "objects": made,
             "left_out": left_out,
-            "notes": [*dressed.notes, *_notes_on_stretch(fitting.worn, dressed), *fitting.notes, *notes],
+            "notes": [*fit.dressed.notes, *_notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
         }
 
     return write
@@ -210,7 +257,25 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
             raise edit_error(each.name)
 
 
-async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> _Fitting:
+def _read_rigs(context: Context, pair: ObjectPair, worn: Sequence[str]) -> _Rigs | None:
+    """The armatures of the source and of the target, if both have one of their own, and it may be changed."""
+    source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
+    of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
+    if not of_source or not of_target or set(of_source) & set(of_target):
+        return None
+    if of_target[0].data.library is not None or of_target[0].name not in context.view_layer.objects:
+        return None
+    bodies = [find_mesh(context, name) for name in pair.source_names if name not in worn]
+    objects = [context.scene.objects[name] for name in worn if name in context.scene.objects]
+    outfit = mesh_data.read_outfit_bones(of_source[0], of_target[0], bodies, objects)
+    bones = mesh_data.read_bones(source).without(outfit.names)
+    others = mesh_data.read_bones(target).without(outfit.names)
+    return _Rigs(of_source[0].name, of_target[0].name, bones, others, outfit)
+
+
+async def _read_fitting(
+    context: Context, pair: ObjectPair, names: Sequence[str], dressing: Dressing, left_out: dict[str, str]
+) -> _Fitting:
     """Read the worn objects, in the rest pose if the target is bound to the source's armature.
 
     Raises:
@@ -225,7 +290,8 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
         )
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     armatures = set(mesh_data.armatures_of(source))
-    at_rest = bool(armatures & set(mesh_data.armatures_of(target)))
+    rigs = _read_rigs(context, pair, chosen)
+    at_rest = rigs is not None or bool(armatures & set(mesh_data.armatures_of(target)))
     surface, onto, notes = pair.source, pair.target, list[str]()
     if at_rest:
         surface = surface.with_vertices(read_sources_at_rest(context, pair))
@@ -258,9 +324,19 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
                 left_out[name] = str(error)
     if not worn:
         raise zo.MeshError(next(iter(left_out.values())))
+    keys = mesh_data.read_body_keys(target) if dressing.follow_keys else None
+    if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
+        keys = None
+        notes.append(
+            warning(
+                "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
+                "deformation, and dress it again.",
+                target=target.name,
+            )
+        )
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
-    return _Fitting(surface, onto, is_body, worn, notes)
+    return _Fitting(surface, onto, is_body, worn, keys, rigs, notes)
 
 
 def _read(context: Context, name: str, at_rest: bool) -> Worn:
@@ -272,15 +348,15 @@ def _read(context: Context, name: str, at_rest: bool) -> Worn:
     return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
 
 
-def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> tuple[Floats, Dressed]:
-    """The motion of the body, as a similarity matrix (4, 4), and the fitted objects."""
+def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> _Fit:
+    """Fit the worn objects, and let them follow the target's keys."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
     manners: list[Manner] = [
         "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
     ]
-    with portion(SHAPING, 1):
+    with portion(SHAPING, FITTED):
         dressed = carry(
             body,
             shape,
@@ -292,7 +368,49 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
         )
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
-    return moved, dressed
+    fit = _Fit(dressed, moved, [])
+    if fitting.rigs is not None:
+        fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
+    if fitting.keys is None:
+        return fit
+    with portion(FITTED, 1):
+        keys = _follow_keys(fitting, fitting.keys, dressed)
+    if not fitting.worn[0].at_rest:  # then the target's keys have their present values
+        still = [np.einsum("nkx,k->nx", each, fitting.keys.values) for each in keys]
+        vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
+        dressed = replace(dressed, vertices=vertices)
+    return replace(fit, dressed=dressed, keys=keys)
+
+
+def _move_bones(fit: _Fit, fitting: _Fitting, rigs: _Rigs, body: zo.Surface, shape: Floats) -> _Fit:
+    """Move the outfit's own bones along with the objects, and find the counterparts of all others."""
+    outfit = rigs.outfit
+    ends, upright = outfit.ends.copy(), outfit.upright.copy()
+    for number, worn in enumerate(fitting.worn):
+        own = np.flatnonzero([name == worn.name for name in outfit.wearer])
+        joints = zo.move_joints(worn.shape, fit.dressed.vertices[number], outfit.ends[own].reshape(-1, 3))
+        ends[own] = joints.positions.reshape(-1, 2, 3)
+        upright[own] = np.einsum("bxy,by->bx", joints.rotations[::2], outfit.upright[own])
+    size = float(np.ptp(fitting.target.vertices, axis=0).max())
+    heads = zo.move_joints(body, shape, rigs.body.heads).positions
+    bones = Skeleton(rigs.body.names, rigs.body.parents, heads)
+    pairs = pair_bones(bones, Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads), size)
+    return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
+
+
+def _follow_keys(fitting: _Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
+    """(n, keys, 3) offsets of each fitted object that follow the target's keys, zero without shape keys."""
+    offsets = [np.zeros((len(points), len(keys.keys), 3)) for points in dressed.vertices]
+    taking = [number for number, worn in enumerate(fitting.worn) if worn.takes_keys]
+    shapes = [_in_shape(fitting.worn[number].shape, dressed.vertices[number]) for number in taking]
+    for number, found in zip(taking, zo.follow_keys(fitting.target, keys.offsets, shapes), strict=True):
+        offsets[number] = found
+    return offsets
+
+
+def _in_shape(shape: zo.Surface | zo.Lines, vertices: Floats) -> zo.Surface | zo.Lines:
+    """The same object with other vertices (n, 3)."""
+    return zo.Lines(vertices, shape.edges) if isinstance(shape, zo.Lines) else shape.with_vertices(vertices)
 
 
 def _notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[str]:
@@ -321,8 +439,7 @@ def _write(
     context: Context,
     pair: ObjectPair,
     fitting: _Fitting,
-    dressed: Dressed,
-    moved: Floats,
+    fit: _Fit,
     writing: mesh_data.Writing,
 ) -> tuple[dict[str, str], list[str]]:
     """Add the copies; returns their names by those of the originals, and notes."""
@@ -330,14 +447,49 @@ def _write(
     bodies = [find_mesh(context, name) for name in pair.source_names]
     collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")
     made, notes = {}, []
-    for worn, positions, turns in zip(fitting.worn, dressed.vertices, dressed.turns, strict=True):
+    for number, worn in enumerate(fitting.worn):
+        positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]
         obj = context.scene.objects[worn.name]
         for earlier in mesh_data.worn_copies_in(collection, worn.name):
             writing.replace(earlier)
-        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, moved)
+        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, fit.moved)
         if copy.type == "CURVES":
             mesh_data.attach_strands(copy, target, fitting.target, positions)
+        elif fitting.keys is not None:
+            keys = fitting.keys.keys
+            mesh_data.write_body_keys(copy, target, keys, fit.keys[number], worn.place(fit.moved))
+        if fitting.rigs is not None:
+            source_rig, target_rig = (
+                context.scene.objects[name] for name in (fitting.rigs.source, fitting.rigs.target)
+            )
+            mesh_data.bind_to_other(copy, source_rig, target_rig, fit.pairs, worn.place(fit.moved))
         made[worn.name] = copy.name
         notes.extend(more)
     context.view_layer.update()
+    if fitting.rigs is not None and fit.outfit is not None:
+        mesh_data.add_outfit_bones(context, *_armatures(context, fitting.rigs), fit.outfit, fit.pairs)
+        notes.extend(_notes_on_bones(fit.outfit, fit.pairs, fitting.rigs.target))
     return made, notes
+
+
+def _armatures(context: Context, rigs: _Rigs) -> tuple[Object, Object]:
+    """The source's and the target's armature."""
+    return context.scene.objects[rigs.source], context.scene.objects[rigs.target]
+
+
+def _notes_on_bones(outfit: OutfitBones, pairs: dict[str, str], armature: str) -> Iterator[str]:
+    """Sentences on the armature that the copies were bound to."""
+    yield message(
+        "The objects are bound to '{armature}', to which {count} bones of their own were added.",
+        armature=armature,
+        count=len(outfit.names),
+    )
+    missing = [name for name in outfit.of_body if name not in pairs]
+    if missing:
+        yield warning(
+            "{count} bones that move the objects have no counterpart in '{armature}', such as '{bone}': assign their "
+            "weights to other bones.",
+            count=len(missing),
+            armature=armature,
+            bone=missing[0],
+        )

@@ -35,6 +35,10 @@ CORE: dict[str, tuple[Callable[[], object], str]] = {
     "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conform_target"),
     "wrap": (lambda: zo.wrap(MAP, SOURCE, TARGET), "transfer.wrapping.wrap:map_target"),
     "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry"),
+    "keys of clothes": (
+        lambda: zo.follow_keys(SOURCE, np.zeros((260, 1, 3)), [SOURCE]),
+        "transfer.dressing.body_keys:Patches",
+    ),
 }
 COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
     "match": (

@@ -3,8 +3,11 @@
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
+from zoomout_core.transfer.dressing.body_keys import follow_keys
+from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
+from zoomout_core.transfer.dressing.joints import MovedJoints, move_joints
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
 from zoomout_core.transfer.wrapping.wrap import Wrapped, reverse_match, wrap
 
@@ -19,13 +22,18 @@ __all__ = [
     "Lines",
     "Manner",
     "Mode",
+    "MovedJoints",
     "Rule",
+    "Skeleton",
     "Wrapped",
     "blend",
     "carry",
     "conform",
     "dress",
+    "follow_keys",
     "map_target",
+    "move_joints",
+    "pair_bones",
     "reverse_match",
     "shape_of_source",
     "transfer",

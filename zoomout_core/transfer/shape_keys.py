@@ -43,7 +43,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
     place; where confidence is low, a key follows its surroundings.
     """
-    offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
+    offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
     doubtful = mapped.confidence < FULL_CONFIDENCE
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
@@ -76,7 +76,7 @@ def conform_target(mapped: MappedTarget) -> Floats:
     return np.where((number >= 0)[:, None], conforming[number], mapped.points)
 
 
-def _without_noise(offsets: Floats, area: float) -> Floats:
+def without_noise(offsets: Floats, area: float) -> Floats:
     """Set offsets (n, keys, 3) that are too short to be visible on a surface of an area to zero."""
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
@@ -99,7 +99,7 @@ def _carry_block(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
     loose = np.flatnonzero(number < 0)
     if len(loose):
         carried[loose] = plain[loose] @ frames.steady_turns[frames.nearest(target.vertices[loose])].transpose(0, 2, 1)
-    return _without_noise(carried, target.area)
+    return without_noise(carried, target.area)
 
 
 def _loading(frames: Frames) -> bsr_array:

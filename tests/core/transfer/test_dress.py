@@ -13,7 +13,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Lines, carry, dress
-from zoomout_core.transfer.dressing.contact import CONTACT
+from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
 from zoomout_core.transfer.dressing.following import FOLLOWING
 from zoomout_core.transfer.dressing.solid_parts import SOLID
 from zoomout_core.tuning import retune
@@ -254,3 +254,22 @@ def test_what_is_wrong_is_said() -> None:
         Lines([[0, 0, np.nan]], [])
     with pytest.raises(MeshError, match="no points"):
         Lines([], [])
+
+
+def test_only_places_that_may_have_come_too_close_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    shirt, tested = shell(1.06), list[int]()
+    sides = SidedSurface.sides
+
+    def counted(self: SidedSurface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        tested.append(len(points))
+        return sides(self, points)
+
+    monkeypatch.setattr(SidedSurface, "sides", counted)
+    shape = EGG.vertices.copy()
+    dent = np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1) < 0.3
+    shape[dent] = onto_egg(0.9 * BODY.vertices[dent])
+    found = carry(BODY, shape, EGG, [shirt])
+    assert off_egg(found.vertices[0][np.unique(shirt.triangles)]).min() > 0
+    _, now, *rounds = tested
+    assert rounds
+    assert max(rounds) < 0.6 * now

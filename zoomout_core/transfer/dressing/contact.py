@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, vstack
@@ -16,13 +16,14 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class ContactTuning(Tuning, set_by="dress"):
+class ContactTuning(Tuning, set_by="outfits"):
     """How to keep worn objects out of the skin.
 
     Attributes:
@@ -57,6 +58,8 @@ class ContactTuning(Tuning, set_by="dress"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
+# The smallest and the largest distance from the skin that is kept; places between them keep their own.
+Margins: TypeAlias = tuple[float, float]
 
 
 class SidedSurface:
@@ -66,6 +69,18 @@ class SidedSurface:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
+
+    @classmethod
+    def of(cls, surface: Surface, unit: float) -> SidedSurface:
+        """A surface in a unit, wound outwards."""
+        triangles, working = surface.triangles.copy(), surface.working
+        inward = working.triangle_of[working.flipped]
+        triangles[inward] = triangles[inward, ::-1]
+        return cls(surface.vertices / unit, triangles)
+
+    def with_vertices(self, vertices: Floats) -> SidedSurface:
+        """The same triangles on other vertices (n, 3)."""
+        return SidedSurface(vertices, self._triangles)
 
     def closest(self, points: Floats) -> tuple[Integers, Floats, Floats]:
         """Triangles, barycentric coordinates and distances of the points closest to points (p, 3).
@@ -95,27 +110,54 @@ class Barrier(NamedTuple):
     is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
 
 
-class _Bounds(NamedTuple):
-    """Places that must stay on their side of a barrier."""
+class _Bounds:
+    """Places that must stay on their side of a barrier, which are tested again only if they may have come too close.
 
-    skin: SidedSurface  # the barrier after the change of shape
-    which: Integers  # (b,) numbers of the places
-    margin: Floats  # (b,) the distance that they must keep
+    Args:
+        barrier: the barrier.
+        which: (b,) numbers of the places.
+        margin: (b,) the distance that they must keep.
+        at: (b, 3) where they are.
+    """
 
-    def only(self, some: Booleans) -> _Bounds:
-        """The bounds in a mask (b,)."""
-        return _Bounds(self.skin, self.which[some], self.margin[some])
+    def __init__(self, barrier: Barrier, which: Integers, margin: Floats, at: Floats) -> None:
+        off, normals, known = barrier.after.sides(at)
+        some = off < margin + CONTACT.looked_at
+        # Layers are open: a place may change sides without coming close, around a border.
+        self._skin, self._flips = barrier.after, barrier.is_layer
+        self._which, self._margin = which[some], margin[some]
+        self._at, self._off, self._normals, self._known = at[some], off[some], normals[some], known[some]
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
         """(v,) numbers of the places (p, 3) that are too close, and (v, 3) how they must move."""
-        off, normals, known = self.skin.sides(places[self.which])
-        missing = self.margin - off
-        some = known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
-        return self.which[some], missing[some, None] * normals[some]
+        self._test(places)
+        missing = self._margin - self._off
+        some = self._known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
+        return self._which[some], missing[some, None] * self._normals[some]
+
+    def count_inside(self, places: Floats) -> int:
+        """How many of the places (p, 3) are on the other side of the barrier."""
+        self._test(places)
+        return int(((self._off < 0) & self._known).sum())
+
+    def _test(self, places: Floats) -> None:
+        """Measure the distances of places (p, 3) that may be too close after moving, or have changed sides."""
+        at = places[self._which]
+        moved = np.linalg.norm(at - self._at, axis=1)
+        again = np.flatnonzero((moved > 0) & (self._flips | (self._off - moved < np.maximum(self._margin, 0))))
+        if len(again):
+            self._at[again] = at[again]
+            self._off[again], self._normals[again], self._known[again] = self._skin.sides(at[again])
+
+
+def margins_with(gap: float) -> Margins:
+    """Margins of at least a gap."""
+    smallest = max(CONTACT.min_margin, gap)
+    return smallest, max(CONTACT.max_margin, smallest)
 
 
 def push_out(
-    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float, soft: Integers
+    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], margins: Margins, soft: Integers
 ) -> tuple[Floats, int]:
     """Push a soft form smoothly out of barriers that it was outside of.
 
@@ -124,7 +166,7 @@ def push_out(
         positions: (n, 3) its current positions.
         growth: (n,) growth of its surroundings.
         barriers: surfaces that it must not enter; the first is the skin.
-        gap: minimum distance.
+        margins: bounds of the distance from the skin that is kept.
         soft: the points that may be pushed.
 
     Returns:
@@ -133,12 +175,12 @@ def push_out(
     probes = form.probes(soft, CONTACT.fine)
     if len(form.between(soft)):
         probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
-    bounds = _bounds(barriers, probes, form, positions, growth, gap)
+    bounds = _bounds(barriers, probes, form, positions, growth, margins)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
     staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
-    positions, moving = positions.copy(), bounds
+    positions = positions.copy()
     for _ in range(CONTACT.rounds):
-        which, pushes = _pushes(moving, probes @ positions)
+        which, pushes = _pushes(bounds, probes @ positions)
         if not len(which):
             break
         touched, weights = csr_array(probes[which]), CONTACT.firmness * areas[which]
@@ -147,18 +189,15 @@ def push_out(
         matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
         loads = there.T @ (weights[:, None] * pushes)
         positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
-        # Places that have not moved keep their margins.
-        is_moving = probes @ np.isin(np.arange(len(positions)), free) > 0
-        moving = [each.only(is_moving[each.which]) for each in bounds]
-    return positions, _wrong(bounds, probes @ positions)
+    return positions, bounds[0].count_inside(probes @ positions)
 
 
 def push_out_rigidly(
-    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float
+    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], margins: Margins
 ) -> tuple[Floats, int]:
     """`push_out` by a rigid motion of the whole form."""
     probes = form.probes(np.arange(len(form.rest)), CONTACT.fine)
-    bounds = _bounds(barriers, probes, form, positions, growth, gap)
+    bounds = _bounds(barriers, probes, form, positions, growth, margins)
     for _ in range(CONTACT.rounds):
         places = probes @ positions
         which, pushes = _pushes(bounds, places)
@@ -168,7 +207,7 @@ def push_out_rigidly(
         np.add.at(wanted, which, pushes)
         weights[which] = CONTACT.firmness
         positions = procrustes(places, wanted, weights, scales=(1, 1))(positions)
-    return positions, _wrong(bounds, probes @ positions)
+    return positions, bounds[0].count_inside(probes @ positions)
 
 
 def _around(points: Floats, chosen: Integers) -> Integers:
@@ -189,7 +228,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 
 
 def _bounds(
-    barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, gap: float
+    barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, margins: Margins
 ) -> list[_Bounds]:
     """Bounds of the places that were originally near each barrier, and may now change sides."""
     before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
@@ -198,10 +237,9 @@ def _bounds(
         off, _, known = barrier.before.sides(before)
         lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
         which = np.flatnonzero(known & (off > lowest) & (off < highest))
-        least = 0.0 if barrier.is_layer else max(CONTACT.min_margin, gap)
-        margin = np.clip(off[which] * growth[which], least, max(CONTACT.max_margin, least))
-        off, _, _ = barrier.after.sides(now[which])
-        bounds.append(_Bounds(barrier.after, which, margin).only(off < margin + CONTACT.looked_at))
+        smallest, largest = (0.0, CONTACT.max_margin) if barrier.is_layer else margins
+        margin = np.clip(off[which] * growth[which], smallest, largest)
+        bounds.append(_Bounds(barrier, which, margin, now[which]))
     return bounds
 
 
@@ -209,9 +247,3 @@ def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:
     """(v,) numbers of places (p, 3) that are too close, possibly repeated, and (v, 3) how they must move."""
     found = [each.pushes(places) for each in bounds]
     return np.concatenate([which for which, _ in found]), np.concatenate([pushes for _, pushes in found])
-
-
-def _wrong(bounds: list[_Bounds], places: Floats) -> int:
-    """How many of the places (p, 3) are in the skin, which is the first of the bounds."""
-    off, _, known = bounds[0].skin.sides(places[bounds[0].which])
-    return int(((off < 0) & known).sum())

@@ -23,7 +23,14 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
 from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
-from zoomout_core.transfer.dressing.contact import Barrier, SidedSurface, push_out, push_out_rigidly
+from zoomout_core.transfer.dressing.contact import (
+    Barrier,
+    Margins,
+    SidedSurface,
+    margins_with,
+    push_out,
+    push_out_rigidly,
+)
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
@@ -44,7 +51,7 @@ STRETCHED, MIN_LENGTH = 2.0, 0.01
 
 
 @dataclass(frozen=True)
-class DressTuning(Tuning, set_by="dress"):
+class DressTuning(Tuning, set_by="outfits"):
     """How far soft objects keep their form.
 
     Attributes:
@@ -157,16 +164,17 @@ def carry(
     with stage("Dressing"):
         following = Following(body, shape)
         advance(0.1)
-        barriers = [Barrier(_sided_surface(body, following.unit), _sided_surface(skin, following.unit_after))]
+        barriers = [Barrier(SidedSurface.of(body, following.unit), SidedSurface.of(skin, following.unit_after))]
         advance(0.2)
         for number, (each, manner) in enumerate(zip(carried, how, strict=True), start=1):
             fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
             advance(0.2 + 0.3 * number / len(carried))
+        margins = margins_with(gap / following.unit_after)
         # From the skin outwards: each layer is a barrier for those above it.
         order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
         for done, number in enumerate(order, start=1):
             fit = fits[number]
-            positions, wrong = fit.push_out(barriers, gap / following.unit_after)
+            positions, wrong = fit.push_out(barriers, margins)
             stuck += wrong
             found[number] = fit.of_vertices(positions, following)
             if done < len(order) and fit.is_layer:
@@ -221,12 +229,12 @@ class _Fit:
         corners[inward] = corners[inward, ::-1]
         return corners
 
-    def push_out(self, barriers: Sequence[Barrier], gap: float) -> tuple[Floats, int]:
-        """(n, 3) positions at a gap from the skin, and how many places are still in it."""
+    def push_out(self, barriers: Sequence[Barrier], margins: Margins) -> tuple[Floats, int]:
+        """(n, 3) positions out of the skin, and how many places are still in it."""
         if self.is_rigid:
-            return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, gap)
+            return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, margins)
         soft = self.soft
-        positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, gap, soft)
+        positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, margins, soft)
         return with_solid_parts(self.form, self.parts, soft, self.motion.images, positions), wrong
 
     def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats, Booleans]:
@@ -249,14 +257,6 @@ def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans
     before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (form.rest, positions))
     allowed = STRETCHED * np.maximum(motion.growth[edges].max(axis=1), 1) * before
     return np.isin(np.arange(len(form.rest)), edges[(after > allowed) & (after > MIN_LENGTH)])
-
-
-def _sided_surface(surface: Surface, unit: float) -> SidedSurface:
-    """The surface in a unit, wound outwards."""
-    triangles, working = surface.triangles.copy(), surface.working
-    inward = working.triangle_of[working.flipped]
-    triangles[inward] = triangles[inward, ::-1]
-    return SidedSurface(surface.vertices / unit, triangles)
 
 
 def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:

@@ -17,7 +17,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class SolidTuning(Tuning, set_by="dress"):
+class SolidTuning(Tuning, set_by="outfits"):
     """Which parts are solid, and how they move.
 
     Attributes:

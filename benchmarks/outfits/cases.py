@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.characters.cases import CENTIMETRES
+from benchmarks.outfits.clothes import Body, Garment, Wardrobe
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -23,6 +24,8 @@ BODY = "body"
 # Parts inside the head, in cavities of the skin.
 WITHIN = "high-poly", "teeth_base"
 SAME, OTHER = "same outfit", "other body"
+STRICT, LOOSE, REMESHED = "strict build", "other build", "other topology"
+KINDS = STRICT, LOOSE, REMESHED, SAME, OTHER
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +33,18 @@ class Case:
     """A body to be dressed.
 
     Attributes:
-        kind: "same outfit" if the true outfit is known, or "other body".
+        kind: one of `KINDS`: "same outfit" if the true outfit is known, or "other body"; for the set `clothes` "strict
+            build" if the author's refit is the only good answer, "other build" if it is one among several, or "other
+            topology".
         name: that of the outfit and the body.
         source: the dressed body.
         target: the body to be dressed.
         things: the worn objects, by name.
-        truth: (n, 3) the known positions of worn objects on the target.
         centimetre: its length in units of the source.
+        truth: (n, 3) the known positions of worn objects on the target.
+        true_shape: (n_s, 3) the source's vertices on the target, if known.
+        body: the target with its keys and poses, if known.
+        garments: keys, weights and bones of the things, if known.
     """
 
     kind: str
@@ -46,15 +54,54 @@ class Case:
     things: dict[str, Surface]
     centimetre: float
     truth: dict[str, Floats] = field(default_factory=dict)
+    true_shape: Floats | None = None
+    body: Body | None = None
+    garments: dict[str, Garment] = field(default_factory=dict)
 
 
 def cases(data: Path, most: int | None) -> Iterator[Case]:
     """The cases of a folder of sets, or the first ones of each kind.
 
     Args:
-        data: with `characters/outfits`, optionally `faust_r` and `shrec19_r`.
+        data: with `clothes`, and `characters/outfits` with `faust_r` and `shrec19_r`, as far as they are there.
         most: maximum number of each kind; None for all.
     """
+    if (data / "clothes").is_dir():
+        yield from _refits(Wardrobe(data / "clothes"), most)
+    if (data / "characters" / "outfits").is_dir():
+        yield from _outfits(data, most)
+
+
+def _refits(wardrobe: Wardrobe, most: int | None) -> Iterator[Case]:
+    """Garments on builds, and on other topologies of strict builds."""
+    strict, loose = (
+        [pair for pair in wardrobe.pairs() if wardrobe.is_strict[pair[1]] == is_strict] for is_strict in (True, False)
+    )
+    for kind, pairs in ((STRICT, strict), (LOOSE, loose)):
+        for made_for, build in pairs[:most]:
+            yield _refit(wardrobe, kind, made_for, build)
+    for (made_for, build), topology in list(zip(strict, wardrobe.topologies, strict=False))[:most]:
+        yield _refit(wardrobe, REMESHED, made_for, build, topology)
+
+
+def _refit(wardrobe: Wardrobe, kind: str, made_for: str, build: str, topology: str | None = None) -> Case:
+    source, body, garments = wardrobe.body(made_for), wardrobe.body(build, topology), wardrobe.garments(made_for, build)
+    return Case(
+        kind,
+        f"{made_for} to {build}{f', {topology}' if topology else ''}",
+        source.surface,
+        body.surface,
+        {name: garment.surface for name, garment in garments.items()},
+        1.0,
+        {name: garment.refitted for name, garment in garments.items()},
+        wardrobe.body(build).surface.vertices,
+        body,
+        garments,
+    )
+
+
+def _outfits(data: Path, most: int | None) -> Iterator[Case]:
+    """Dressed bodies, on bodies that wear the same outfit and on others."""
     folder = data / "characters" / "outfits"
     ways = [(name, turned) for name in KNOWN for turned in ((False, True) if name in BOTH_WAYS else (False,))]
     known = [(name, turned) for name, turned in ways if (folder / f"{name}.npz").is_file()]

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of outfits: figures of things inside and outside the skin, keys and bones, and a row for each method."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from benchmarks import outfits
+from benchmarks.binding import pictures
+from benchmarks.outfits.cases import LOOSE, REMESHED, SAME, STRICT, Case, cases
+from benchmarks.outfits.clothes import Wardrobe
+from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS
+from benchmarks.tables import NOT_SHOWN
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples.spheres import ball
+
+pytestmark = pytest.mark.slow
+
+HALF_TURN = np.diag([-1.0, 1, -1])
+BUILDS = ["woman", "man", "thin", "tall"]
+
+
+def skin(radius: float = 1.0) -> outfits.Skin:
+    return outfits.Skin(ball(radius, count=900, seed=2))
+
+
+def figures(thing: Surface, found: np.ndarray, truth: np.ndarray | None, radius: float = 1.0) -> dict[str, float]:
+    return outfits.Expected(thing, (skin(), skin(radius)), 0.1, truth).figures(found)
+
+
+def test_what_stays_as_it_was_has_no_faults() -> None:
+    shirt = ball(1.1, count=300)
+    found = figures(shirt, shirt.vertices, shirt.vertices)
+    assert found == dict.fromkeys(found, 0)
+
+
+def test_faults_are_counted() -> None:
+    shirt = ball(1.1, count=300)
+    sunk = np.where(np.arange(300)[:, None] % 4 == 0, 0.7, 1.0) * shirt.vertices
+    found = figures(shirt, sunk, shirt.vertices)
+    assert 20 < found["in skin"] < 60
+    assert found["was in"] == 0
+    assert found["error"] == pytest.approx(0.25 * 0.33 / 0.1, rel=0.02)
+    assert found["spread"] > 0.1
+    meant = figures(shirt, sunk, sunk)
+    assert meant["in skin"] == 0
+    assert meant["was in"] == found["in skin"]
+    larger = figures(shirt, 2 * shirt.vertices, None, 2)
+    assert larger["thickness"] < 0.02  # of one size of the body
+    assert larger["in skin"] == larger["stretched"] == 0
+    assert np.isnan(larger["error"])
+    turned = shirt.vertices.copy()
+    ends = shirt.triangles[0, :2]
+    turned[ends] = turned[ends[::-1]]
+    assert figures(shirt, turned, None)["folds"] >= 2
+    pulled = shirt.vertices.copy()
+    pulled[ends[0]] *= 3
+    around = (shirt.triangles == ends[0]).any(axis=1).sum()
+    found = figures(shirt, pulled, None)
+    assert found["torn"] == around
+    assert found["stretched"] > 0
+
+
+def test_keys_are_compared_with_the_authors() -> None:
+    true = {"wide": np.tile([1.0, 0, 0], (4, 1)), "deep": np.tile([0, 0, 2.0], (4, 1)), "still": np.zeros((4, 3))}
+    found = outfits.key_figures({**true, "wide": 0.5 * true["wide"], "deep": -true["deep"]}, true, frozenset({"wide"}))
+    assert found == pytest.approx({"cosine": 1, "key error": 0.5, "other key error": 2})
+
+
+def test_each_way_has_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    source, target = creature(700, 1).surface, creature(600, 2, bend=0.4).surface
+    normals = source.working.vertex_normals[source.working.vertex_of]
+    shirt = Surface(source.vertices + 0.03 * normals, source.triangles[:900])
+    case = Case(SAME, "one", source, target, {"shirt": shirt}, 0.01, {"shirt": shirt.vertices})
+    monkeypatch.setattr(outfits, "cases", lambda data, most: iter([case]))
+    monkeypatch.setattr(pictures, "SQUARE", 32)
+    monkeypatch.setattr(pictures, "SAMPLES", 1)
+    tables = outfits.run(tmp_path, None, tmp_path / "pictures")
+    by = {row["way"]: row for row in tables["rows"]}
+    assert list(by) == [*WAYS, outfits.TRUE]
+    assert len(tables[NOT_SHOWN]) == len(by)
+    assert (tmp_path / "pictures" / "one.png").is_file()
+
+
+@pytest.fixture
+def wardrobe(tmp_path: Path) -> Path:
+    """A set `clothes`: egg-shaped bodies that differ in height, with two bones, and a shirt with a bone of its own."""
+    body = ball(1.0, count=700, seed=1)
+    builds = [body.vertices * [1, height, 1] * 20 for height in (1.5, 1.6, 1.2, 1.8)]
+    upper = body.vertices[:, 1] > 0
+    bones = {
+        "weight_vertex": np.arange(700),
+        "weight_bone": upper.astype(int),
+        "weight_value": np.ones(700),
+    }
+    shape = {"face_sizes": np.full(len(body.triangles), 3), "face_vertices": body.triangles.ravel()}
+    names = {"key_names": np.array(["wide", "odd"]), "key_strict": np.array([True, False])}
+    wide = 0.1 * body.vertices * [20, 0, 20]
+    folder = tmp_path / "clothes"
+    (folder / "garments").mkdir(parents=True)
+    np.savez(
+        folder / "bodies.npz",
+        builds=np.array(BUILDS),
+        build_strict=np.array([True, True, True, False]),
+        vertices=np.array(builds),
+        keys=np.array([wide, wide]),
+        bone_names=np.array(["lower", "upper"]),
+        bone_parents=np.array(["", "lower"]),
+        heads=np.zeros((4, 2, 3)),
+        poses=np.array([[np.eye(3), HALF_TURN]]),
+        topologies=np.array(["again"]),
+        **{
+            f"again_{name}": value
+            for name, value in {**shape, **bones, "vertices": builds, "keys": [wide, wide]}.items()
+        },
+        **shape,
+        **bones,
+        **names,
+    )
+    shirts = [points * 1.1 for points in builds]
+    hem = np.array([points[:5].mean(axis=0, keepdims=True) for points in shirts])
+    own = np.arange(5)
+    np.savez(
+        folder / "garments" / "shirt.npz",
+        builds=np.array(BUILDS),
+        vertices=np.array(shirts),
+        keys=np.array([1.1 * wide, 1.1 * wide]),
+        extra_names=np.array(["hem"]),
+        extra_parents=np.array(["upper"]),
+        extra_heads=hem,
+        **shape,
+        **names,
+        weight_vertex=np.arange(700),
+        weight_bone=np.where(np.isin(np.arange(700), own), 2, upper),
+        weight_value=np.ones(700),
+    )
+    return tmp_path
+
+
+def test_the_set_of_clothes_is_read_with_keys_bones_and_poses(wardrobe: Path) -> None:
+    found = list(cases(wardrobe, None))
+    assert [(case.kind, case.name) for case in found] == [
+        (STRICT, "woman to thin"),
+        (LOOSE, "woman to tall"),
+        (REMESHED, "woman to thin, again"),
+    ]
+    case, garment = found[0], found[0].garments["shirt"]
+    np.testing.assert_allclose(case.truth["shirt"], 1.1 * case.target.vertices)
+    np.testing.assert_allclose(garment.true_joints, case.truth["shirt"][:5].mean(axis=0, keepdims=True))
+    upper = case.target.vertices[:, 1] > 0
+    posed = case.body.in_pose(0, case.target.vertices, case.body.weights)
+    np.testing.assert_allclose(posed[upper], case.target.vertices[upper] @ HALF_TURN.T, atol=1e-9)
+    np.testing.assert_allclose(posed[~upper], case.target.vertices[~upper])
+    assert (garment.weights[:5].argmax(axis=1) == 1).all()  # they follow the parent of their own bone
+    assert Wardrobe(wardrobe / "clothes").key_is_strict == {"wide": True, "odd": False}
+
+
+def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> None:
+    rows = {row["way"]: row for row in outfits.run(wardrobe, 1)["rows"] if row["kind"] == STRICT}
+    assert set(rows) == {*WAYS, BY_TRUE_MAP, outfits.TRUE}
+    truth = rows[outfits.TRUE]
+    for name in ("error", "in skin", "posed in skin", "posed stretched", "posed torn", "key error", "bones"):
+        assert truth[name] == 0
+    assert truth["keyed in skin"] == rows["dress"]["keyed in skin"] == 0
+    assert rows["dress"]["cosine"] > 0.99
+    assert rows["dress"]["bones"] < 1
+    naive = rows[BY_TRUE_MAP]
+    assert naive["error"] < 1
+    assert 0 < naive["key error"] < 0.2
+    assert naive["bones"] < 1

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A target with an armature of its own is dressed: the outfit is bound to it, and brings its own bones along."""
+
+import bpy
+import numpy as np
+from bent_tube import tube, weights_of
+from rigged import BONES, mesh_object, pose_target, rig, set_pose, source_and_rig, visible_positions
+from scenes import activate, positions, set_weights
+from test_dress_objects import ring, side, sleeve
+
+import zoomout_core as zo
+from blender_addon import api
+
+OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
+
+
+def edit(armature, change):
+    """Call a function with the edit bones of an armature."""
+    activate(armature)
+    bpy.ops.object.mode_set(mode="EDIT")
+    change(armature.data.edit_bones)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def tail_and_chain(armature):
+    """A tail that sticks out of the tube's middle along x, with a chain of two bones below the middle bone."""
+
+    def add(bones):
+        above = bones["Middle"]
+        for number in range(2):
+            made = bones.new(f"Tail.{number}")
+            made.head, made.tail = (0.7 + number, 0, 3), (1.7 + number, 0, 3)
+            made.align_roll((0, 1, 0))
+            made.parent, made.use_connect, above = above, number > 0, made
+
+    edit(armature, add)
+    straight = tube(around=10, along=21)
+    points = straight.vertices[:, [2, 1, 0]] * [1 / 3, 0.2, -0.2] + [0.7, 0, 3]
+    tail = mesh_object("Tail", zo.Surface(points, straight.triangles))
+    outer = positions(tail.data)[:, 0] > 1.7
+    set_weights(tail, "Tail.0", (~outer).astype(float))
+    set_weights(tail, "Tail.1", outer.astype(float))
+    tail.parent = armature
+    tail.modifiers.new("Skeleton", "ARMATURE").object = armature
+    constraint = armature.pose.bones["Tail.1"].constraints.new("DAMPED_TRACK")
+    constraint.target, constraint.subtarget, constraint.influence = armature, "Lower", 0.0
+    bpy.context.view_layer.update()
+    return tail
+
+
+def own_target(body, armature):
+    """A target in rest pose, bound to an armature of its own with other names of bones."""
+    target, _ = pose_target(body, armature, {})
+    other = rig("Other Rig", OTHER_NAMES)
+    for name, column in zip(OTHER_NAMES, weights_of(positions(target.data)).toarray().T, strict=True):
+        set_weights(target, name, column)
+    target.parent = other
+    target.modifiers.new("Skeleton", "ARMATURE").object = other
+    bpy.context.view_layer.update()
+    return target, other
+
+
+def test_clothes_are_bound_to_the_targets_own_armature():
+    body, armature = source_and_rig()
+    cloth, prop = sleeve(armature), ring(armature)
+    target, other = own_target(body, armature)
+    before = [bone.name for bone in armature.data.bones]
+    report = api.dress(bpy.context, body, target, [cloth, prop])
+    copy, hung = (bpy.data.objects[report["objects"][name]] for name in ("Sleeve", "Ring"))
+    assert (copy.parent, [modifier.object for modifier in copy.modifiers]) == (other, [other])
+    assert {group.name for group in copy.vertex_groups} == set(OTHER_NAMES)
+    assert {group.name for group in cloth.vertex_groups} == set(BONES)
+    assert (hung.parent, hung.parent_type, hung.parent_bone) == (other, "BONE", "Upper")
+    assert [bone.name for bone in armature.data.bones] == before
+    assert [bone.name for bone in other.data.bones] == list(OTHER_NAMES)
+    assert any("bound to 'Other Rig', to which 0 bones" in note for note in report["notes"])
+    at_rest = np.linalg.norm((visible_positions(hung) - visible_positions(prop)).mean(axis=0))
+    assert at_rest < 0.15
+    for pose in ({}, {"Bone.001": (0.4, 0, 0), "Upper": (0, 0.3, 0)}):
+        set_pose(other, pose)
+        assert (side(visible_positions(copy), target) < 0).mean() < 0.02
+
+
+def test_the_outfits_own_bones_come_along():
+    body, armature = source_and_rig()
+    tail = tail_and_chain(armature)
+    target, other = own_target(body, armature)
+    report = api.dress(bpy.context, body, target, [tail])
+    copy = bpy.data.objects[report["objects"]["Tail"]]
+    bones = other.data.bones
+    assert bones.keys() == [*OTHER_NAMES, "Tail.0", "Tail.1"]
+    assert (bones["Tail.0"].parent.name, bones["Tail.1"].parent.name) == ("Bone.001", "Tail.0")
+    assert (bones["Tail.0"].use_connect, bones["Tail.1"].use_connect) == (False, True)
+    for name in ("Tail.0", "Tail.1"):
+        np.testing.assert_allclose(bones[name].matrix_local, armature.data.bones[name].matrix_local, atol=0.05)
+    (constraint,) = other.pose.bones["Tail.1"].constraints
+    assert (constraint.type, constraint.target, constraint.subtarget) == ("DAMPED_TRACK", other, OTHER_NAMES[0])
+    groups = {group.name: group.index for group in copy.vertex_groups}
+    assert list(groups) == ["Tail.0", "Tail.1"]
+    before = visible_positions(copy)
+    set_pose(other, {"Tail.1": (0, 0, 0.5)})
+    moved = np.linalg.norm(visible_positions(copy) - before, axis=1)
+    outer = positions(tail.data)[:, 0] > 1.7
+    assert moved[~outer].max() < 1e-5 < moved[outer].max()
+    assert any("to which 2 bones of their own were added" in note for note in report["notes"])
+
+
+def test_dressing_again_replaces_the_bones():
+    body, armature = source_and_rig()
+    tail = tail_and_chain(armature)
+    target, other = own_target(body, armature)
+    activate(target)
+    for _ in range(2):
+        api.dress(bpy.context, body, target, [tail])
+        assert other.data.bones.keys() == [*OTHER_NAMES, "Tail.0", "Tail.1"]
+        assert len(other.pose.bones["Tail.1"].constraints) == 1
+    assert bpy.context.view_layer.objects.active == target
+    assert bpy.context.mode == "OBJECT"
+
+
+def test_bones_without_a_counterpart_are_reported():
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, other = own_target(body, armature)
+
+    def shift(bones):
+        bones.remove(bones["Bone.001"])
+
+    edit(other, shift)
+    report = api.dress(bpy.context, body, target, [cloth])
+    assert any("such as 'Middle'" in note for note in report["notes"])
+    copy = bpy.data.objects[report["objects"]["Sleeve"]]
+    assert "Middle" in copy.vertex_groups
+
+
+def test_bones_that_the_target_has_itself_stay_as_they_are():
+    body, armature = source_and_rig()
+    tail = tail_and_chain(armature)
+    target, other = own_target(body, armature)
+
+    def add(bones):
+        made = bones.new("Tail.1")
+        made.head, made.tail = (1, 2, 3), (2, 2, 3)
+
+    edit(other, add)
+    api.dress(bpy.context, body, target, [tail])
+    assert set(other.data.bones.keys()) == {*OTHER_NAMES, "Tail.0", "Tail.1"}
+    np.testing.assert_allclose(other.data.bones["Tail.1"].head_local, (1, 2, 3))
+
+
+def test_an_armature_that_cannot_be_changed_leaves_the_copies_unbound():
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, other = own_target(body, armature)
+    for collection in other.users_collection:
+        collection.objects.unlink(other)
+    report = api.dress(bpy.context, body, target, [cloth])
+    copy = bpy.data.objects[report["objects"]["Sleeve"]]
+    assert copy.parent == target
+    assert any("is not bound to the armature of 'Source'" in note for note in report["notes"])

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keys of worn objects that follow the shape keys of the body.
+
+Cloth on the skin moves like the skin beneath it. A place farther away moves like the mean of a wider patch of skin,
+which no local change of shape affects: a skirt hangs as before when the thighs grow, and rises with the hips. Where
+the skin would come through, cloth is pushed out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.progress import Progress, advance, listening, stage
+from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, SidedSurface, push_out
+from zoomout_core.transfer.dressing.form import Form, Lines
+from zoomout_core.transfer.dressing.patches import Patches
+from zoomout_core.transfer.shape_keys import without_noise
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class BodyKeyTuning(Tuning, set_by="outfits"):
+    """The width of the patch of skin whose key moves a place.
+
+    Attributes:
+        nearest: standard deviation of the weights of a patch near the skin.
+        close: distance from the skin up to which patches are so narrow.
+        spreading: growth of the standard deviation beyond it, as a share of the distance.
+    """
+
+    nearest: float = tuned(0.004, "at unit area", 1e-6, 1)
+    close: float = tuned(0.012, "at unit area", 0, 1)
+    spreading: float = tuned(1.5, "1", 0, 100)
+
+
+BODY_KEYS = BodyKeyTuning()
+
+
+@memory_in_words
+def follow_keys(
+    body: Surface,
+    offsets: ArrayLike,
+    worn: Sequence[Surface | Lines],
+    *,
+    progress: Callable[[Progress], object] | None = None,
+) -> tuple[Floats, ...]:
+    """Offsets that make worn objects follow the shape keys of the body that wears them.
+
+    With a key at 1, what was outside of the skin is outside of it again. Vertices that a key does not move visibly stay
+    exactly in place.
+
+    Args:
+        body: the body, at rest, without the objects.
+        offsets: (n, keys, 3) offsets of its vertices.
+        worn: the objects on the body, surfaces and lines.
+        progress: called with the `Progress`, see `zoomout_core.progress`.
+
+    Returns:
+        For each object (n, keys, 3) offsets of its vertices.
+
+    Raises:
+        ValueError: the offsets have another shape, or are not finite.
+
+    Example:
+        >>> wider = 0.1 * source.vertices[:, None] * [1, 0, 1]
+        >>> (of_cloth,) = zo.follow_keys(source, wider, [source])
+        >>> of_cloth.shape == wider.shape
+        True
+    """
+    keys, unit = np.asarray(offsets, dtype=np.float64), float(np.sqrt(body.area))
+    if keys.ndim != 3 or keys.shape[::2] != body.vertices.shape or not np.isfinite(keys).all():
+        raise ValueError(
+            f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."
+        )
+    with listening(progress), stage("Following the keys"):
+        patches = Patches(body.vertices / unit, body.triangles)
+        skin = SidedSurface.of(body, unit)
+        forms = [Form.of(each, unit) for each in worn]
+        followed = [without_noise(_follow(patches, form.places, keys), body.area) for form in forms]
+        for number in range(keys.shape[1]):
+            advance(number / keys.shape[1])
+            moved = [each for each in range(len(forms)) if followed[each][:, number].any()]
+            if moved:
+                barrier = Barrier(skin, skin.with_vertices((body.vertices + keys[:, number]) / unit))
+                for each in moved:
+                    followed[each][:, number] += unit * _push(forms[each], followed[each][:, number] / unit, barrier)
+    return tuple(followed)
+
+
+def _follow(patches: Patches, places: Floats, keys: Floats) -> Floats:
+    """(q, keys, 3) mean offsets of the patches of skin around places (q, 3), from those (n, keys, 3) of the skin."""
+    apart = np.maximum(patches.distances(places) - BODY_KEYS.close, 0)
+    means = patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
+    return np.asarray(means @ keys.reshape(len(keys), -1)).reshape(len(places), *keys.shape[1:])
+
+
+def _push(form: Form, offsets: Floats, barrier: Barrier) -> Floats:
+    """(n_v, 3) pushes out of the skin for the vertices of a form with offsets (n_v, 3), at unit area."""
+    number = form.number
+    first = np.empty(len(form.rest), dtype=np.int64)
+    used = np.flatnonzero(number >= 0)[::-1]
+    first[number[used]] = used
+    moved = form.rest + offsets[first]
+    soft = np.flatnonzero(np.linalg.norm(offsets[first], axis=1) > CONTACT.settled)
+    if not len(soft):
+        return np.zeros_like(offsets)
+    # No place needs to be farther from the skin than without the key.
+    margins = -np.inf, CONTACT.min_margin
+    pushed, _ = push_out(form, moved, np.ones(len(moved)), [barrier], margins, soft)
+    return np.where((number >= 0)[:, None], (pushed - moved)[number], 0.0)
