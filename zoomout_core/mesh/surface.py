@@ -61,7 +61,8 @@ class Surface(Summary):
         triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
 
     Raises:
-        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite, or no area.
+        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite or so far from
+            zero that the faces vanish in rounding, or no area.
 
     Example:
         >>> square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
@@ -146,6 +147,15 @@ class Surface(Summary):
         self._edges = None if edges is None else _check_edges(edges, len(self.vertices))
         if not self.area > 0:
             raise MeshError("The mesh has no area because all of its faces are degenerate: repair them.")
+        self._check_rounding()
+
+    def _check_rounding(self) -> None:
+        """Reject coordinates whose rounding is larger than an edge: of the shape, nothing is left."""
+        if self.rounding_of_edges > 1:
+            raise MeshError(
+                "The mesh is so far from its origin that its coordinates are rounded by more than an edge length: move "
+                "it to the origin in the program that created it."
+            )
 
     @cached_property
     def triangles(self) -> Integers:
@@ -200,16 +210,27 @@ class Surface(Summary):
     def rounding(self) -> float:
         """The step that the coordinates were rounded to, in units of the vertices.
 
-        The step of single precision grows with the distance from zero. It is 0 if a coordinate needs double precision.
+        It grows with the distance from zero, and is that of double precision if a coordinate needs it.
         """
         if self._rounding is None:
-            self._rounding = single_precision_step(self.vertices)
+            used = self.vertices[self.corner_vertex]
+            self._rounding = single_precision_step(used) or float(np.spacing(np.abs(used).max()))
         return self._rounding
 
     @rounding.setter
     def rounding(self, step: float) -> None:
-        """Set the step of the coordinates before they were transformed."""
+        """Set the step of the coordinates before they were transformed.
+
+        Raises:
+            MeshError: it is larger than an edge.
+        """
         self._rounding = step
+        self._check_rounding()
+
+    @property
+    def rounding_of_edges(self) -> float:
+        """`rounding` in lengths of a typical edge, which is the leg of a right triangle of mean area."""
+        return self.rounding / float(np.sqrt(2 * self.area / len(self.triangle_corners)))
 
     def _summary(self) -> dict[str, str]:
         low, high = self.vertices[self.corner_vertex].min(axis=0), self.vertices[self.corner_vertex].max(axis=0)
