@@ -9,7 +9,7 @@ import socket
 import ssl
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -20,7 +20,7 @@ from creatures import creature
 
 import zoomout_core
 from zoomout_core.collection import engine as engine_module
-from zoomout_core.collection.engine import OnDask, Task, check_working_folder, local_engine
+from zoomout_core.collection.engine import OnDask, Task, check_open_files, check_working_folder, local_engine
 from zoomout_core.mesh import blender_files
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.files import write_shape
@@ -296,3 +296,62 @@ def test_a_stranger_without_a_certificate_is_turned_away(listening: list[tuple[s
             anyone.wrap_socket(plain) as wrapped,
         ):
             wrapped.recv(1)
+
+
+def open_files(soft: int) -> Callable[[], None]:
+    """Limit the files that a process may open; the second limit, to which it may raise the first, stays if higher."""
+    resource = pytest.importorskip("resource")
+    return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, soft))
+
+
+def test_workers_that_need_more_open_files_than_are_allowed_are_refused(mesh: Path, tmp_path: Path) -> None:
+    other = mesh.with_name("other.ply")
+    write_shape(creature(200, seed=1).surface, other)
+    command = [
+        sys.executable,
+        "-m",
+        "zoomout_core",
+        "collection",
+        mesh,
+        other,
+        "-o",
+        tmp_path / "out",
+        "--workers",
+        "2",
+    ]
+    ran = subprocess.run(
+        command, env=child_environment([REPOSITORY]), capture_output=True, text=True, preexec_fn=open_files(20)
+    )
+    assert ran.returncode == 1
+    (line,) = ran.stderr.splitlines()
+    assert re.fullmatch(
+        r"Error: 2 workers need \d+ open files, but this shell allows 20: raise the limit \(ulimit -n\), or use "
+        r"--workers 1\.",
+        line,
+    )
+
+
+def test_a_lower_limit_of_open_files_is_raised_if_that_is_allowed() -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (120, hard))
+        check_open_files(8)
+        raised = resource.getrlimit(resource.RLIMIT_NOFILE)
+        assert raised[0] > 120
+        check_open_files(2)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == raised
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_workers_that_cannot_be_started_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    import distributed
+
+    def fail(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "LocalCluster", fail)
+    sentence = r"^The processes could not be started \(Nanny failed to start\.\): free memory"
+    with pytest.raises(OSError, match=sentence), local_engine(2, 0):
+        pass
