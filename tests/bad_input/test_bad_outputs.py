@@ -131,3 +131,10 @@ def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Pat
     folder = tmp_path / "locked"
     folder.mkdir(0o555)
     assert_refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")
+
+
+@pytest.mark.parametrize("name", ["character.glb", "scan.ply", "truth.txt"])
+def test_samples_replace_no_file_of_the_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("mine")
+    assert_refused(run(zoomout, "sample", tmp_path), f"{tmp_path / name} exists: remove it, or choose another folder.")
+    assert contents(tmp_path) == {name: b"mine"}
