@@ -23,6 +23,7 @@ from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.named_files import named_files
 from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import reason_of
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
@@ -57,9 +58,9 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
     except (MeshError, ImportError):
         raise
     except Exception as error:  # readers raise various errors on a broken file
-        reason = " ".join(str(error).split())
         raise MeshError(
-            f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
+            "extension."
         ) from error
 
 
