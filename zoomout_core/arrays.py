@@ -30,6 +30,18 @@ def check_counts(**numbers: Any) -> None:
             raise ValueError(f"{name} is {number!r}: give a whole number that is at least one.")
 
 
+def regular(values: Any, what: str) -> NDArray[Any]:
+    """A user's values as an array.
+
+    Raises:
+        ValueError: its rows differ in length; `what` they are begins the message.
+    """
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{what} must be numbers in rows of the same length.") from None
+
+
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
     """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment (n,), at least `count` segments."""
     if values.ndim == 1:

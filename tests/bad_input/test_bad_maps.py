@@ -21,6 +21,7 @@ from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.object_files import CHECKSUM
 
 SURFACE = creature(100).surface
 COUNT = len(SURFACE.triangles)
@@ -156,7 +157,7 @@ def test_a_result_that_was_changed_is_refused(tmp_path: Path) -> None:
     assert zo.load_result(path).certainty == result.certainty
     whole = read_arrays(path)
     assert len(whole) > 20
-    for name in sorted(whole)[::8]:
+    for name in sorted(whole.keys() - {CHECKSUM})[::8]:  # of another type, the checksum is the same
         array = whole[name]
         for changed in (np.append(array, array.flat[:1]), array.reshape(-1, 1, 1), array.astype("f4"), array * 0 + 7):
             np.savez(path, **(whole | {name: changed}))

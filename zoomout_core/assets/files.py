@@ -103,11 +103,14 @@ def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | 
     Raises:
         MeshError: files with this extension cannot be written.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
+        TypeError: it is no Asset.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store
         ()
     """
+    if not isinstance(asset, Asset):
+        raise TypeError(f"An Asset is needed, not a {type(asset).__name__}: write a surface as zo.Asset(surface).")
     check_format(path)
     with atomic_write_together(path, inputs) as place:
         return WRITERS[place.suffix.lower()](asset, place)

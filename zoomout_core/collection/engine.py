@@ -324,7 +324,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
         TemporaryDirectory(prefix="zoomout-", ignore_cleanup_errors=True) as folder,
         dask.config.set(settings),
         _environment(child_environment()),
-        _started(
+        _cluster(
             lambda: distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -342,7 +342,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
 
 
 @contextmanager
-def _started(start: Callable[[], Any]) -> Iterator[Any]:
+def _cluster(start: Callable[[], Any]) -> Iterator[Any]:
     """A cluster from a function that starts it, whose processes no interrupt reaches; leaving the context ends them.
 
     It is started in a thread that blocks interrupts. Otherwise, Ctrl-C would end processes that are being started, with

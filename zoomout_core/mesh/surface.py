@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, regular
 from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
@@ -98,12 +98,21 @@ class Surface(Summary):
             MeshError: as for the constructor, or the arrays are inconsistent.
         """
         surface = cls.__new__(cls)
-        surface._set(vertices, _whole_numbers(corner_vertex), _whole_numbers(face_start), triangle_corners, edges)
+        corners, starts = _whole_numbers(corner_vertex), _whole_numbers(face_start)
+        if corners.ndim != 1 or starts.ndim != 1:
+            raise MeshError("Corners and starts of faces must be lists of numbers, one face after the other.")
+        surface._set(vertices, corners, starts, triangle_corners, edges)
         return surface
 
     @classmethod
     def joined(cls, surfaces: Sequence[Surface]) -> Surface:
-        """Join several surfaces: their vertices, corners, faces, triangles and edges follow each other."""
+        """Join several surfaces: their vertices, corners, faces, triangles and edges follow each other.
+
+        Raises:
+            TypeError: there are none, or they are not surfaces.
+        """
+        if not surfaces or not all(isinstance(surface, Surface) for surface in surfaces):
+            raise TypeError("Give at least one surface, in a list.")
         vertex, corner = (
             np.cumsum([0, *(len(getattr(surface, name)) for surface in surfaces[:-1])])
             for name in ("vertices", "corner_vertex")
@@ -312,7 +321,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
     Raises:
         ValueError: `what` they are begins the message, which names the first invalid one.
     """
-    array = np.asarray(numbers)
+    array = regular(numbers, what)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
@@ -355,7 +364,10 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
 
 def _whole_numbers(numbers: ArrayLike) -> Integers:
     """Numbers of elements as integers; integral floats, as some files and programs have, are accepted."""
-    array = np.asarray(numbers)
+    try:
+        array = np.asarray(numbers)
+    except ValueError:  # rows of different lengths
+        array = np.full(1, np.nan)
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
     )
@@ -365,7 +377,9 @@ def _whole_numbers(numbers: ArrayLike) -> Integers:
 
 
 def _check_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
-    triangles = _whole_numbers(triangle_corners).reshape(-1, 3)
+    triangles = _whole_numbers(triangle_corners)
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise MeshError(f"A triangulation must be an array of shape (m, 3), not {triangles.shape}: correct it.")
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
         raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
     return triangles

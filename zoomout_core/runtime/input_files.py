@@ -29,6 +29,12 @@ class ExpansionError(FormatError):
     """Compressed data that expands too far; the message says how far, without the name of the file."""
 
 
+def check_path(path: object) -> None:
+    """Raise a TypeError unless a user's path is a string or a path."""
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
+
+
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a regular file to read it; a pipe, a device or a socket, which could block or act, is not opened.
 

@@ -18,6 +18,8 @@ from pathlib import Path
 from secrets import token_hex
 from time import time
 
+from zoomout_core.runtime.input_files import check_path
+
 # Names of files and folders that are being written, followed by the extension of the output.
 PART = re.compile(r"\.[0-9a-f]{8}\.part(\.[^.]*)?")
 # Seconds after which an unfinished file counts as left behind by a dead process.
@@ -97,7 +99,7 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     Raises:
         OutputError: it could not be written; the earlier file is unchanged.
     """
-    path = Path(os.path.realpath(output))  # a link stays a link
+    path = _destination(output)
     if path.exists() and not path.is_file():
         yield path
         return
@@ -126,7 +128,7 @@ def atomic_write_together(
     Raises:
         OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
     """
-    path, inputs = Path(os.path.realpath(output)), tuple(inputs)
+    path, inputs = _destination(output), tuple(inputs)
     with _saying_why(path):
         folder = _part_of(path)
         try:
@@ -145,6 +147,22 @@ def atomic_write_together(
                     _replace(path.with_name(part.name), part)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _destination(output: str | os.PathLike[str]) -> Path:
+    """The path of an output, behind links, which stay links.
+
+    Raises:
+        OutputError: it is a folder, or has a null character.
+        TypeError: it is neither a string nor a path.
+    """
+    check_path(output)
+    if "\0" in os.fspath(output):
+        raise OutputError(f"{os.fspath(output)!r} has a null character in its name: choose another name.")
+    path = Path(os.path.realpath(output))
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder: give the name of a file in it.")
+    return path
 
 
 @contextmanager
