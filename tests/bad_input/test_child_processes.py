@@ -9,6 +9,7 @@ import socket
 import ssl
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -355,3 +356,31 @@ def test_workers_that_cannot_be_started_are_one_sentence(monkeypatch: pytest.Mon
     sentence = r"^The processes could not be started \(Nanny failed to start\.\): free memory"
     with pytest.raises(OSError, match=sentence), local_engine(2, 0):
         pass
+
+
+def test_a_command_in_a_folder_that_was_deleted_works(mesh: Path, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    script = "import os, sys; os.rmdir(os.getcwd()); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    command = [sys.executable, "-c", script, "-m", "zoomout_core", "info", str(mesh)]
+    ran = subprocess.run(command, cwd=gone, env=os.environ | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_one_whose_standard_error_is_closed_works(mesh: Path, tmp_path: Path) -> None:
+    script = "import os, sys; os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    arguments = ["match", str(mesh), str(mesh), "-o", str(tmp_path / "map.npz"), "--initial", "nearest"]
+    command = [sys.executable, "-c", script, "-m", "zoomout_core", *arguments]
+    ran = subprocess.run(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True)
+    assert ran.returncode == 0, ran.stdout
+    assert (tmp_path / "map.npz").exists()
+
+
+def test_the_address_of_no_scheduler_is_one_sentence_at_once() -> None:
+    before = set(threading.enumerate())
+    with (
+        pytest.raises(ConnectionError, match="There is no scheduler at nonsense"),
+        engine_module.remote_engine("nonsense", 0),
+    ):
+        pass
+    assert set(threading.enumerate()) <= before

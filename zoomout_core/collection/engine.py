@@ -438,6 +438,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
     """
     distributed = _import_distributed(retries)
     try:
+        distributed.comm.get_address_host_port(address)  # a client of a wrong address could not be closed
         client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConnectionError(f"There is no scheduler at {address} ({error}): check the address.") from error
