@@ -163,3 +163,23 @@ def test_a_result_that_was_changed_is_refused(tmp_path: Path) -> None:
             np.savez(path, **(whole | {name: changed}))
             with pytest.raises(MeshError, match=r"result\.npz is not a saved result \([^\n]*\): save one with"):
                 zo.load_result(path)
+
+
+@pytest.mark.parametrize("fault", ["triangle", "below zero", "nan", "sum", "shape"])
+def test_a_map_in_memory_whose_arrays_are_wrong_is_refused(fault: str) -> None:
+    count = len(SURFACE.vertices)
+    triangle, barycentric = np.zeros(count, dtype=int), np.tile([1.0, 0, 0], (count, 1))
+    match fault:
+        case "triangle":
+            triangle[3] = 10**6
+        case "below zero":
+            triangle[3] = -1
+        case "nan":
+            barycentric[3] = np.nan
+        case "sum":
+            barycentric[3] = 1
+        case "shape":
+            barycentric = barycentric[:-1]
+    heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, SURFACE.vertices[:, 2])
+    with pytest.raises(MeshError, match=r"The map cannot be used, because it.*: match these two surfaces again"):
+        zo.transfer(heights, zo.SurfaceMap(triangle, barycentric, SURFACE.triangles), SURFACE, SURFACE)

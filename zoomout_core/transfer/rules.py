@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -309,3 +309,6 @@ def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_ve
             f"The map refers to {len(surface_map.source_triangles)} triangles, but the source has {triangles}: match "
             "these two surfaces again."
         )
+    fault = fault_of_map(surface_map.triangle, surface_map.barycentric, triangles)
+    if fault:
+        raise MeshError("The map cannot be used, because {fault}: match these two surfaces again.", fault=fault)
