@@ -65,6 +65,12 @@ VALUES: tuple[Any, ...] = (
     ),
     *([], {}, [[]], [0], [0, 0], [0, 1, 2, 3], [-1], ["a"], [None], {"a": 0}, {"POSITION": 0}, {"index": 0}),
 )
+# Words of Python and its libraries, which tell a user neither the problem nor the solution.
+INTERNAL = re.compile(
+    r"list index|index \d+ is out|object (is not|has no)|could not convert|invalid literal|values to unpack|"
+    r"NoneType|not supported between|codec can't|Expecting |buffer (is smaller|size)|argument (must|should)|dtype|\b__|"
+    r"'\w+' object|read \('?\w*'?\)"
+)
 BYTES = (b"\x00", b"\xff", b"\n", b"\r\n", b" ", b"\xef\xbb\xbf", b"#", b"\xff\xff\xff\xff", b"\x00\x00\x00\x80")
 
 
@@ -362,7 +368,7 @@ def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
     except MeshError as error:
         sentence = str(error)
         one = "\n" not in sentence and sentence.strip().endswith((".", "?"))
-        end = ("refused", "") if one else ("finding", f"is no sentence: {sentence!r}")
+        end = ("refused", "") if one and not INTERNAL.search(sentence) else ("finding", f"is no sentence: {sentence!r}")
     except MemoryError:
         end = "finding", "MemoryError"
     except Exception as error:  # any other exception is a finding

@@ -42,6 +42,18 @@ def row_norms(vectors: Floats) -> Floats:
     return np.asarray(np.sqrt(reduce(np.add, [along * along for along in vectors.T])))
 
 
+def regular(values: Any, what: str) -> NDArray[Any]:
+    """A user's values as an array.
+
+    Raises:
+        ValueError: its rows differ in length; `what` they are begins the message.
+    """
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{what} must be numbers in rows of the same length.") from None
+
+
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
     """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment (n,), at least `count` segments."""
     if values.ndim == 1:

@@ -175,7 +175,8 @@ def world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Me
     A mirroring object matrix would turn the surface inside out, so the winding of triangles is then reversed.
     """
     surface = _surface(obj, mesh, positions_in_world(obj, positions), with_edges, is_mirrored(obj))
-    surface.rounding = single_precision_step(positions) * float(np.linalg.norm(world_matrix(obj)[:3, :3], 2))
+    with _naming(obj):
+        surface.rounding = single_precision_step(positions) * float(np.linalg.norm(world_matrix(obj)[:3, :3], 2))
     return surface
 
 
@@ -185,7 +186,7 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
     if mirrored:
         triangle_corners = triangle_corners[:, ::-1]
     face_start = np.append(read_array(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
-    try:
+    with _naming(obj):
         return zo.Surface.from_corners(
             points,
             _read_corner_vertices(mesh),
@@ -193,6 +194,13 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
             triangle_corners,
             _read_edges(with_edges),
         )
+
+
+@contextmanager
+def _naming(obj: Object) -> Iterator[None]:
+    """Name an object in the error that it cannot be used."""
+    try:
+        yield
     except zo.MeshError as error:
         raise zo.MeshError("'{name}' cannot be used. {reason}", name=obj.name, reason=error) from error
 

@@ -150,3 +150,26 @@ def test_usual_instances_are_read() -> None:
     many = "".join(of_nodes(number, 39) for number in range(1000, 5000))
     check_instances(SCENE.format(f'<node id="n39"><node/><node/></node>{many}').encode())
     check_instances(b"<COLLADA>")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 float\n0 0\n"),
+        ("b.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nSHAPES 3\n"),
+        ("a.mesh", "MeshVersionFormatted 1\nDimension 3\nVertices\n3\n0 0 zero 1\n"),
+        ("a.msh", "$MeshFormat\n9.9 0 8\n$EndMeshFormat\n"),
+        ("a.vtu", "<VTKFile><UnstructuredGrid/></VTKFile>"),
+        ("a.usda", "#usda 1.0\ndef Mesh {{{\n"),
+    ],
+)
+def test_damaged_ones_are_one_sentence_and_nothing_is_printed(
+    name: str, content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pxr" if name.endswith(".usda") else "meshio")
+    (tmp_path / name).write_text(content)
+    with pytest.raises(MeshError) as raised:
+        zo.read_surface(tmp_path / name)
+    opened = "could not be opened as USD" if name.endswith(".usda") else "could not be read (its content is damaged"
+    assert opened in str(raised.value)
+    assert not any(capsys.readouterr())

@@ -43,12 +43,12 @@ def test_it_is_one_sentence(name: str, read: object, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (b"", "Expecting value"),
-        (b"{", "Expecting property name"),
+        (b"", "its JSON is damaged in line 1, column 1"),
+        (b"{", "its JSON is damaged in line 1, column 2"),
         (b"[]", "the file is \\[\\], not an object"),
         (b"null", "the file is null, not an object"),
         (b'{"nodes": ' + b"[" * 100_000, "nested too deeply"),
-        (b"\xff\xfe\x00", "can't decode"),
+        (b"\xff\xfe\x00", "its JSON is not UTF-8 text"),
         (b"glTF\x01\0\0\0\x0c\0\0\0", "its version is 1"),
         (b"glTF\x02\0\0\0\xff\0\0\0", "it ends too early"),
         (b"glTF\x02\0\0\0\x0c\0\0\0", "it has no JSON"),

@@ -131,3 +131,20 @@ def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Pat
     folder = tmp_path / "locked"
     folder.mkdir(0o555)
     assert_refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")
+
+
+@pytest.mark.parametrize("name", ["character.glb", "scan.ply", "truth.txt"])
+def test_samples_replace_no_file_of_the_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("mine")
+    assert_refused(run(zoomout, "sample", tmp_path), f"{tmp_path / name} exists: remove it, or choose another folder.")
+    assert contents(tmp_path) == {name: b"mine"}
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [("x" * 300 + ".npz", "is too long for a file"), ("a\0b.npz", "null character")]
+)
+def test_a_name_that_no_file_can_have_is_refused(name: str, fault: str, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=fault):
+        check_output(tmp_path / name)
+    with pytest.raises(OutputError, match=fault), atomic_write(tmp_path / name):
+        pass

@@ -46,6 +46,35 @@ def test_a_part_that_lies_far_away_is_matched_beside() -> None:
     assert len(far.vertices) == COUNT + 3
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_shape_so_far_away_that_rounding_destroys_it_is_refused(kind: type) -> None:
+    distance = 1e16 if kind == np.float64 else 1e7
+    far = (SOURCE.vertices + distance * np.array([1, 0.7, 0.3])).astype(kind)
+    for pair in ((far, SOURCE.triangles), SOURCE), (SOURCE, zo.PointCloud(far)):
+        with pytest.raises(zo.MeshError, match="rounded by more than an edge length: move it to the origin"):
+            zo.match(*pair, **OPTIONS)
+
+
+def test_one_that_rounding_changes_is_matched_with_a_note() -> None:
+    far = SOURCE.vertices + 4e14
+    (note,) = (str(note) for note in zo.match(SOURCE, (far, SOURCE.triangles), **OPTIONS).notes if "rounded" in note)
+    assert note.startswith("The target is so far from its origin that its coordinates are rounded by ")
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("distance", [0, 1e3, 1e5])
+def test_one_that_it_does_not_change_has_no_note(kind: type, distance: float) -> None:
+    surface = zo.Surface((SOURCE.vertices + distance).astype(kind), SOURCE.triangles)
+    assert not any("rounded" in note for note in zo.match(SOURCE, surface, **OPTIONS).notes)
+
+
+def test_the_integers_of_a_grid_far_away_are_exact() -> None:
+    grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(81).reshape(9, 9)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    assert zo.Surface(grid + 2**23 - 20, quads).area == 64
+
+
 @pytest.mark.parametrize("domain", list(zo.Domain), ids=lambda domain: domain.name.lower())
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
 def test_values_that_are_not_finite_are_filled_in_and_counted(domain: zo.Domain, value: float) -> None:

@@ -9,7 +9,8 @@ import socket
 import ssl
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -20,7 +21,7 @@ from creatures import creature
 
 import zoomout_core
 from zoomout_core.collection import engine as engine_module
-from zoomout_core.collection.engine import OnDask, Task, check_working_folder, local_engine
+from zoomout_core.collection.engine import OnDask, Task, check_open_files, check_working_folder, local_engine
 from zoomout_core.mesh import blender_files
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.files import write_shape
@@ -296,3 +297,90 @@ def test_a_stranger_without_a_certificate_is_turned_away(listening: list[tuple[s
             anyone.wrap_socket(plain) as wrapped,
         ):
             wrapped.recv(1)
+
+
+def open_files(soft: int) -> Callable[[], None]:
+    """Limit the files that a process may open; the second limit, to which it may raise the first, stays if higher."""
+    resource = pytest.importorskip("resource")
+    return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, soft))
+
+
+def test_workers_that_need_more_open_files_than_are_allowed_are_refused(mesh: Path, tmp_path: Path) -> None:
+    other = mesh.with_name("other.ply")
+    write_shape(creature(200, seed=1).surface, other)
+    command = [
+        sys.executable,
+        "-m",
+        "zoomout_core",
+        "collection",
+        mesh,
+        other,
+        "-o",
+        tmp_path / "out",
+        "--workers",
+        "2",
+    ]
+    ran = subprocess.run(
+        command, env=child_environment([REPOSITORY]), capture_output=True, text=True, preexec_fn=open_files(20)
+    )
+    assert ran.returncode == 1
+    (line,) = ran.stderr.splitlines()
+    assert re.fullmatch(
+        r"Error: 2 workers need \d+ open files, but this shell allows 20: raise the limit \(ulimit -n\), or use "
+        r"--workers 1\.",
+        line,
+    )
+
+
+def test_a_lower_limit_of_open_files_is_raised_if_that_is_allowed() -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (120, hard))
+        check_open_files(8)
+        raised = resource.getrlimit(resource.RLIMIT_NOFILE)
+        assert raised[0] > 120
+        check_open_files(2)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == raised
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_workers_that_cannot_be_started_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    import distributed
+
+    def fail(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "LocalCluster", fail)
+    sentence = r"^The processes could not be started \(Nanny failed to start\.\): free memory"
+    with pytest.raises(OSError, match=sentence), local_engine(2, 0):
+        pass
+
+
+def test_a_command_in_a_folder_that_was_deleted_works(mesh: Path, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    script = "import os, sys; os.rmdir(os.getcwd()); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    command = [sys.executable, "-c", script, "-m", "zoomout_core", "info", str(mesh)]
+    ran = subprocess.run(command, cwd=gone, env=os.environ | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_one_whose_standard_error_is_closed_works(mesh: Path, tmp_path: Path) -> None:
+    script = "import os, sys; os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    arguments = ["match", str(mesh), str(mesh), "-o", str(tmp_path / "map.npz"), "--initial", "nearest"]
+    command = [sys.executable, "-c", script, "-m", "zoomout_core", *arguments]
+    ran = subprocess.run(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True)
+    assert ran.returncode == 0, ran.stdout
+    assert (tmp_path / "map.npz").exists()
+
+
+def test_the_address_of_no_scheduler_is_one_sentence_at_once() -> None:
+    before = set(threading.enumerate())
+    with (
+        pytest.raises(ConnectionError, match="There is no scheduler at nonsense"),
+        engine_module.remote_engine("nonsense", 0),
+    ):
+        pass
+    assert set(threading.enumerate()) <= before

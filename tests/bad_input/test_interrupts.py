@@ -36,6 +36,23 @@ print("begun", flush=True)
 sys.exit(blender_addon.cli.main(["match", "--source", "Source", "--target", "Target", "--save", sys.argv[1]]))
 """
 
+# A collection that says when it starts its workers.
+WITH_WORKERS = """
+import sys
+import distributed
+from zoomout_core.__main__ import main
+
+class Announced(distributed.LocalCluster):
+    def __init__(self, **options):
+        print("begun", flush=True)
+        super().__init__(**options)
+
+if __name__ == "__main__":
+    distributed.LocalCluster = Announced
+    sys.argv[1:] = ["collection", *sys.argv[1:], "-o", "made", "--workers", "2", "--no-pictures"]
+    main()
+"""
+
 
 def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = False) -> tuple[int, str]:
     """The exit code and the output of a command that is interrupted after some time."""
@@ -47,6 +64,7 @@ def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = 
         stderr=subprocess.PIPE,
         stdin=subprocess.DEVNULL,
         text=True,
+        start_new_session=True,
         preexec_fn=partial(
             signal.signal, signal.SIGINT, signal.SIG_DFL
         ),  # deaf to it where tests run in the background
@@ -56,7 +74,7 @@ def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = 
         while "begun" not in (line := process.stdout.readline()):
             assert line, process.stderr and process.stderr.read()
     time.sleep(seconds)
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # a terminal interrupts child processes, too
     start = time.monotonic()
     try:
         _, said = process.communicate(timeout=30)
@@ -102,6 +120,17 @@ def test_the_commands(moment: float, pair: tuple[Path, Path], tmp_path: Path) ->
     meshlab = [sys.executable, "-m", "meshlab_filter", "transfer", *map(str, pair), "-o", str(out / "made.ply")]
     check(zoomout, 0.05 + 3 * moment, out / "map.npz")
     check(meshlab, 0.05 + 4 * moment, out / "made.ply")
+
+
+@pytest.mark.slow(but=1)
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("seconds", [0.3, 0, 1, 2])
+def test_a_collection_whose_workers_are_being_started(seconds: float, pair: tuple[Path, Path], tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    code, said = interrupted([sys.executable, "-c", WITH_WORKERS, *map(str, pair)], seconds, tmp_path, begun=True)
+    assert code == 130, said
+    assert said.splitlines()[-1:] == ["zoomout: interrupted; incomplete files were not written."]
+    assert "Traceback" not in said, said
 
 
 @pytest.mark.slow(but=1)

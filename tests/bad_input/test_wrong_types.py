@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,15 +14,30 @@ import numpy as np
 import pytest
 from creatures import creature
 from doors import assert_refused, run
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import OutputError
 
 SURFACE = creature(100).surface
 SAME = zo.SurfaceMap(np.zeros(100, dtype=int), np.tile([1.0, 0, 0], (100, 1)), SURFACE.triangles)
 NUMBERS = zo.Attribute("numbers", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(100))
+
+BASIS = zo.eigenbasis(SURFACE, 20)
+
+
+def attribute(domain: Any = zo.Domain.POINT, kind: Any = zo.Kind.SCALAR) -> zo.Attribute:
+    """An attribute of the surface."""
+    return zo.Attribute("it", domain, kind, np.zeros(100))
+
+
+def moved(values: Any, kind: zo.Kind) -> zo.Attribute:
+    """Values at the surface's vertices, transferred."""
+    return zo.transfer(zo.Attribute("it", zo.Domain.POINT, kind, values), SAME, SURFACE, SURFACE)
+
 
 WRONG: dict[str, Callable[[], object]] = {
     "a number as a shape": lambda: zo.match(3, SURFACE),  # type: ignore[arg-type]
@@ -72,14 +88,51 @@ WRONG: dict[str, Callable[[], object]] = {
     "faces of words": lambda: zo.Surface(np.eye(3), [["a", "b", "c"]]),  # type: ignore[arg-type]
     "faces of objects": lambda: zo.Surface(np.eye(3), np.array([[0, 1, 2]], dtype=object)),
     "a face of numbers in a row": lambda: zo.Surface(np.eye(3), np.arange(3)),
+    "a kind in words": lambda: attribute(kind="scalar"),
+    "no kind": lambda: attribute(kind=None),
+    "a domain in words": lambda: attribute(domain="point"),
+    "a domain of a number": lambda: attribute(domain=1),
+    "a kind as the domain": lambda: attribute(domain=zo.Kind.UV),
+    "labels of nothing": lambda: moved(np.array([None] * 100), zo.Kind.LABEL),
+    "labels of text and numbers": lambda: moved(np.array(["a", 1] * 50, dtype=object), zo.Kind.LABEL),
+    "rotations far too large": lambda: moved(np.full((100, 4), 1e308), zo.Kind.QUATERNION),
+    "matrices far too large": lambda: moved(np.full((100, 16), 1e308), zo.Kind.MATRIX),
+    "weights far too large": lambda: moved(csr_array(np.full((100, 2), 1e308)), zo.Kind.WEIGHT),
+    "an option that a kind lacks": lambda: zo.transfer(NUMBERS, SAME, SURFACE, SURFACE, smooth=3),
+    "confidence in words": lambda: zo.transfer(NUMBERS, SAME, SURFACE, SURFACE, fill_below="low"),  # type: ignore[arg-type]
+    "confidence of two": lambda: zo.transfer(NUMBERS, SAME, SURFACE, SURFACE, fill_below=np.ones(2)),  # type: ignore[arg-type]
+    "vertices of different lengths": lambda: zo.Surface([[0, 0, 0], [1, 0], [0, 1, 0]], [[0, 1, 2]]),
+    "a face within a face": lambda: zo.Surface(np.eye(3), [[0, 1, [2, 0]]]),  # type: ignore[list-item]
+    "a face of nothing": lambda: zo.Surface(np.eye(3), [[0, 1, 2], None]),  # type: ignore[list-item]
+    "edges of different lengths": lambda: zo.Surface(np.eye(3), [[0, 1, 2]], [[0, 1], [2]]),
+    "corners of different lengths": lambda: zo.Surface.from_corners(np.eye(3), [[0], [1, 2]], [0, 3]),
+    "a number as corners": lambda: zo.Surface.from_corners(np.eye(3), 3, [0, 3]),
+    "corners in a table": lambda: zo.Surface.from_corners(np.eye(3), [[0, 1, 2]], [0, 3]),
+    "a triangulation of pairs": lambda: zo.Surface.from_corners(np.eye(3), [0, 1, 2], [0, 3], [0, 1]),
+    "nothing joined": lambda: zo.Surface.joined([]),
+    "a number joined": lambda: zo.Surface.joined([SURFACE, 3]),  # type: ignore[list-item]
+    "regions of nothing": lambda: zo.match(SURFACE, SURFACE, regions=[None], initial="proximity"),
+    "landmarks of different lengths": lambda: zo.match(SURFACE, SURFACE, landmarks=([[0, 0], [1]], [0, 1])),
+    "an initial map of different lengths": lambda: zo.match(
+        SURFACE, SURFACE, initial="given", initial_map=[[1], [1, 2]], k_final=20
+    ),
+    "a functional map of different lengths": lambda: zo.zoomout(BASIS, BASIS, [[1], [1, 2]], k_final=20),
+    "a listener that cannot be called": lambda: zo.match(SURFACE, SURFACE, progress=3),  # type: ignore[arg-type]
+    "no path for a result": lambda: SAME.save(None),  # type: ignore[arg-type]
+    "a null character in a path": lambda: SAME.save("a\0b.npz"),
+    "no path of a result": lambda: zo.load_result(None),  # type: ignore[arg-type]
+    "a surface as an asset": lambda: zo.write_asset(SURFACE, "a.glb"),  # type: ignore[arg-type]
+    "a word as kinds": lambda: zo.transfer_asset(zo.Asset(SURFACE), zo.Asset(SURFACE), SAME, kinds="uv"),
+    "nothing as kinds": lambda: zo.transfer_asset(zo.Asset(SURFACE), zo.Asset(SURFACE), SAME, kinds=None),  # type: ignore[arg-type]
     "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_it_is_one_sentence(name: str) -> None:
-    with pytest.raises((TypeError, ValueError), match=r"(?s)^\S.*[a-z:].*\.$"):
+    with pytest.raises((TypeError, ValueError, OutputError), match=r"(?s)^\S.*[a-z:].*\.$") as raised:
         WRONG[name]()
+    assert not re.search(r"inhomogeneous|truth value|ufunc|not supported between|object has no", str(raised.value))
 
 
 @pytest.mark.parametrize(
@@ -145,3 +198,23 @@ def test_points_far_beyond_numbers() -> None:
 def test_directions_of_any_length() -> None:
     np.testing.assert_allclose(check_axes([1e308, 1e308, 0]), [[0.5**0.5, 0.5**0.5, 0]])
     np.testing.assert_allclose(check_axes([0, 1e-300, 0]), [[0, 1, 0]])
+
+
+@pytest.mark.parametrize("name", ["SCALAR", "uv", "Color"])
+def test_a_kind_in_words_is_named_with_what_was_meant(name: str) -> None:
+    with pytest.raises(
+        TypeError, match=rf"the attribute 'it' is '{name}': give a zo.Kind, such as zo.Kind.{name.upper()}"
+    ):
+        attribute(kind=name)
+
+
+def test_a_functional_map_of_huge_values_is_doubtful() -> None:
+    options: Any = {"initial": "given", "k_final": 20, "samples": 60}
+    result = zo.match(SURFACE, creature(130, seed=1).surface, initial_map=np.full((20, 20), 1e308), **options)
+    assert result.verdict.level == "red"
+
+
+def test_a_folder_is_no_place_for_a_result(tmp_path: Path) -> None:
+    (tmp_path / "it.npz").mkdir()
+    with pytest.raises(OutputError, match=r"it\.npz is a folder: give the name of a file in it"):
+        SAME.save(tmp_path / "it")

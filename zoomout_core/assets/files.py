@@ -24,6 +24,7 @@ from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.named_files import named_files
 from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.input_files import reason_of
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
@@ -60,9 +61,9 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
     except (MeshError, ImportError):
         raise
     except Exception as error:  # readers raise various errors on a broken file
-        reason = " ".join(str(error).split())
         raise MeshError(
-            f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
+            "extension."
         ) from error
 
 
@@ -119,11 +120,14 @@ def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | 
     Raises:
         MeshError: files with this extension cannot be written, or a .vrm file would be no avatar.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
+        TypeError: it is no Asset.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store
         ()
     """
+    if not isinstance(asset, Asset):
+        raise TypeError(f"An Asset is needed, not a {type(asset).__name__}: write a surface as zo.Asset(surface).")
     check_format(path)
     check_avatar(asset, path)
     with atomic_write_together(path, inputs) as place:

@@ -17,7 +17,7 @@ from zoomout_core.mesh.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_fi
 from zoomout_core.mesh.opening import shown
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.input_files import OutsideError
+from zoomout_core.runtime.input_files import FormatError, OutsideError, reason_of
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Accessor, Mesh, Texture
@@ -95,14 +95,14 @@ class Document:
             try:
                 content = self._image(number)
                 if image_type(content) is None:
-                    raise ValueError("it is no image of a known type")
+                    raise FormatError("it is no image of a known type")
                 self._images[number] = content
             except OutsideError:
                 self._note(number, "is outside the folder of the file")
             except OSError as error:
                 self._note(number, f"could not be opened ({error.strerror})")
             except ValueError as error:
-                self._note(number, f"could not be read ({error})")
+                self._note(number, f"could not be read ({reason_of(error)})")
         return self._images[number]
 
     def _image(self, number: int) -> bytes:
@@ -110,7 +110,7 @@ class Document:
         if image.bufferView is not None:
             return self.view(image.bufferView)
         if image.uri is None:
-            raise ValueError("it has neither a file nor a buffer")
+            raise FormatError("it has neither a file nor a buffer")
         if self._file is None:
             return data_of(image.uri)
         return self._file.read_uri(image.uri)

@@ -30,7 +30,7 @@ from zoomout_core.assets.images import image_type
 from zoomout_core.mesh.files import drop_broken_faces, surface_of
 from zoomout_core.mesh.obj_files import parse_obj, statements
 from zoomout_core.mesh.opening import file_bytes, shown
-from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
+from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 
@@ -51,7 +51,7 @@ def read_obj(path: Path, folders: Iterable[Path] = ()) -> Asset:
     uvs, colors = content.coordinates(), content.colors()
     coordinate = np.array(content.corner_coordinates(), dtype=np.int64)[np.repeat(kept, np.diff(given[2]))]
     if coordinate.max(initial=-1) >= len(uvs) or coordinate.min(initial=0) < -1:
-        raise ValueError(f"a face refers to a texture coordinate that is none of its {len(uvs)}")
+        raise FormatError(f"a face refers to a texture coordinate that is none of its {len(uvs)}")
     reader = _MaterialReader(tuple(folders))
     for library in content.libraries:
         reader.read(library, path.parent)

@@ -83,6 +83,8 @@ def transfer_asset(
     """
     if shape not in SHAPES:
         raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
+    if isinstance(kinds, str) or not isinstance(kinds, Collection):
+        raise TypeError(f"kinds is {kinds!r}: give a list of {', '.join(KINDS)}.")
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")

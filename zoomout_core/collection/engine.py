@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -33,6 +36,9 @@ ARRIVING = 60
 MAX_UNDER_WAY = 2000
 # The first version of Python that can leave out the working folder.
 SAFE_PATH_SINCE = (3, 11)
+# Files that a process keeps open, connections included, for itself and for each worker: a third more than 19 and 12,
+# which were measured with 2, 4 and 8 workers.
+OWN_FILES, FILES_PER_WORKER = 26, 16
 # Where processes on this machine listen: other machines cannot connect.
 LOOPBACK = "127.0.0.1"
 LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
@@ -294,7 +300,8 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
 
     Raises:
         ImportError: several workers were asked for, and Dask is not installed.
-        OSError: the processes would import modules of the working folder instead of Python's.
+        OSError: the processes would import modules of the working folder instead of Python's, or they cannot be
+            started, such as within a limit of open files.
     """
     if workers == 1:
         yield InThisProcess(retries)
@@ -303,6 +310,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     import dask
 
     check_working_folder()
+    check_open_files(workers)
     # Each process computes on a core of its own. Dask's default settings return the memory of every freed array to the
     # system at once, and request it again: 97 s of processor time instead of 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
@@ -316,19 +324,77 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
         TemporaryDirectory(prefix="zoomout-", ignore_cleanup_errors=True) as folder,
         dask.config.set(settings),
         _environment(child_environment()),
-        distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            scheduler_kwargs={"dashboard": False},
-            security=True,
-            local_directory=folder,
-            silence_logs=logging.CRITICAL,
+        _cluster(
+            lambda: distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host=LOOPBACK,
+                dashboard_address=f"{LOOPBACK}:0",
+                scheduler_kwargs={"dashboard": False},
+                security=True,
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+            )
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         yield OnDask(client, retries)
+
+
+@contextmanager
+def _cluster(start: Callable[[], Any]) -> Iterator[Any]:
+    """A cluster from a function that starts it, whose processes no interrupt reaches; leaving the context ends them.
+
+    It is started in a thread that blocks interrupts. Otherwise, Ctrl-C would end processes that are being started, with
+    tracebacks, and a cluster without them cannot be closed.
+
+    Raises:
+        OSError: the processes cannot be started.
+    """
+    with ThreadPoolExecutor(1, initializer=_block_interrupts) as thread:
+        starting = thread.submit(start)
+        try:
+            try:
+                cluster = starting.result()
+            except (RuntimeError, TimeoutError) as error:
+                raise OSError(
+                    f"The processes could not be started ({error}): free memory and disk space, raise the limits of "
+                    "this shell (ulimit), or use --workers 1."
+                ) from error
+            yield cluster
+        finally:
+            if starting.exception() is None:
+                starting.result().close()
+
+
+def _block_interrupts() -> None:
+    """Block interrupts in this thread, and in the threads and processes that it starts."""
+    if sys.platform != "win32":
+        resource_tracker.ensure_running()  # starting it would let interrupts through again
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+
+
+def check_open_files(workers: int) -> None:
+    """Check that this process may open the files for some workers; its own limit is raised if the system allows it.
+
+    Raises:
+        OSError: it may not.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    need = OWN_FILES + FILES_PER_WORKER * workers
+    limit, highest = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if limit == resource.RLIM_INFINITY or limit >= need:
+        return
+    if highest != resource.RLIM_INFINITY and highest < need:
+        fewer = max(1, (highest - OWN_FILES) // FILES_PER_WORKER)
+        raise OSError(
+            f"{workers} workers need {need} open files, but this shell allows {highest}: raise the limit (ulimit -n), "
+            f"or use --workers {fewer}."
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (need, highest))
 
 
 def has_dask() -> bool:
@@ -372,6 +438,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
     """
     distributed = _import_distributed(retries)
     try:
+        distributed.comm.get_address_host_port(address)  # a client of a wrong address could not be closed
         client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConnectionError(f"There is no scheduler at {address} ({error}): check the address.") from error

@@ -21,8 +21,9 @@ from zoomout_core.runtime.threads import threads
 BLOCK = 1 << 17
 # Most triangles tested for a query, to bound the time: with more rivals it is as far off the surface as these are wide.
 MAX_CANDIDATES = 256
-# Triangles at a vertex of a regular mesh, which determines the size of a block.
-RING = 6
+# Triangles at a vertex from which on it is the hub of a fan, such as the tip of a cone. What surrounds it surrounds
+# all vertices of the fan, so that lists of surroundings through hubs would grow by the square of its size.
+HUB = 256
 # Minimum number of queries for which several threads are faster than one.
 MANY_QUERIES = 10_000
 # Guard against division by zero.
@@ -63,7 +64,7 @@ class SurfaceSearch:
         found = _Closest(points, self.vertices, self.triangles)
         # The triangles at the nearest vertex are a good initial guess, which rules out most others.
         nearest = self._used[_query(self._tree, points, 1)[1]]
-        for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
+        for block in consecutive(np.diff(self._at_vertex[0])[nearest], BLOCK):
             query, candidate, _ = _lists(*self._at_vertex, nearest[block])
             found.improve(block[query], candidate)
         far = np.flatnonzero(found.distance > tolerance)
@@ -166,8 +167,15 @@ def _first_min(values: Floats, group: Integers) -> Integers:
     return hit[np.flatnonzero(np.diff(group[hit], prepend=-1))]
 
 
+def consecutive(sizes: Integers, most: int) -> list[Integers]:
+    """Divide the positions of sizes (q,) into blocks, in order; all but the first of each sum to less than `most`."""
+    return np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(sizes) // most)) + 1)
+
+
 class Neighbourhoods:
     """The triangles (m, 3) within some edges, from 0, of each of n vertices of a mesh, prepared for many projections.
+
+    Hubs (`HUB`) are surrounded like other vertices, but not passed through.
 
     Attributes:
         triangles: (m, 3) vertex numbers.
@@ -182,9 +190,14 @@ class Neighbourhoods:
         m = len(triangles)
         ones, number = np.ones(3 * m, bool), np.repeat(np.arange(m), 3)
         at_vertex = coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
+        passed = at_vertex
+        if (is_hub := np.diff(at_vertex.indptr) > HUB).any():
+            passed = coo_array((~is_hub[triangles].ravel(), (triangles.ravel(), number)), shape=(n, m)).tocsr()
+            passed.eliminate_zeros()
         near = at_vertex
         for _ in range(edges):
-            near = (near @ at_vertex.T @ at_vertex).tocsr()
+            further = near @ passed.T @ passed
+            near = (further if passed is at_vertex else near + further).tocsr()
         around = (near @ at_vertex.T).tocsr()
         around.sort_indices()
         self.triangles = triangles
@@ -236,9 +249,8 @@ class EmbeddedSurface:
         barycentric = np.zeros((len(points), 3))
         # Queries with the same nearest vertex share its candidates' rows in the processor's cache.
         order = np.argsort(nearest, kind="stable")
-        pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
-        per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
-        for block in np.array_split(order, max(1, len(order) // per_block)):
+        pairs_each = np.diff(neighbourhoods.first_vertex)[nearest[order]].astype(np.int64)
+        for block in map(order.__getitem__, consecutive(pairs_each * max(8, embedding.shape[1]), BLOCK * 2)):
             # Inner products of each query with each nearby vertex, computed once per pair.
             query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
             beside = take_rows(points, block[query]), take_rows(embedding, pair_vertex)

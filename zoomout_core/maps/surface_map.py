@@ -19,6 +19,7 @@ from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
+from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.summary import Summary
 
@@ -199,6 +200,7 @@ def arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, 
 
 def _npz(path: str | PathLike[str]) -> str:
     """The path with the extension that numpy adds when writing."""
+    check_path(path)
     name = fspath(path)
     return name if name.endswith(".npz") else f"{name}.npz"
 

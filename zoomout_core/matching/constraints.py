@@ -136,7 +136,7 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
     """
     checked = []
     for number, region in enumerate(() if regions is None else regions):
-        if len(region) != 2:
+        if not hasattr(region, "__len__") or len(region) != 2:
             raise ValueError(f"Region {number} must be a pair: its vertices on the source, and those on the target.")
         of_source = vertex_numbers(region[0], len(source.vertices), f"Region {number} of the source")
         of_target = vertex_numbers(region[1], len(target.vertices), f"Region {number} of the target")

@@ -85,14 +85,13 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
 
 def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
     """A note if coordinates are so far from the origin that their rounding is a notable part of an edge."""
-    coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
-    if coarse < MAX_ROUNDING:
+    if surface.rounding_of_edges < MAX_ROUNDING:
         return ()
     return (
         warning(
             f"The {role} is so far from its origin that its coordinates are rounded by {{share:.0%}} of an edge "
             "length: move it to the origin in the program that created it.",
-            share=coarse,
+            share=surface.rounding_of_edges,
         ),
     )
 

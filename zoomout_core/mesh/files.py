@@ -33,10 +33,10 @@ from zoomout_core.mesh.obj_files import parse_obj
 from zoomout_core.mesh.opening import existing, file_bytes
 from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-from zoomout_core.mesh.text_tables import flatten, number_table, text_lines
+from zoomout_core.mesh.text_tables import flatten, number_table, text_lines, whole_number
 from zoomout_core.mesh.xml_instances import check_instances
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.input_files import check_expansion
+from zoomout_core.runtime.input_files import FormatError, check_expansion, reason_of
 from zoomout_core.runtime.outputs import atomic_write
 
 # Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
@@ -112,6 +112,8 @@ def surface_of(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathL
 
 def _shape(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface | PointCloud:
     vertices, corner_vertex, face_start = polygons
+    if not len(vertices):
+        raise MeshError(f"{path} contains neither faces nor points: check that it is a mesh file.")
     try:
         if len(face_start) < 2:
             return PointCloud(vertices, ply_normals(vertex_columns))
@@ -173,9 +175,9 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
     except (MeshError, ImportError):
         raise
     except Exception as error:  # readers raise various errors on a broken file
-        reason = " ".join(str(error).split())
         raise MeshError(
-            f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
+            "extension."
         ) from error
 
 
@@ -187,24 +189,28 @@ def _read_off(path: Path) -> Polygons:
     lines = [line for line in (line.partition("#")[0].strip() for line in text_lines(file_bytes(path))) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
-        raise ValueError("it does not begin with OFF")
+        raise FormatError("it does not begin with OFF")
     lines[:1] = [" ".join(counts)] if counts else []  # the counts may follow the keyword on its line
-    vertex_count, face_count = (int(word) for word in lines[0].split()[:2])
+    declared = [whole_number(word) for word in " ".join(lines[:1]).split()[:2]]
+    if len(declared) < 2 or min(declared) < 0:
+        raise FormatError("it does not declare its numbers of vertices and faces")
+    vertex_count, face_count = declared
     vertex_lines = lines[1 : vertex_count + 1]
     face_lines = lines[vertex_count + 1 : vertex_count + face_count + 1]
-    if len(face_lines) < face_count:
-        raise ValueError("it ends too early")
+    if len(vertex_lines) < vertex_count or len(face_lines) < face_count:
+        raise FormatError("it ends too early")
     sizes = number_table(face_lines, [0], np.int64)[:, 0]
     words = np.array([len(line.split()) for line in face_lines])
     wrong = np.flatnonzero((sizes < 0) | (sizes >= words))
     if len(wrong):
         face = wrong[0]
-        raise ValueError(f"face {face} should have {sizes[face]} vertices, but its line has {words[face] - 1} numbers")
+        raise FormatError(f"face {face} should have {sizes[face]} vertices, but its line has {words[face] - 1} numbers")
     if len(np.unique(sizes)) == 1:
-        corners = number_table(face_lines, range(1, sizes[0] + 1), np.int64)
-        return number_table(vertex_lines, [0, 1, 2]), *flatten(corners)
+        same_size = number_table(face_lines, range(1, sizes[0] + 1), np.int64)
+        return number_table(vertex_lines, [0, 1, 2]), *flatten(same_size)
     polygons = [line.split()[1 : size + 1] for line, size in zip(face_lines, sizes, strict=True)]
-    return number_table(vertex_lines, [0, 1, 2]), *flatten([[int(word) for word in polygon] for polygon in polygons])
+    corners = [[whole_number(word) for word in polygon] for polygon in polygons]
+    return number_table(vertex_lines, [0, 1, 2]), *flatten(corners)
 
 
 def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:

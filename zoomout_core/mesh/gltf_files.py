@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 from base64 import b64decode
-from binascii import Error as Base64Error
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 
 from zoomout_core.mesh.opening import file_bytes, outside, shown
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
+from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole, reason_of
 
 # The size in bytes of each type of number, and the numbers of each type of element.
 COMPONENT_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -154,10 +153,6 @@ NUMBERS = ("meshes[].weights[]", "nodes[].weights[]")
 SWITCHES = ("accessors[].normalized",)
 
 
-class StructureError(ValueError):
-    """A part of a file that contradicts the specification; the message is a part of a sentence."""
-
-
 @dataclass(frozen=True, eq=False)
 class GltfFile:
     """A checked file.
@@ -211,7 +206,7 @@ def read_gltf_file(path: Path, folders: Iterable[Path] = ()) -> GltfFile:
     buffers = _buffers(file, binary)
     try:
         _check_views(tree, buffers)
-    except StructureError as error:
+    except FormatError as error:
         raise _damage_error(path, error) from error
     return GltfFile(tree, buffers, path, file.folders)
 
@@ -228,7 +223,11 @@ def parse_gltf(content: bytes) -> tuple[dict[str, Any], bytes]:
             text.decode("utf-8-sig"), object_hook=_without_nulls, parse_constant=_finite, parse_float=_finite
         )
     except RecursionError:
-        raise StructureError("it is nested too deeply") from None
+        raise FormatError("it is nested too deeply") from None
+    except UnicodeDecodeError:
+        raise FormatError("its JSON is not UTF-8 text") from None
+    except json.JSONDecodeError as error:
+        raise FormatError(f"its JSON is damaged in line {error.lineno}, column {error.colno}") from None
     check_structure(tree, len(content))
     return tree, binary
 
@@ -242,7 +241,7 @@ def _finite(text: str) -> float:
     """A number of JSON, which has no infinite ones."""
     value = float(text)
     if not math.isfinite(value):
-        raise StructureError(f"it contains the number {text}")
+        raise FormatError(f"it contains the number {text}")
     return value
 
 
@@ -257,8 +256,8 @@ def data_of(uri: str) -> bytes:
         return unquote_to_bytes(data)
     try:
         return b64decode(data)
-    except Base64Error as error:
-        raise ValueError(f"its embedded data is damaged: {error}") from error
+    except ValueError as error:  # also of characters beyond ASCII
+        raise FormatError("its embedded data is damaged") from error
 
 
 def named_uris(tree: Any, tables: Iterable[str] = ("buffers", "images")) -> list[str]:
@@ -270,16 +269,16 @@ def _chunks(content: bytes) -> tuple[bytes, bytes]:
     """The JSON and the binary data of a GLB file."""
     version, length = (int.from_bytes(content[at : at + 4], "little") for at in (4, 8))
     if version != 2:
-        raise StructureError(f"its version is {version}, not 2")
+        raise FormatError(f"its version is {version}, not 2")
     chunks, at = dict[bytes, bytes](), 12
     while at + 8 <= length:
         size = int.from_bytes(content[at : at + 4], "little")
         chunks.setdefault(content[at + 4 : at + 8], content[at + 8 : at + 8 + size])
         at += 8 + size
     if max(at, length) > len(content):
-        raise StructureError("it ends too early")
+        raise FormatError("it ends too early")
     if b"JSON" not in chunks:
-        raise StructureError("it has no JSON")
+        raise FormatError("it has no JSON")
     return chunks[b"JSON"], chunks.get(b"BIN\0", b"")
 
 
@@ -304,7 +303,8 @@ def _buffers(file: GltfFile, binary: bytes) -> tuple[bytes, ...]:
 
 
 def _damage_error(path: Path, error: ValueError) -> MeshError:
-    return MeshError(f"{path} could not be read ({error}): check that the file is complete, or export it again.")
+    reason = reason_of(error)
+    return MeshError(f"{path} could not be read ({reason}): check that the file is complete, or export it again.")
 
 
 # --- the structure ------------------------------------------------------------------------------------------
@@ -318,11 +318,11 @@ def check_structure(tree: Any, size: int = 0) -> None:
         size: bytes of the file.
 
     Raises:
-        StructureError: it contradicts the specification.
+        FormatError: it contradicts the specification.
     """
     parts = sum(1 for path in PARTS for _ in _values(tree, path))
     if parts > MAX_PARTS:
-        raise StructureError(f"it has {parts} nodes, channels and other parts, and {MAX_PARTS} are allowed")
+        raise FormatError(f"it has {parts} nodes, channels and other parts, and {MAX_PARTS} are allowed")
     for path in OBJECTS:
         for value in _values(tree, path):
             _expect(isinstance(value, dict), path, value, "an object")
@@ -399,7 +399,7 @@ def _expect(is_right: bool, path: str, value: Any, wanted: str) -> None:
     if not is_right:
         found = json.dumps(value, default=str)
         shown = found if len(found) <= 40 else f"{found[:37]}..."
-        raise StructureError(f"{path.replace('[]', '')} is {shown}, not {wanted}")
+        raise FormatError(f"{path.replace('[]', '')} is {shown}, not {wanted}")
 
 
 def _is_count(value: Any) -> bool:
@@ -427,7 +427,7 @@ def _check_tree_of_nodes(nodes: list[dict[str, Any]]) -> None:
     for number, node in enumerate(nodes):
         for child in node.get("children") or []:
             if child in parent:
-                raise StructureError(f"node {child} is a child of nodes {parent[child]} and {number}")
+                raise FormatError(f"node {child} is a child of nodes {parent[child]} and {number}")
             parent[child] = number
     waiting = [number for number in range(len(nodes)) if number not in parent]
     visited = len(waiting)
@@ -436,7 +436,7 @@ def _check_tree_of_nodes(nodes: list[dict[str, Any]]) -> None:
         visited += len(children)
         waiting.extend(children)
     if visited < len(nodes):
-        raise StructureError("some of its nodes are their own ancestors")
+        raise FormatError("some of its nodes are their own ancestors")
 
 
 def _check_types(tree: dict[str, Any]) -> None:
@@ -446,9 +446,9 @@ def _check_types(tree: dict[str, Any]) -> None:
     def check(name: str, number: int, types: Sequence[str], count: int | None, of: str) -> None:
         accessor = accessors[number]
         if accessor["type"] not in types:
-            raise StructureError(f"{name} of {of} has elements of type {accessor['type']}, not {' or '.join(types)}")
+            raise FormatError(f"{name} of {of} has elements of type {accessor['type']}, not {' or '.join(types)}")
         if count is not None and accessor["count"] != count:
-            raise StructureError(f"{name} of {of} has {accessor['count']} elements, and {count} are needed")
+            raise FormatError(f"{name} of {of} has {accessor['count']} elements, and {count} are needed")
 
     for number, mesh in enumerate(tree.get("meshes") or []):
         for primitive in mesh["primitives"]:
@@ -477,7 +477,7 @@ def _check_elements(tree: dict[str, Any], size: int) -> None:
     total = max(total, sum(of_mesh[node["mesh"]] for node in tree.get("nodes") or [] if node.get("mesh") is not None))
     most = max(MAX_ELEMENTS, size)
     if total > most:
-        raise StructureError(f"its meshes and accessors have {total} elements in all, and {most} are allowed")
+        raise FormatError(f"its meshes and accessors have {total} elements in all, and {most} are allowed")
 
 
 def _check_accessors(tree: dict[str, Any]) -> None:
@@ -489,7 +489,7 @@ def _check_accessors(tree: dict[str, Any]) -> None:
         sparse = accessor.get("sparse")
         if sparse is not None:
             if sparse["count"] > count:
-                raise StructureError(f"accessor {number} changes {sparse['count']} of {count} elements")
+                raise FormatError(f"accessor {number} changes {sparse['count']} of {count} elements")
             size = COMPONENT_SIZES[sparse["indices"]["componentType"]]
             parts += [(sparse["indices"], sparse["count"], size), (sparse["values"], sparse["count"], width)]
         for part, elements, size in parts:
@@ -498,7 +498,7 @@ def _check_accessors(tree: dict[str, Any]) -> None:
             view = views[part["bufferView"]]
             stride = (view.get("byteStride") or size) if part is accessor else size
             if (part.get("byteOffset") or 0) + stride * (elements - 1) + size > view["byteLength"]:
-                raise StructureError(f"accessor {number} has more elements than its view")
+                raise FormatError(f"accessor {number} has more elements than its view")
 
 
 def _check_views(tree: dict[str, Any], buffers: Sequence[bytes]) -> None:
@@ -506,7 +506,7 @@ def _check_views(tree: dict[str, Any], buffers: Sequence[bytes]) -> None:
     views = tree.get("bufferViews") or []
     for number, view in enumerate(views):
         if (view.get("byteOffset") or 0) + view["byteLength"] > len(buffers[view["buffer"]]):
-            raise StructureError(f"view {number} ends after its buffer")
+            raise FormatError(f"view {number} ends after its buffer")
     for number, accessor in enumerate(tree.get("accessors") or []):
         sparse = accessor.get("sparse")
         if sparse is not None:
@@ -516,7 +516,7 @@ def _check_views(tree: dict[str, Any], buffers: Sequence[bytes]) -> None:
             kind = f"<u{COMPONENT_SIZES[indices['componentType']]}"
             changed = np.frombuffer(buffers[view["buffer"]], kind, sparse["count"], start)
             if changed.max(initial=0) >= max(accessor["count"], 1):
-                raise StructureError(f"accessor {number} changes element {changed.max()} of {accessor['count']}")
+                raise FormatError(f"accessor {number} changes element {changed.max()} of {accessor['count']}")
 
 
 def _in(mesh: dict[str, Any], path: str) -> Iterator[int]:

@@ -7,7 +7,8 @@ import lzma
 import os
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -104,17 +105,19 @@ def read_with_meshio(path: Path) -> Polygons:
     """The faces of a file that meshio reads; surfaces of solid cells are not extracted.
 
     Raises:
-        MeshError: it cannot be read, or refers to files outside its folder.
+        ValueError: it is damaged.
+        MeshError: it refers to files outside its folder.
         ImportError: meshio is not installed.
     """
     import meshio
 
     _check_files(path)
     try:
-        with _bounded_decompression(path):
+        # It prints what it misses, which would spoil the output of a command, and exits as if from its own one.
+        with _bounded_decompression(path), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             mesh = meshio.read(path)
-    except (meshio.ReadError, SystemExit) as error:  # meshio exits as if from its own command
-        raise MeshError(f"{path} could not be read ({error}): check that the file is complete.") from error
+    except SystemExit as error:
+        raise ValueError("meshio could not read it") from error
     return faces_of_meshio(mesh)
 
 

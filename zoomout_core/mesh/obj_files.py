@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.text_tables import decode, flatten, number_table
+from zoomout_core.mesh.text_tables import decode, flatten, number_table, real_number, whole_number
+from zoomout_core.runtime.input_files import FormatError
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class ObjFile:
         """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
 
         Raises:
-            ValueError: a number is missing or malformed, or a face names vertex 0.
+            FormatError: a number is missing or malformed, or a face names vertex 0.
         """
         polygons = [
             [_vertex(corner, known) for corner in line.split()[1:]]
@@ -49,7 +50,7 @@ class ObjFile:
     def coordinates(self) -> list[list[float]]:
         """(t, 2) texture coordinates; missing components are zero."""
         words = (line.split()[1:3] for line in self.coordinate_lines)
-        return [[float(word) for word in pair] + [0.0] * (2 - len(pair)) for pair in words]
+        return [[real_number(word) for word in pair] + [0.0] * (2 - len(pair)) for pair in words]
 
     def corner_coordinates(self) -> list[int]:
         """(c,) the texture coordinate of each corner, -1 for none."""
@@ -59,7 +60,7 @@ class ObjFile:
     def colors(self) -> list[list[float]]:
         """(k, 3) colours of the vertices that have one."""
         words = (line.split()[1:7] for line in self.position_lines)
-        return [[float(word) for word in each[3:]] for each in words if len(each) == 6]
+        return [[real_number(word) for word in each[3:]] for each in words if len(each) == 6]
 
 
 def parse_obj(content: bytes) -> ObjFile:
@@ -94,9 +95,9 @@ def statements(content: bytes) -> Iterator[tuple[str, str]]:
 
 def _vertex(corner: str, known: int) -> int:
     """The vertex of a face corner `v/vt/vn`: counted from 1, or backwards from the last one so far."""
-    number = int(corner.partition("/")[0])
+    number = whole_number(corner.partition("/")[0])
     if number == 0:
-        raise ValueError("a face refers to vertex 0, but vertices are numbered from 1")
+        raise FormatError("a face refers to vertex 0, but vertices are numbered from 1")
     return number - 1 if number > 0 else known + number
 
 
@@ -105,5 +106,5 @@ def _coordinate(corner: str, known: int) -> int:
     written = corner.split("/")[1:2]
     if not written or not written[0]:
         return -1
-    number = int(written[0])
+    number = whole_number(written[0])
     return number - 1 if number > 0 else known + number

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import read_whole
+from zoomout_core.runtime.input_files import check_path, read_whole
 
 # Characters of a name in a message.
 SHOWN = 60
@@ -15,8 +15,7 @@ SHOWN = 60
 
 def existing(path: str | PathLike[str]) -> Path:
     """The path of an existing file, else a MeshError."""
-    if not isinstance(path, str | PathLike):
-        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
+    check_path(path)
     path = Path(path)
     if path.is_file():
         return path

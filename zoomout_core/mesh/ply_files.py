@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.text_tables import flatten, text_lines, whole_numbers
+from zoomout_core.mesh.text_tables import SHOWN, flatten, real_number, text_lines, whole_number, whole_numbers
+from zoomout_core.runtime.input_files import FormatError
 
 # Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
@@ -56,18 +57,18 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     """The content of a PLY file, by element and property.
 
     Raises:
-        ValueError: it is not PLY, or incomplete; a KeyError if its header has unknown types.
+        FormatError: it is not PLY, or damaged.
     """
     end = content.find(b"end_header")
     if not content.startswith(b"ply") or end < 0:
-        raise ValueError("it has no PLY header")
+        raise FormatError("it has no PLY header")
     header = [line.split() for line in text_lines(content[:end])]
     body = content[content.index(b"\n", end) + 1 :]
     encoding = next((words[1] for words in header if words[:1] == ["format"] and len(words) > 1), "")
     if not encoding:
-        raise ValueError("its header has no format")
+        raise FormatError("its header has no format")
     if encoding == "ascii":
-        body = np.array(body.split(), dtype=np.float64).tobytes()  # treat it as a binary file of doubles from here on
+        body = _doubles(body.split())  # treat it as a binary file of doubles from here on
         types = {word: np.dtype(np.float64) for word in PLY_TYPES}
     else:
         order = ">" if encoding == "binary_big_endian" else "<"
@@ -76,19 +77,34 @@ def ply_columns(content: bytes) -> dict[str, PlyColumns]:
     for element in _ply_elements(header, types):
         columns[element.name], body = _element_columns(body, element)
     if "vertex" not in columns or not {"x", "y", "z"} <= columns["vertex"].keys():
-        raise ValueError("its header has no vertices with x, y and z")
+        raise FormatError("its header has no vertices with x, y and z")
     return columns
 
 
+def _doubles(words: list[bytes]) -> bytes:
+    """Written numbers as doubles."""
+    try:
+        return np.array(words, dtype=np.float64).tobytes()
+    except ValueError:
+        for word in words:
+            real_number(word.decode(errors="replace"))  # names the wrong one
+        raise
+
+
 def _ply_elements(header: list[list[str]], types: dict[str, np.dtype[Any]]) -> list[_Element]:
-    elements = []
+    elements: list[_Element] = []
     for words in header:
-        if words[:1] == ["element"]:
-            elements.append(_Element(words[1], int(words[2]), []))
-        elif words[:2] == ["property", "list"]:
-            elements[-1].properties.append(_Property(words[4], types[words[3]], types[words[2]]))
-        elif words[:1] == ["property"]:
-            elements[-1].properties.append(_Property(words[2], types[words[1]], None))
+        try:
+            if words[:1] == ["element"]:
+                if (count := whole_number(words[2])) < 0:
+                    raise FormatError(f"its header declares {count} elements")
+                elements.append(_Element(words[1], count, []))
+            elif words[:2] == ["property", "list"]:
+                elements[-1].properties.append(_Property(words[4], types[words[3]], types[words[2]]))
+            elif words[:1] == ["property"]:
+                elements[-1].properties.append(_Property(words[2], types[words[1]], None))
+        except LookupError:  # a word is missing, a type unknown, or a property of nothing
+            raise FormatError(f"its header has the line {' '.join(words)!r:.{SHOWN}}") from None
     return elements
 
 
@@ -120,13 +136,20 @@ def _ply_row(body: bytes, offset: int, properties: list[_Property]) -> tuple[dic
     """The values of the row that begins at an offset, and the offset of the next."""
     values: dict[str, Any] = {}
     for column in properties:
-        size = None
+        size: int | None = None
         if column.size_type is not None:
-            size = int(whole_numbers(np.frombuffer(body, column.size_type, 1, offset).astype(np.float64))[0])
+            size = int(whole_numbers(_read(body, column.size_type, 1, offset).astype(np.float64))[0])
             if size < 0:  # numpy would read all that follows
-                raise ValueError(f"a list has {size} entries")
+                raise FormatError(f"a list has {size} entries")
             offset += column.size_type.itemsize
-        flat = np.frombuffer(body, column.type, 1 if size is None else size, offset) if size != 0 else np.zeros(0)
+        flat = _read(body, column.type, 1 if size is None else size, offset)
         values[column.name] = flat[0] if size is None else flat
         offset += len(flat) * column.type.itemsize
     return values, offset
+
+
+def _read(body: bytes, kind: np.dtype[Any], count: int, offset: int) -> Any:
+    """Values (count,) that begin at an offset."""
+    if offset + count * kind.itemsize > len(body):
+        raise FormatError("it ends too early")
+    return np.frombuffer(body, kind, count, offset) if count else np.zeros(0)

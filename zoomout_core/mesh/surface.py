@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, regular
 from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
@@ -61,7 +61,8 @@ class Surface(Summary):
         triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
 
     Raises:
-        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite, or no area.
+        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite or so far from
+            zero that the faces vanish in rounding, or no area.
 
     Example:
         >>> square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
@@ -97,12 +98,21 @@ class Surface(Summary):
             MeshError: as for the constructor, or the arrays are inconsistent.
         """
         surface = cls.__new__(cls)
-        surface._set(vertices, _whole_numbers(corner_vertex), _whole_numbers(face_start), triangle_corners, edges)
+        corners, starts = _whole_numbers(corner_vertex), _whole_numbers(face_start)
+        if corners.ndim != 1 or starts.ndim != 1:
+            raise MeshError("Corners and starts of faces must be lists of numbers, one face after the other.")
+        surface._set(vertices, corners, starts, triangle_corners, edges)
         return surface
 
     @classmethod
     def joined(cls, surfaces: Sequence[Surface]) -> Surface:
-        """Join several surfaces: their vertices, corners, faces, triangles and edges follow each other."""
+        """Join several surfaces: their vertices, corners, faces, triangles and edges follow each other.
+
+        Raises:
+            TypeError: there are none, or they are not surfaces.
+        """
+        if not surfaces or not all(isinstance(surface, Surface) for surface in surfaces):
+            raise TypeError("Give at least one surface, in a list.")
         vertex, corner = (
             np.cumsum([0, *(len(getattr(surface, name)) for surface in surfaces[:-1])])
             for name in ("vertices", "corner_vertex")
@@ -146,6 +156,15 @@ class Surface(Summary):
         self._edges = None if edges is None else _check_edges(edges, len(self.vertices))
         if not self.area > 0:
             raise MeshError("The mesh has no area because all of its faces are degenerate: repair them.")
+        self._check_rounding()
+
+    def _check_rounding(self) -> None:
+        """Reject coordinates whose rounding is larger than an edge: of the shape, nothing is left."""
+        if self.rounding_of_edges > 1:
+            raise MeshError(
+                "The mesh is so far from its origin that its coordinates are rounded by more than an edge length: move "
+                "it to the origin in the program that created it."
+            )
 
     @cached_property
     def triangles(self) -> Integers:
@@ -200,16 +219,27 @@ class Surface(Summary):
     def rounding(self) -> float:
         """The step that the coordinates were rounded to, in units of the vertices.
 
-        The step of single precision grows with the distance from zero. It is 0 if a coordinate needs double precision.
+        It grows with the distance from zero, and is that of double precision if a coordinate needs it.
         """
         if self._rounding is None:
-            self._rounding = single_precision_step(self.vertices)
+            used = self.vertices[self.corner_vertex]
+            self._rounding = single_precision_step(used) or float(np.spacing(np.abs(used).max()))
         return self._rounding
 
     @rounding.setter
     def rounding(self, step: float) -> None:
-        """Set the step of the coordinates before they were transformed."""
+        """Set the step of the coordinates before they were transformed.
+
+        Raises:
+            MeshError: it is larger than an edge.
+        """
         self._rounding = step
+        self._check_rounding()
+
+    @property
+    def rounding_of_edges(self) -> float:
+        """`rounding` in lengths of a typical edge, which is the leg of a right triangle of mean area."""
+        return self.rounding / float(np.sqrt(2 * self.area / len(self.triangle_corners)))
 
     def _summary(self) -> dict[str, str]:
         low, high = self.vertices[self.corner_vertex].min(axis=0), self.vertices[self.corner_vertex].max(axis=0)
@@ -291,7 +321,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
     Raises:
         ValueError: `what` they are begins the message, which names the first invalid one.
     """
-    array = np.asarray(numbers)
+    array = regular(numbers, what)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
@@ -334,7 +364,10 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
 
 def _whole_numbers(numbers: ArrayLike) -> Integers:
     """Numbers of elements as integers; integral floats, as some files and programs have, are accepted."""
-    array = np.asarray(numbers)
+    try:
+        array = np.asarray(numbers)
+    except ValueError:  # rows of different lengths
+        array = np.full(1, np.nan)
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
     )
@@ -344,7 +377,9 @@ def _whole_numbers(numbers: ArrayLike) -> Integers:
 
 
 def _check_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
-    triangles = _whole_numbers(triangle_corners).reshape(-1, 3)
+    triangles = _whole_numbers(triangle_corners)
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise MeshError(f"A triangulation must be an array of shape (m, 3), not {triangles.shape}: correct it.")
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
         raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
     return triangles

@@ -7,6 +7,8 @@ from collections import defaultdict
 from graphlib import CycleError, TopologicalSorter
 from xml.parsers.expat import ExpatError, ParserCreate
 
+from zoomout_core.runtime.input_files import FormatError
+
 # Instances that a file may have, if its own nodes and objects are fewer.
 MAX_INSTANCES = 10_000
 # Elements that contain instances, and the attribute by which each instance names another element.
@@ -14,7 +16,7 @@ CONTAINERS = frozenset({"node", "visual_scene", "object", "build"})
 NAMED_BY = {"instance_node": "url", "component": "objectid", "item": "objectid"}
 
 
-class InstancesError(ValueError):
+class InstancesError(FormatError):
     """Instances that have no end, or are too many; the message is a part of a sentence."""
 
 

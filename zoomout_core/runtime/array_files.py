@@ -13,7 +13,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from zoomout_core.runtime.input_files import MAX_BYTES, ExpansionError, check_expansion, open_regular
+from zoomout_core.runtime.input_files import MAX_BYTES, ExpansionError, check_expansion, check_path, open_regular
 
 # Reads from the start of a file: the shape of its array, whether it is in column-major order, and its type.
 Header: TypeAlias = Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]]
@@ -52,6 +52,7 @@ def read_arrays(
         ArrayFileError: it is not an .npz file, it is broken, or its arrays take more than `max_bytes`, or too much for
             its size.
     """
+    check_path(path)
     try:
         opened = open_regular(path)
     except FileNotFoundError:

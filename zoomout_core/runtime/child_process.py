@@ -33,6 +33,10 @@ def child_environment(places: Iterable[str | os.PathLike[str]] = ()) -> dict[str
 
 def leave_out_working_folder() -> None:
     """Import nothing more from the working folder, where `python -m` looks first, unless this package is there."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:  # it was deleted, so nothing can be imported from it
+        return
     first = sys.path[0] if sys.path else None
     if first is not None and _is_same(first or os.curdir, os.curdir) and not _is_same(first or os.curdir, _home()):
         del sys.path[0]

@@ -21,8 +21,18 @@ class OutsideError(ValueError):
     """A file names another one that is outside its folder."""
 
 
-class ExpansionError(ValueError):
+class FormatError(ValueError):
+    """A file that contradicts its format; the message is a part of a sentence, without the name of the file."""
+
+
+class ExpansionError(FormatError):
     """Compressed data that expands too far; the message says how far, without the name of the file."""
+
+
+def check_path(path: object) -> None:
+    """Raise a TypeError unless a user's path is a string or a path."""
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
@@ -84,6 +94,11 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
     except ValueError:  # a name with a null character
         raise OutsideError(name) from None
     raise OutsideError(name)
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read, as a part of a sentence; errors of libraries speak of their own insides."""
+    return str(error) if isinstance(error, FormatError) else "its content is damaged, or of another format"
 
 
 def most_bytes(packed: int, expansion: int = MAX_EXPANSION, allowed: int = ALWAYS_ALLOWED) -> int:

@@ -7,6 +7,7 @@ kill leaves the earlier file, and nobody reads an incomplete one.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -17,6 +18,8 @@ from filecmp import cmp
 from pathlib import Path
 from secrets import token_hex
 from time import time
+
+from zoomout_core.runtime.input_files import check_path
 
 # Names of files and folders that are being written, followed by the extension of the output.
 PART = re.compile(r"\.[0-9a-f]{8}\.part(\.[^.]*)?")
@@ -34,10 +37,11 @@ def check_output(
     """Check, before the work begins, that a file can be written and, unless `in_place`, is none of its inputs.
 
     Raises:
-        OutputError: its folder is missing or cannot be written to, as on a full disk, it is a folder, or it is one of
-            the inputs.
+        OutputError: its folder is missing or cannot be written to, as on a full disk, it is a folder, it is one of
+            the inputs, or no file can have its name.
     """
     path = Path(output)
+    _check_name(path)
     folder = path.parent
     if not folder.is_dir():
         raise OutputError(f"There is no folder {folder}: create it, or choose another one.")
@@ -97,7 +101,7 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     Raises:
         OutputError: it could not be written; the earlier file is unchanged.
     """
-    path = Path(os.path.realpath(output))  # a link stays a link
+    path = _destination(output)
     if path.exists() and not path.is_file():
         yield path
         return
@@ -126,7 +130,7 @@ def atomic_write_together(
     Raises:
         OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
     """
-    path, inputs = Path(os.path.realpath(output)), tuple(inputs)
+    path, inputs = _destination(output), tuple(inputs)
     with _saying_why(path):
         folder = _part_of(path)
         try:
@@ -145,6 +149,32 @@ def atomic_write_together(
                     _replace(path.with_name(part.name), part)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _destination(output: str | os.PathLike[str]) -> Path:
+    """The path of an output, behind links, which stay links.
+
+    Raises:
+        OutputError: it is a folder, or has a name that no file can have.
+        TypeError: it is neither a string nor a path.
+    """
+    check_path(output)
+    _check_name(Path(output))
+    path = Path(os.path.realpath(output))
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder: give the name of a file in it.")
+    return path
+
+
+def _check_name(path: Path) -> None:
+    """Raise an OutputError if no file can have this name."""
+    try:
+        os.lstat(path)
+    except ValueError:
+        raise OutputError(f"{str(path)!r:.60} has a null character in its name: choose another name.") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise OutputError(f"The name {path.name!r:.60} is too long for a file: choose a shorter one.") from None
 
 
 @contextmanager

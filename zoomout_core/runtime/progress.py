@@ -164,7 +164,13 @@ def progress(listener: Callable[[Progress], object]) -> Iterator[None]:
 
 
 def listening(listener: Callable[[Progress], object] | None) -> AbstractContextManager[None]:
-    """`progress`, or nothing where there is no listener."""
+    """`progress`, or nothing where there is no listener.
+
+    Raises:
+        TypeError: it cannot be called.
+    """
+    if not (listener is None or callable(listener)):
+        raise TypeError(f"progress is a {type(listener).__name__}: give a function that takes a Progress, or None.")
     return nullcontext() if listener is None else progress(listener)
 
 

@@ -13,7 +13,12 @@ ACTING = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u20
 
 
 def print_any_character() -> None:
-    """Print characters that the standard output cannot show, as in a terminal of Windows, or obeys, as numbers."""
+    """Print characters that the standard output cannot show, as in a terminal of Windows, or obeys, as numbers.
+
+    A standard error that is closed discards what is printed.
+    """
+    if sys.stderr is None:  # the user has closed it; what is opened next must not take its place
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, until the process ends
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # not if a program has replaced it
             stream.reconfigure(errors="backslashreplace")

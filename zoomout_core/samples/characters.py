@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -24,6 +25,7 @@ from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
+from zoomout_core.runtime.outputs import OutputError, atomic_write
 from zoomout_core.samples.creatures import FLAT, LIMBS, NAMES, Creature, at_rest, creature, limb_weights, true_vertex
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
@@ -110,12 +112,15 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
         The paths of the three files.
 
     Raises:
-        OutputError: they cannot be written.
+        OutputError: they cannot be written, or one of them exists.
         ImportError: the packages of the extra `cli` are not installed.
     """
     place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
     files = tuple(place / name for name in ("character.glb", "scan.ply", "truth.txt"))
+    there = next((file for file in files if os.path.lexists(file)), None)
+    if there is not None:
+        raise OutputError(f"{there} exists: remove it, or choose another folder.")
+    place.mkdir(parents=True, exist_ok=True)
     made, scanned = body(), scan()
     write_asset(character(), files[0])
     write_asset(Asset(scanned.surface), files[1])
@@ -123,7 +128,8 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
     number = np.asarray(cKDTree(read_surface(files[0]).vertices).query(made.surface.vertices)[1])
     some = np.arange(0, len(scanned.directions), PAIRS_EVERY)
     pairs = np.column_stack([number[true_vertex(made, scanned)[some]], some])
-    files[2].write_text("".join(f"{source} {target}\n" for source, target in pairs), encoding="utf-8")
+    with atomic_write(files[2]) as part:
+        part.write_text("".join(f"{source} {target}\n" for source, target in pairs), encoding="utf-8")
     return files
 
 

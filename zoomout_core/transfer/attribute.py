@@ -63,6 +63,9 @@ class Attribute:
         labels: names of the columns, if they have names (vertex groups, shape keys).
         notes: sentences for the user about the origin of the values.
 
+    Raises:
+        TypeError: the domain or the kind is something else.
+
     Example:
         >>> heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, source.vertices[:, 2])
         >>> heights.values.shape == (len(source.vertices),)
@@ -75,6 +78,21 @@ class Attribute:
     values: Any
     labels: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field, given, enumeration in (("domain", self.domain, Domain), ("kind", self.kind, Kind)):
+            if not isinstance(given, enumeration):
+                choice = f"zo.{enumeration.__name__}"
+                raise TypeError(
+                    f"The {field} of the attribute '{self.name}' is {given!r:.60}: give a {choice}, such as "
+                    f"{choice}.{_member_name(given, enumeration)}."
+                )
+
+
+def _member_name(given: object, enumeration: type[Enum]) -> str:
+    """The name in an enumeration that was meant by text, else the first one."""
+    names = list(enumeration.__members__)
+    return str(given).upper() if str(given).upper() in names else names[0]
 
 
 def nothing(values: NDArray[Any], count: int) -> NDArray[Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.geometry.closest_points import HUB, barycentric_of_closest, consecutive
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.progress import portion
@@ -30,8 +30,8 @@ ON_SURFACE = 1e-9
 RIM = 1e-9
 # Maximum number of faces at one edge that are compared; only broken meshes have more.
 MAX_FACES_AT_EDGE = 8
-# Points processed together, so that the arrays fit into a processor's cache.
-BLOCK = 1 << 14
+# Points processed together, so that the arrays fit into a processor's cache, and pairs of a point and a triangle.
+BLOCK, PAIRS = 1 << 14, 1 << 18
 # Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search around a
 # closest point: a steep or folded triangle hides others from the points above it.
 MIN_NORMAL_COSINE = 0.5
@@ -62,6 +62,11 @@ class CutSurface:
         vertex = self._vertices.ravel()
         start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=self.cut_vertex.max() + 1))])
         return start, np.argsort(vertex, kind="stable") // 3
+
+    @cached_property
+    def _degree(self) -> Integers:
+        """(v,) number of triangles around each cut vertex."""
+        return np.diff(self._fan[0])
 
     @cached_property
     def _folded(self) -> Booleans:
@@ -114,8 +119,9 @@ class CutSurface:
         triangle = start.copy()
         weights, distance = self._closest(triangle, points)
         walking = np.arange(len(triangle))
-        while len(walking := walking[self._may_improve(triangle, weights, distance, walking)]):
-            query, candidate = self._around(triangle[walking], weights[walking])
+
+        def step(walking: Integers, leads_on: Booleans) -> Integers:
+            query, candidate = self._around(triangle[walking], leads_on)
             found, gap = self._closest(candidate, points[:, walking[query]])
             lowest = np.minimum.reduceat(gap, group_starts(query))
             better = lowest < distance[walking] * (1 - ON_SURFACE)
@@ -123,6 +129,15 @@ class CutSurface:
             hit = hit[group_starts(query[hit])]
             walking = walking[better]
             triangle[walking], weights[walking], distance[walking] = candidate[hit], found[hit], gap[hit]
+            return walking
+
+        while len(walking := walking[self._may_improve(triangle, weights, distance, walking)]):
+            leads_on = weights[walking] > RIM
+            sizes = self._degree[self._vertices[triangle[walking]]]
+            # The many triangles of a hub are searched only from the hub itself.
+            leads_on &= (sizes <= HUB) | ~(leads_on & (sizes <= HUB)).any(axis=1, keepdims=True)
+            blocks = consecutive((sizes * leads_on).sum(axis=1), PAIRS)
+            walking = np.concatenate([step(walking[block], leads_on[block]) for block in blocks])
         return triangle, weights, distance
 
     def _may_improve(self, triangle: Integers, weights: Floats, distance: Floats, walking: Integers) -> Booleans:
@@ -141,10 +156,10 @@ class CutSurface:
         offset -= weights[:, 2] * ac
         return weights, np.sqrt(_dot(offset, offset))
 
-    def _around(self, triangle: Integers, weights: Floats) -> tuple[Integers, Integers]:
-        """The triangles around the cut vertices at a closest point, with the query of each."""
+    def _around(self, triangle: Integers, leads_on: Booleans) -> tuple[Integers, Integers]:
+        """The triangles around some corners (q, 3) of triangles (q,), with the query of each."""
         start, fan = self._fan
-        query, corner = np.divmod(np.flatnonzero(weights > RIM), 3)
+        query, corner = np.divmod(np.flatnonzero(leads_on), 3)
         vertex = self._vertices[triangle[query], corner]
         owner, place = expand_ranges(start[vertex], start[vertex + 1])
         return query[owner], fan[place]

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -72,6 +74,8 @@ ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
 MIXED = {**MIX, Domain.EDGE: transfer_edges}
 VOTED = {**VOTE, Domain.EDGE: transfer_edges}
 ANY = 1 << 30
+# Larger rotations, weights and offsets overflow when their squares are added.
+LARGEST_VALUE = 1e75
 
 RULES: dict[Kind, Rule] = {
     Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each", mixable=True, mirrorable=True),
@@ -177,7 +181,7 @@ def map_target(
         MeshError: the map is of other surfaces.
         ValueError: `fill_below` is not a confidence.
     """
-    if fill_below is not None and not 0 <= fill_below <= 1:
+    if fill_below is not None and not (isinstance(fill_below, Real) and 0 <= fill_below <= 1):
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
     if not isinstance(result, SurfaceMap) and not hasattr(result, "surface_map"):
         raise TypeError(
@@ -214,9 +218,11 @@ def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -
     """`transfer` of one of many attributes, which share the computations on the map."""
     rule = _rule(attribute)
     _check_values(attribute, rule, mapped.source)
+    function = rule.domains[attribute.domain]
+    _check_options(options, attribute.kind, function)
     if not rule.finite:
         attribute = with_finite_values(attribute, mapped.source)
-    return rule.domains[attribute.domain](attribute, mapped, **options)
+    return function(attribute, mapped, **options)
 
 
 @memory_in_words
@@ -252,6 +258,14 @@ def _rule(attribute: Attribute) -> Rule:
     return rule
 
 
+def _check_options(options: Mapping[str, Any], kind: Kind, function: Callable[..., Attribute]) -> None:
+    known = list(signature(function).parameters)[2:]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        choice = f"choose from {', '.join(known)}" if known else "leave it out, since there are none"
+        raise TypeError(f"The kind {kind.name.lower()} has no option {unknown[0]}: {choice}.")
+
+
 def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     name, domain = attribute.name, attribute.domain
     values: Any = attribute.values if issparse(attribute.values) else np.asarray(attribute.values)
@@ -270,9 +284,16 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
         raise MeshError(f"'{name}' has {given} values for {count} {unit}s of the source: give one for each.")
     if tuple(columns[1:]) != rule.column or sum(columns[:1]) not in rule.widths or values.dtype.kind not in rule.dtypes:
         raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
-    if rule.finite and not (finite := np.isfinite(values.data if rule.sparse else values)).all():
+    if values.dtype.kind == "O" and not all(isinstance(value, str) for value in values.flat):
+        raise MeshError(f"'{name}' has values that are not all text, but {needs}.")
+    numbers = values.data if rule.sparse else values
+    if rule.finite and not (finite := np.isfinite(numbers)).all():
         raise MeshError(
             "'{name}' has {count} values that are not finite: correct them.", name=name, count=(~finite).sum()
+        )
+    if rule.finite and (huge := np.abs(numbers) > LARGEST_VALUE).any():
+        raise MeshError(
+            "'{name}' has {count} values that are far too large: correct them.", name=name, count=huge.sum()
         )
 
 
@@ -288,3 +309,6 @@ def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_ve
             f"The map refers to {len(surface_map.source_triangles)} triangles, but the source has {triangles}: match "
             "these two surfaces again."
         )
+    fault = fault_of_map(surface_map.triangle, surface_map.barycentric, triangles)
+    if fault:
+        raise MeshError("The map cannot be used, because {fault}: match these two surfaces again.", fault=fault)

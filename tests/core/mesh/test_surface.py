@@ -240,4 +240,4 @@ def test_surfaces_are_joined_one_after_another() -> None:
 def test_a_surface_knows_how_far_its_coordinates_are_rounded(resting: Creature) -> None:
     far = (resting.surface.vertices + 1e6).astype(np.float32)
     assert resting.surface.with_vertices(far).rounding == 0.0625
-    assert resting.surface.with_vertices(far.astype(float) + 0.01).rounding == 0
+    assert resting.surface.with_vertices(far.astype(float) + 0.01).rounding == 2.0**-33
