@@ -31,13 +31,13 @@ def by_transfer(case: Case, match: MatchResult) -> Floats:
 def along_map(case: Case, match: MatchResult) -> Floats:
     """Offsets interpolated along the match, turned and scaled like the whole head."""
     images = match.surface_map.interpolate(case.source.vertices)
-    return _placed(match.surface_map, case, procrustes(images, case.target.vertices))
+    return _place(match.surface_map, case, procrustes(images, case.target.vertices))
 
 
 def nearest_surface(case: Case, _: MatchResult) -> Floats:
     """The source's nearest point, after the best similarity: of the true landmarks, or of the bounding boxes."""
-    aligned = _aligned(case)
-    return _placed(_nearest(case, aligned(case.source.vertices)), case, aligned)
+    aligned = _align(case)
+    return _place(_nearest(case, aligned(case.source.vertices)), case, aligned)
 
 
 def thin_plate_spline(case: Case, _: MatchResult) -> Floats | None:
@@ -46,7 +46,7 @@ def thin_plate_spline(case: Case, _: MatchResult) -> Floats | None:
         return None
     marks, places = case.landmarks
     spline = RBFInterpolator(case.source.vertices[marks], places, NEIGHBOURS, kernel="thin_plate_spline", degree=1)
-    return _placed(_nearest(case, spline(case.source.vertices)), case, _aligned(case))
+    return _place(_nearest(case, spline(case.source.vertices)), case, _align(case))
 
 
 def nonrigid_icp(case: Case, _: MatchResult) -> Floats | None:
@@ -54,13 +54,13 @@ def nonrigid_icp(case: Case, _: MatchResult) -> Floats | None:
     if case.landmarks is None:
         return None
     marks, places = case.landmarks
-    aligned = _aligned(case)
+    aligned = _align(case)
     moving, fixed = (
         trimesh.Trimesh(vertices, surface.triangles, process=False)
         for vertices, surface in ((aligned(case.source.vertices), case.source), (case.target.vertices, case.target))
     )
     registered = nricp_amberg(moving, fixed, source_landmarks=marks, target_positions=places, neighbors_count=8)
-    return _placed(_nearest(case, np.asarray(registered)), case, aligned)
+    return _place(_nearest(case, np.asarray(registered)), case, aligned)
 
 
 METHODS: dict[str, Method] = {
@@ -72,7 +72,7 @@ METHODS: dict[str, Method] = {
 SLOW_METHODS: dict[str, Method] = {"non-rigid ICP from 68 true landmarks": nonrigid_icp}
 
 
-def _aligned(case: Case) -> Similarities:
+def _align(case: Case) -> Similarities:
     """The similarity that brings the source closest to the target."""
     if case.landmarks is None:
         return procrustes(_box_corners(case.source.vertices), _box_corners(case.target.vertices))
@@ -90,6 +90,6 @@ def _nearest(case: Case, moved: Floats) -> zo.SurfaceMap:
     return zo.SurfaceMap(*closest_points(case.target.vertices, moved, case.source.triangles), case.source.triangles)
 
 
-def _placed(surface_map: zo.SurfaceMap, case: Case, aligned: Similarities) -> Floats:
+def _place(surface_map: zo.SurfaceMap, case: Case, aligned: Similarities) -> Floats:
     """The keys interpolated along a map, with the linear part of a similarity applied."""
     return np.moveaxis(surface_map.interpolate(case.columns), 1, 0) @ aligned.linear.T

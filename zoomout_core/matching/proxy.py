@@ -32,7 +32,6 @@ class ProxyTuning(Tuning, set_by="speed"):
     min_vertices: int = tuned(4000, "vertices", 4, 10**6)  # minimum size of a proxy
     max_vertices: int = tuned(6000, "vertices", 4, 10**6)  # larger ones take longer and gain little
     worthwhile: float = tuned(1.25, "1", 1, 10)  # meshes larger by less than this factor are not decimated
-    coarse: int = tuned(1500, "vertices", 4, 10**6)  # meshes of fewer are subdivided
     near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)  # images move to any point of the full mesh this near
 
 
@@ -114,9 +113,6 @@ def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
 
 def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
     """A proxy with about `count` vertices for a connected mesh; the mesh itself for None, or if it is small."""
-    if len(part.vertices) < PROXY.coarse:
-        mesh, _ = part.subdivide(PROXY.coarse)
-        return Proxy(part, mesh, mesh.vertices, np.arange(len(part.vertices)))
     if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     points, triangles, merged = decimate(part.vertices, part.oriented_triangles, count)

@@ -76,6 +76,6 @@ def test_flags_keep_their_names_and_defaults() -> None:
     context = click.Context(match_command.match)
     assert {flag: params[flag].get_default(context) for flag in defaults} == defaults
     without = {"--landmarks", "--earlier-map", "--common-axis"}
-    own = {"--output", "--in-place", "--cache", "--json"}
+    own = {"--output", "--in-place", "--cache", "--json", "--first-look"}
     assert set(params) == {*defaults, *without, *own}
     assert "--candidate" in {name for option in transfer_command.transfer.params for name in option.opts}
