@@ -9,7 +9,7 @@ from inspect import signature
 import click
 import pytest
 
-from zoomout_core.cli import match_command, transfer_command
+from zoomout_core.cli import main
 from zoomout_core.matching.option_table import (
     ACCURACY,
     MATCHING,
@@ -61,7 +61,8 @@ def test_detail_offers_all_presets() -> None:
 
 
 def test_flags_keep_their_names_and_defaults() -> None:
-    params = {option.opts[-1]: option for option in match_command.match.params if isinstance(option, click.Option)}
+    match, transfer = (main.get_command(click.Context(main), name) for name in ("match", "transfer"))
+    params = {option.opts[-1]: option for option in match.params if isinstance(option, click.Option)}
     defaults = {
         "--initial": "auto",
         "--candidate": 0,
@@ -73,9 +74,9 @@ def test_flags_keep_their_names_and_defaults() -> None:
         "--most-angle": 30.0,
         "--either-side": False,
     }
-    context = click.Context(match_command.match)
+    context = click.Context(match)
     assert {flag: params[flag].get_default(context) for flag in defaults} == defaults
     without = {"--landmarks", "--earlier-map", "--common-axis"}
-    own = {"--output", "--in-place", "--cache", "--json", "--first-look"}
+    own = {"--output", "--in-place", "--cache", "--json", "--first-look", "--quiet"}
     assert set(params) == {*defaults, *without, *own}
-    assert "--candidate" in {name for option in transfer_command.transfer.params for name in option.opts}
+    assert "--candidate" in {name for option in transfer.params for name in option.opts}
