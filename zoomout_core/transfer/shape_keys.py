@@ -28,6 +28,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.solids import move_solids
 
 # Keys that are solved together; bounds the memory, and more columns at once slow down the solves.
 KEYS_AT_ONCE = 5
@@ -41,7 +42,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place; where confidence is low, a key follows its surroundings.
+    place; where confidence is low, a key follows its surroundings. Loose parts that the source's keys move rigidly move
+    rigidly.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
@@ -57,6 +59,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = _carry_block(offsets[:, some].astype(np.float64), frames, loading)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
+    move_solids(carried, offsets, frames)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:

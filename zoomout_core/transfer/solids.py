@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Loose parts that shape keys move rigidly, such as teeth with the jaw, and eyeballs.
+
+Offsets carried vertex by vertex would bend them by the errors of the map. Parts that make the same motions, such as a
+row of teeth, make the same motions on the target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.procrustes import Similarities, procrustes
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.frames import Frames, on_working_mesh
+
+# A motion is rigid, or that of another part, up to this share of its length: the vertices of sculpted keys are rounded.
+TOLERANCE = 0.02
+# Of a target's part, the share of vertices that are mapped to one part of the source.
+MOST = 0.9
+# Fewer vertices determine no rotation.
+MIN_VERTICES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Solids:
+    """Parts of the source that make the same rigid motions."""
+
+    motions: Similarities  # of each key
+    moved: Booleans  # (keys,) by which keys
+    components: list[int]  # the parts' numbers
+
+
+def move_solids(carried: Floats, offsets: Floats, frames: Frames) -> None:
+    """Replace the offsets (n_t, keys, 3) of solid parts of the target, in place, by rigid motions.
+
+    Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like the body beside the parts:
+    the map of a round part, such as an eyeball, does not tell how it is rotated.
+    """
+    target = frames.mapped.target
+    partner = _partners(frames)
+    body = np.flatnonzero(target.working.component[frames.number] == 0)
+    if not (partner > 0).any() or not len(body):
+        return
+    places_of_body = target.working.to_surface(target.working.vertices[frames.number[body]])
+    number = target.working.vertex_of
+    partner_of_vertex = np.where(number >= 0, partner[target.working.component[number]], 0)
+    for solids in _find_solids(frames.mapped.source, offsets, np.unique(partner[partner > 0])):
+        vertices = np.flatnonzero(np.isin(partner_of_vertex, solids.components))
+        places = target.vertices[vertices]
+        centre = places.mean(axis=0)
+        turn = frames.steady_turns[body[np.linalg.norm(places_of_body - centre, axis=1).argmin()]]
+        before = frames.mapped.points[vertices].mean(axis=0) + (places - centre) @ np.linalg.inv(turn).T
+        moved = solids.moved[:, None, None] * (solids.motions(before) - before) @ turn.T
+        carried[vertices] = np.moveaxis(moved, 0, 1)
+
+
+def _partners(frames: Frames) -> Integers:
+    """(components,) the part of the source that each part of the target is mapped to; 0, the body, if to several."""
+    source, target = frames.mapped.source.working, frames.mapped.target.working
+    surface_map = frames.mapped.surface_map
+    at = source.vertex_of[surface_map.source_triangles[surface_map.triangle, 0]]
+    image = on_working_mesh(target, np.where(at >= 0, source.component[at], 0))
+    partner = np.zeros(target.component.max() + 1, dtype=np.int64)
+    for component in range(1, len(partner)):
+        found, count = np.unique(image[target.component == component], return_counts=True)
+        if count.max() >= MOST * count.sum():
+            partner[component] = found[count.argmax()]
+    return partner
+
+
+def _find_solids(source: Surface, offsets: Floats, components: Integers) -> list[_Solids]:
+    """The rigid ones of some parts of the source, grouped by motion; those that no key moves are left out."""
+    number = source.working.vertex_of
+    component = np.where(number >= 0, source.working.component[number], -1)
+    found: list[_Solids] = []
+    for each in components:
+        vertices = np.flatnonzero(component == each)
+        rest, ways = source.vertices[vertices], np.moveaxis(offsets[vertices], 1, 0).astype(np.float64)
+        if len(vertices) < MIN_VERTICES or not ways.any():
+            continue
+        same = next((solids for solids in found if _makes(solids.motions, rest, ways)), None)
+        if same is not None:
+            same.components.append(int(each))
+            continue
+        motions = procrustes(np.broadcast_to(rest, ways.shape), rest + ways, scales=(1, 1))
+        if _makes(motions, rest, ways):
+            found.append(_Solids(motions, ways.any(axis=(1, 2)), [int(each)]))
+    return found
+
+
+def _makes(motions: Similarities, rest: Floats, ways: Floats) -> bool:
+    """Whether rigid motions, one of each key, move vertices (n, 3) by offsets (keys, n, 3)."""
+    missed = np.linalg.norm(motions(rest) - rest - ways, axis=(1, 2))
+    return bool(missed.max() <= TOLERANCE * np.linalg.norm(ways, axis=(1, 2)).max())
