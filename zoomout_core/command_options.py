@@ -12,7 +12,6 @@ from typing import Any
 import click
 from click.core import ParameterSource
 from platformdirs import user_cache_dir
-from tqdm import tqdm
 
 from zoomout_core.arrays import Floats
 from zoomout_core.global_options import is_quiet
@@ -32,6 +31,13 @@ from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
+
+try:
+    from tqdm import tqdm
+except ValueError:  # tqdm reads its settings when it is imported
+    raise click.UsageError(
+        "An environment variable that begins with TQDM_ has a value of the wrong type: unset it, or correct it."
+    ) from None
 
 NO_CACHE = "off"
 # The argument before the targets.

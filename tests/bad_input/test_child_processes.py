@@ -376,6 +376,14 @@ def test_one_whose_standard_error_is_closed_works(mesh: Path, tmp_path: Path) ->
     assert (tmp_path / "map.npz").exists()
 
 
+def test_a_setting_of_progress_bars_that_is_no_number_is_one_sentence(mesh: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "TQDM_MININTERVAL": "often"}
+    command = [sys.executable, "-m", "zoomout_core", "match", str(mesh), str(mesh)]
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 2
+    assert ran.stderr.splitlines()[-1].startswith("Error: An environment variable that begins with TQDM_")
+
+
 def test_the_address_of_no_scheduler_is_one_sentence_at_once() -> None:
     before = set(threading.enumerate())
     with (
