@@ -38,7 +38,8 @@ class FrameTuning(Tuning, set_by="transfer"):
             stretches the skin on one side and compresses it on the other, without any growth of the flesh.
         excess: the deviation of a map from the similarity of a wide neighbourhood, as a multiple of its deviation from
             those of narrow ones, from which on the wide neighbourhood does not count in `steady_turns`.
-        deviation: the same as a share of the size of the neighbourhood.
+        deviation: the same as a share of the size of the neighbourhood. Both were set on heads (`faces`) and posed
+            bodies.
     """
 
     smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)

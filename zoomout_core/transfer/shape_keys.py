@@ -28,7 +28,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.solids import move_solids
+from zoomout_core.transfer.rigid_keys import move_rigid_parts
 
 # Keys that are solved together; bounds the memory, and more columns at once slow down the solves.
 KEYS_AT_ONCE = 5
@@ -59,7 +59,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = _carry_block(offsets[:, some].astype(np.float64), frames, loading)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
-    move_solids(carried, offsets, frames)
+    move_rigid_parts(carried, offsets, frames)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:

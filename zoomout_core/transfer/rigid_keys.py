@@ -25,7 +25,7 @@ MIN_VERTICES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class _Solids:
+class _RigidParts:
     """Parts of the source that make the same rigid motions."""
 
     motions: Similarities  # of each key
@@ -33,8 +33,8 @@ class _Solids:
     components: list[int]  # the parts' numbers
 
 
-def move_solids(carried: Floats, offsets: Floats, frames: Frames) -> None:
-    """Replace the offsets (n_t, keys, 3) of solid parts of the target, in place, by rigid motions.
+def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames) -> None:
+    """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
     Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like the body beside the parts:
     the map of a round part, such as an eyeball, does not tell how it is rotated.
@@ -47,13 +47,13 @@ def move_solids(carried: Floats, offsets: Floats, frames: Frames) -> None:
     places_of_body = target.working.to_surface(target.working.vertices[frames.number[body]])
     number = target.working.vertex_of
     partner_of_vertex = np.where(number >= 0, partner[target.working.component[number]], 0)
-    for solids in _find_solids(frames.mapped.source, offsets, np.unique(partner[partner > 0])):
-        vertices = np.flatnonzero(np.isin(partner_of_vertex, solids.components))
+    for rigid in _find_rigid_parts(frames.mapped.source, offsets, np.unique(partner[partner > 0])):
+        vertices = np.flatnonzero(np.isin(partner_of_vertex, rigid.components))
         places = target.vertices[vertices]
         centre = places.mean(axis=0)
         turn = frames.steady_turns[body[np.linalg.norm(places_of_body - centre, axis=1).argmin()]]
         before = frames.mapped.points[vertices].mean(axis=0) + (places - centre) @ np.linalg.inv(turn).T
-        moved = solids.moved[:, None, None] * (solids.motions(before) - before) @ turn.T
+        moved = rigid.moved[:, None, None] * (rigid.motions(before) - before) @ turn.T
         carried[vertices] = np.moveaxis(moved, 0, 1)
 
 
@@ -71,23 +71,23 @@ def _partners(frames: Frames) -> Integers:
     return partner
 
 
-def _find_solids(source: Surface, offsets: Floats, components: Integers) -> list[_Solids]:
+def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) -> list[_RigidParts]:
     """The rigid ones of some parts of the source, grouped by motion; those that no key moves are left out."""
     number = source.working.vertex_of
     component = np.where(number >= 0, source.working.component[number], -1)
-    found: list[_Solids] = []
+    found: list[_RigidParts] = []
     for each in components:
         vertices = np.flatnonzero(component == each)
         rest, ways = source.vertices[vertices], np.moveaxis(offsets[vertices], 1, 0).astype(np.float64)
         if len(vertices) < MIN_VERTICES or not ways.any():
             continue
-        same = next((solids for solids in found if _makes(solids.motions, rest, ways)), None)
+        same = next((rigid for rigid in found if _makes(rigid.motions, rest, ways)), None)
         if same is not None:
             same.components.append(int(each))
             continue
         motions = procrustes(np.broadcast_to(rest, ways.shape), rest + ways, scales=(1, 1))
         if _makes(motions, rest, ways):
-            found.append(_Solids(motions, ways.any(axis=(1, 2)), [int(each)]))
+            found.append(_RigidParts(motions, ways.any(axis=(1, 2)), [int(each)]))
     return found
 
 

@@ -72,7 +72,7 @@ def test_a_round_part_turns_as_the_body_beside_it_however_it_is_mapped() -> None
 
 
 @pytest.mark.parametrize("part", [1, 3])
-def test_what_a_key_bends_or_leaves_in_place_is_no_solid(part: int) -> None:
+def test_what_a_key_bends_or_leaves_in_place_is_not_rigid(part: int) -> None:
     mine = part == TOOTH
     offsets = np.zeros_like(SOURCE.vertices)
     offsets[mine] = 0.1 * np.sin(20 * SOURCE.vertices[mine])
