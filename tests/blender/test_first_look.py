@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, ellipsoid, snapshot_file
+from scenes import snapshot_file
 
 import zoomout_core as zo
 from blender_addon import jobs
@@ -17,14 +17,6 @@ from blender_addon.services.match import prepare_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import place_colors
 from zoomout_core.runtime.progress import advance, show_outlines
-
-
-@pytest.fixture
-def target(source):
-    obj = ellipsoid("Target", 4)
-    bpy.context.view_layer.update()
-    activate(obj, source)
-    return obj
 
 
 class Refining:

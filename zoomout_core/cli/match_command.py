@@ -32,7 +32,7 @@ from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import atomic_write
-from zoomout_core.runtime.progress import Progress, listening
+from zoomout_core.runtime.progress import Outlines, Progress, listening
 
 # The start that is not refined.
 NEAREST = "nearest"
@@ -105,7 +105,8 @@ class FirstLook:
     """A listener that writes rough images of a match's candidates to a file, whenever there are new ones."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._written = path, Progress(0.0, "").outlines
+        self._path = path
+        self._written: Outlines = ()
 
     def __call__(self, latest: Progress) -> None:
         if latest.outlines is self._written:
