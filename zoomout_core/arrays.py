@@ -38,11 +38,11 @@ def take_rows(values: NDArray[Scalar], numbers: Indices) -> NDArray[Scalar]:
 
 
 def row_norms(vectors: Floats) -> Floats:
-    """(n,) lengths of vectors (n, d) of up to seven components, equal to numpy's norm, in a sixth of its time."""
-    return np.asarray(np.sqrt(reduce(np.add, [along * along for along in vectors.T])))
+    """(...) lengths of vectors (..., d) of up to seven components, equal to numpy's norm, in a sixth of its time."""
+    return np.asarray(np.sqrt(reduce(np.add, [along * along for along in np.moveaxis(vectors, -1, 0)])))
 
 
-def regular(values: Any, what: str) -> NDArray[Any]:
+def to_array(values: Any, what: str) -> NDArray[Any]:
     """A user's values as an array.
 
     Raises:

@@ -7,9 +7,9 @@ import numpy as np
 
 from benchmarks.faces.cases import JAW_OPEN, Case, Sides
 from benchmarks.tables import Record
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.mesh.triangles import triangle_normals, unique_edges
+from zoomout_core.mesh.triangles import edge_lengths, triangle_normals, unique_edges
 
 BLINKS = ("eyeBlink_L", "eyeBlink_R")
 # A key moves a part of the head if the true motion exceeds this share of the largest motion of all keys.
@@ -86,17 +86,11 @@ def damage(case: Case, key: Floats, true: Floats) -> tuple[int, int]:
     return int(against.sum()), int(stretched.sum())
 
 
-def edge_lengths(vertices: Floats, edges: Integers) -> Floats:
-    """(e,) lengths of edges (e, 2)."""
-    return np.asarray(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1))
-
-
 def change_of_shape(rest: Floats, offsets: Floats) -> float:
     """The root of the mean squared distance of moved points (n, 3) from the best rigid motion of all."""
     moved = rest + offsets
-    rotation = procrustes(rest, moved, np.ones(len(rest))).rotation
-    turned = (rest - rest.mean(axis=0)) @ rotation.T + moved.mean(axis=0)
-    return float(np.sqrt(((turned - moved) ** 2).sum(axis=1).mean()))
+    motion = procrustes(rest, moved, scales=(1, 1))
+    return float(np.sqrt(((motion(rest) - moved) ** 2).sum(axis=1).mean()))
 
 
 def _distance(vertices: Floats, sides: Sides) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats, Integers, check_counts, regular
+from zoomout_core.arrays import Floats, Integers, check_counts, to_array
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
@@ -145,7 +145,7 @@ def check_functional_map(functional_map: ArrayLike) -> Floats:
     Raises:
         ValueError: it is not a matrix of finite numbers.
     """
-    C = regular(functional_map, "A functional map")
+    C = to_array(functional_map, "A functional map")
     if C.ndim != 2 or C.size == 0:
         raise ValueError(f"A functional map must be a matrix, not of shape {C.shape}.")
     if C.dtype.kind not in "iuf" or not np.isfinite(C).all():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve, solve_triangular
 
-from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts, regular
+from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts, to_array
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.functional_map import (
     check_fits_bases,
@@ -419,7 +419,7 @@ def check_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrInte
     Raises:
         ValueError: it is neither, or not between shapes with these numbers of vertices.
     """
-    start = regular(initial, "The initial map")
+    start = to_array(initial, "The initial map")
     if start.ndim == 1:
         return check_vertices(start, n_source, n_target)
     if start.ndim != 2:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers, regular
+from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
@@ -89,7 +89,7 @@ def distinct_landmarks(
     """
     if landmarks is None or len(landmarks) != 2:
         return landmarks, ()
-    both = source, target = tuple(np.atleast_1d(regular(given, "Landmarks")) for given in landmarks)
+    both = source, target = tuple(np.atleast_1d(to_array(given, "Landmarks")) for given in landmarks)
     usable = all(given.ndim <= 2 and given.dtype.kind in "iuf" for given in both)
     if not usable or not 0 < len(source) == len(target):
         return landmarks, ()  # `landmarks_on_parts` says what is wrong
@@ -138,7 +138,7 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
 
 def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike) -> Integers:
     """(m,) the vertices of the shape's mesh that are nearest to landmarks on the surface."""
-    array = np.atleast_1d(regular(given, f"Landmarks on the {role}"))
+    array = np.atleast_1d(to_array(given, f"Landmarks on the {role}"))
     if array.size == 0:
         raise ValueError(f"There are no landmarks on the {role}: give some, or leave them out on both sides.")
     if array.ndim == 2:

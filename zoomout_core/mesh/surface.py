@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Booleans, Floats, Integers, regular
+from zoomout_core.arrays import Booleans, Floats, Integers, to_array
 from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
@@ -321,7 +321,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
     Raises:
         ValueError: `what` they are begins the message, which names the first invalid one.
     """
-    array = regular(numbers, what)
+    array = to_array(numbers, what)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."

@@ -109,9 +109,9 @@ def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
     return csr_array((np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices)))
 
 
-def edge_lengths(vertices: Floats, edges: Integers) -> Floats:
-    """(e,) lengths of edges (e, 2) between points (n, 3)."""
-    return row_norms(take_rows(vertices, edges[:, 0]) - take_rows(vertices, edges[:, 1]))
+def edge_lengths(points: Floats, edges: Integers) -> Floats:
+    """(...) lengths of edges (..., 2) between points (n, d)."""
+    return row_norms(take_rows(points, edges[..., 0]) - take_rows(points, edges[..., 1]))
 
 
 def components(pairs: Integers, n: int) -> Indices:

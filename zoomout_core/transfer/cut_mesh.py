@@ -211,12 +211,6 @@ def triangles_of_faces(surface: Surface, faces: Integers) -> tuple[Integers, Int
     return owner, order[place]
 
 
-def edge_lengths(points: Floats, edges: Integers) -> Floats:
-    """(...) lengths of edges (..., 2) between corners at points (c, d)."""
-    along = np.take(points, edges[..., 1], axis=0) - np.take(points, edges[..., 0], axis=0)
-    return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
-
-
 def are_joined(values: Floats, first: Integers, second: Integers) -> Booleans:
     """(e,) whether corner values (c, d) are equal on both sides of `adjacent_edges`, up to a tolerance."""
     tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))

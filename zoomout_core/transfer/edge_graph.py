@@ -11,7 +11,8 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
+from zoomout_core.mesh.triangles import edge_lengths
+from zoomout_core.transfer.cut_mesh import face_edges
 from zoomout_core.transfer.groups import find
 from zoomout_core.transfer.mapped_target import MappedTarget
 

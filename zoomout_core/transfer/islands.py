@@ -12,8 +12,8 @@ from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Integers
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
+from zoomout_core.mesh.triangles import edge_lengths, triangle_areas
+from zoomout_core.transfer.cut_mesh import adjacent_edges
 from zoomout_core.transfer.groups import first_of_each, label_groups
 from zoomout_core.transfer.potts import Candidates
 

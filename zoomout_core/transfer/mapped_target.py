@@ -11,13 +11,12 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangles import edge_lengths, triangle_areas
 from zoomout_core.transfer.attribute import Domain, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import (
     CutSurface,
     adjacent_edges,
     cut_surface,
-    edge_lengths,
     face_edges,
     nearer_than,
     triangles_of_faces,

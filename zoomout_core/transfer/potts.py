@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.cut_mesh import edge_lengths
+from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer.groups import expand_ranges, group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget
 

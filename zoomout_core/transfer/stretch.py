@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
@@ -156,9 +156,9 @@ def distinct_poses(poses: Floats, heads: Floats) -> Floats:
 def play_offsets(rest: Surface, keys: Iterable[Floats]) -> Iterator[Played]:
     """Move a surface by the offsets (n, 3) of each of several shape keys, and measure its edges."""
     edges, _ = unique_edges(rest.triangles)
-    own = np.maximum(_lengths(rest.vertices, edges), 1e-300)
+    own = np.maximum(edge_lengths(rest.vertices, edges), 1e-300)
     for offsets in keys:
-        moved = _lengths(rest.vertices + offsets, edges)
+        moved = edge_lengths(rest.vertices + offsets, edges)
         yield Played(edges, moved / own, moved)
 
 
@@ -169,11 +169,11 @@ def play(rest: Surface, weights: csr_array, poses: Floats) -> Played:
     """
     edges, _ = unique_edges(rest.triangles)
     weighted = np.asarray(weights.sum(axis=1)).ravel() > 0
-    own = _lengths(rest.vertices, edges)
+    own = edge_lengths(rest.vertices, edges)
     growth, length = np.ones(len(edges)), own.copy()
     for transforms in poses:
         moved = transform_points(blend_matrices(transforms, weights), rest.vertices)
-        posed = _lengths(np.where(weighted[:, None], moved, rest.vertices), edges)
+        posed = edge_lengths(np.where(weighted[:, None], moved, rest.vertices), edges)
         length = np.maximum(length, posed)
         growth = np.maximum(growth, posed / np.maximum(own, 1e-300))
     return Played(edges, growth, length)
@@ -223,7 +223,3 @@ def _parents_first(parents: Integers) -> list[int]:
             bone = int(parents[bone])
         order += reversed(chain)
     return order
-
-
-def _lengths(points: Floats, edges: Integers) -> Floats:
-    return np.asarray(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.messages import message, plural
@@ -199,12 +200,8 @@ def _fill_islands(
 def mixing_matrix(mapped: MappedTarget) -> Any:
     """(n_t, n_s) sparse: row i holds the barycentric weights of target vertex i."""
     surface_map = mapped.surface_map
-    count = len(surface_map.triangle)
-    vertices = surface_map.source_triangles[surface_map.triangle]
-    return csr_array(
-        (surface_map.barycentric.ravel(), vertices.ravel(), np.arange(0, 3 * count + 1, 3)),
-        shape=(count, len(mapped.source.vertices)),
-    )
+    corners = surface_map.source_triangles[surface_map.triangle]
+    return interpolation_matrix(corners, surface_map.barycentric, len(mapped.source.vertices))
 
 
 def _neighbours(surface: Surface) -> csr_array:

@@ -17,8 +17,8 @@ from transfer_meshes import identity, sheet, split_at_faces, torus, true_map, tu
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut_mesh import edge_lengths
 
 BEND = 0.6
 TIPS = [[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 0.05, 1], [0, 1, -0.25]]

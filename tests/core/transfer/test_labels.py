@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from transfer_meshes import Sheet, identity, sheet, torus, true_map
 
+from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer import Attribute, Domain, Kind, potts, transfer
-from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
+from zoomout_core.transfer.cut_mesh import adjacent_edges
 from zoomout_core.transfer.potts import Candidates, elect, tally
 
 GRID = (120, 80)

@@ -7,9 +7,9 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangles import edge_lengths, triangle_areas
 from zoomout_core.messages import warning
-from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
+from zoomout_core.transfer.cut_mesh import face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import Chart, signed_areas, uv_seams
 

@@ -17,9 +17,8 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.procrustes import SMALLEST
-from zoomout_core.mesh.triangles import area_normals, triangle_areas
+from zoomout_core.mesh.triangles import area_normals, edge_lengths, triangle_areas
 from zoomout_core.runtime.progress import advance
-from zoomout_core.transfer.cut_mesh import edge_lengths
 from zoomout_core.transfer.frames import frames_of, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh

@@ -25,8 +25,9 @@ from transfer_meshes import (
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_surface, edge_lengths
+from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_surface
 
 GRID = (120, 80)
 
