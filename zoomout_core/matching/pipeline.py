@@ -9,13 +9,16 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
+from zoomout_core.arrays import Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
 from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
-from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
+from zoomout_core.matching.hypotheses.guess import gather_evidence, guess, guess_by_landmarks
 from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
 from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.memory_need import check_memory
@@ -23,7 +26,7 @@ from zoomout_core.matching.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
 from zoomout_core.matching.preparation import AHEAD, prepare_shape
-from zoomout_core.matching.ranking import Candidate, rank
+from zoomout_core.matching.ranking import Candidate, rank, upsample_hypothesis
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
 from zoomout_core.matching.rotational_symmetry import self_maps, with_turned
@@ -35,6 +38,8 @@ from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_s
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
+# Number of landmarks from which on these alone give a first look: fewer leave open how a shape is turned about them.
+LANDMARKS_SHOWN = 3
 # Fraction of a body's progress that the analysis of the shapes takes.
 ANALYSING = 0.8
 
@@ -113,7 +118,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     if needs_retry(best, options):
         with portion(RETRY, RESULT):
             best = retry(best, known, options)
-    _show(best.pair, best.candidates)
+    _show_candidates(best.pair, best.candidates)
     with portion(RESULT, 1.0):
         result = make_result(best.pair, tuple(best.candidates), 0)
     if options.landmarks is None:
@@ -138,25 +143,37 @@ def _attempt(
 
 def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:
     """Maps between two shapes, the most likely first."""
+    shapes = pair.source_shape, pair.target_shape
+    automatic = options.initial in ("auto", "landmarks")
     with stage("Guessing", 0.0, 0.15):
+        by_landmarks = guess_by_landmarks(pair, known)
+        if (
+            by_landmarks is not None
+            and known.landmarks is not None
+            and np.shape(known.landmarks[0])[0] >= LANDMARKS_SHOWN
+        ):
+            _show(pair, [upsample_hypothesis(by_landmarks, *shapes)[1]])
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
         disagreement = evidence.disagreement(pair)
-        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier)
-    shapes = pair.source_shape, pair.target_shape
+        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier, by_landmarks)
     with stage("Comparing candidates", 0.15, 0.8):
-        candidates = rank(hypotheses, *shapes, disagreement)
-        _show(pair, candidates)
-    automatic = options.initial in ("auto", "landmarks")
+        candidates = rank(hypotheses, *shapes, disagreement, show=partial(_show, pair))
+        _show_candidates(pair, candidates)
     with stage("Comparing finished maps", 0.8, 1.0):
         for_each(partial(_prepare_rest, turns=automatic), shapes)
         candidates = rank_finished(candidates, *shapes, pair.step)
     return with_turned(candidates, *shapes, disagreement) if automatic else candidates
 
 
-def _show(pair: Pair, candidates: Sequence[Candidate]) -> None:
+def _show_candidates(pair: Pair, candidates: Sequence[Candidate]) -> None:
     """Give listeners a first look at the candidates."""
-    show_outlines(lambda: tuple(outline(pair, candidate) for candidate in candidates))
+    _show(pair, [candidate.sample_map for candidate in candidates])
+
+
+def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
+    """Give listeners a first look at maps (s_t,), which give the source sample of each search sample."""
+    show_outlines(lambda: tuple(outline(pair, sample_map) for sample_map in sample_maps))
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
