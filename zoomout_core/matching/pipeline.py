@@ -34,7 +34,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
-from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
+from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
@@ -92,6 +92,28 @@ def match(
         return _match_surfaces(*surfaces, options, (*of_source, *of_target, *repeated))
 
 
+@memory_in_words
+@on_one_blas_thread
+def prepare(source: Surface, target: Surface, options: MatchOptions) -> None:
+    """Analyse two surfaces in one thread, ahead of their automatic match, which then finds them in the cache.
+
+    Raises:
+        MeshError: a mesh cannot be matched.
+    """
+    with in_one_thread():
+        with stage("Reading the meshes", 0.0, 0.02):
+            for surface in (source, target):
+                cached_working_mesh(surface)
+        sizes = [len(surface.working.vertices) for surface in (source, target)]
+        check_memory(sizes, options.k_final, options.proxy_vertices)
+        with stage("Finding the bodies", 0.02, 0.05):
+            body, *_ = find_bodies(source, target, options.seed)
+        with stage("Analyzing the shapes", 0.05, 1.0):
+            for shape in _analyse(body, options, AHEAD):
+                _prepare_rest(shape, turns=True)
+                _ = shape.surface_vertex
+
+
 def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]) -> MatchResult:
     """`match` of surfaces; notes on these are passed on to the result."""
     axes, regions = check_axes(options.common_axes), check_regions(options.regions, source, target)
@@ -132,13 +154,20 @@ def _attempt(
 ) -> Attempt:
     """Match one body of the source with one of the target."""
     automatic = options.initial in ("auto", "landmarks")
-    size = options.k_final, options.samples, options.seed, options.proxy_vertices, AHEAD if automatic else ()
     with stage("Analyzing the shapes", 0.0, ANALYSING):
-        shapes = side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+        shapes = _analyse(body, options, AHEAD if automatic else ())
     exact = options.landmarks if options.exact_landmarks else None
     pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)
     with portion(ANALYSING, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
+
+
+def _analyse(
+    body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
+) -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    """The analyses of two bodies, with further computations on each that are to be done ahead."""
+    size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
+    return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
 
 
 def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:
