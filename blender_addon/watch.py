@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's handlers: drop cached facts and landmarks of changed or removed objects, and update the preview."""
+"""Blender's handlers: drop cached facts and landmarks of changed or removed objects, and update the preview.
+
+They also have the selected objects prepared for a match.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
+from .operators import ahead
 from .scene import landmarks, mesh_facts
 from .services import candidates, previews
 from .viewport import overlay, preview
@@ -19,6 +23,8 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
     meshes = [one for one in changed if isinstance(one, Mesh)]
     mesh_facts.forget(meshes)
+    ahead.forget(meshes)
+    ahead.consider()
     overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
     preview.follow_edit(meshes)
     preview.follow_selection()
@@ -61,6 +67,7 @@ def unregister() -> None:
 
 def forget_everything() -> None:
     """Clear all caches of the open file."""
+    ahead.clear()
     mesh_facts.forget_all()
     candidates.clear_cache()
     preview.clear()

@@ -76,6 +76,11 @@ def base_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]
             yield seen
 
 
+def keeps_vertices(obj: Object) -> bool:
+    """Whether no visible modifier changes an object's vertices, so that its base is read without a copy of it."""
+    return all(each.type in VERTEX_PRESERVING for each in obj.modifiers if each.show_viewport)
+
+
 def is_cage(obj: Object) -> bool:
     """Whether Catmull-Clark subdivision is the last visible modifier, and the only one that adds vertices."""
     adding = [each for each in obj.modifiers if each.show_viewport and each.type not in VERTEX_PRESERVING]

@@ -22,7 +22,7 @@ from ..services.preflight import obstacle
 from ..services.targets import Outcome
 from ..translations import reported, translated
 from ..viewport import preview
-from . import activity, modal, modes
+from . import activity, ahead, modal, modes
 
 # Seconds of work between two events; the piece of work then running may take up to 0.1 seconds more.
 SLICE = 0.05
@@ -67,6 +67,7 @@ class ModalOperator(Operator):
 
     def execute(self, context: Context) -> set[str]:
         """Run the work at once."""
+        ahead.stop()
         self._left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
@@ -81,6 +82,7 @@ class ModalOperator(Operator):
         """Start to work in slices, or run at once without a window that can receive a modal operator."""
         if bpy.app.background or not modal.can_begin(context.window):
             return self.execute(context)
+        ahead.stop()
         self._left = modes.leave(context, self)
         self._job = Job(self.work(context))
         _show_progress(context, self._job.progress)

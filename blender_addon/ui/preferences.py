@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The extension's section in Blender's preferences: how to begin, and the news of updates."""
+"""The extension's section in Blender's preferences: how to begin, the news of updates, and what is done ahead."""
 
 from __future__ import annotations
 
 from bpy.types import AddonPreferences, Context
 
+from ..properties.preferences import EXTENSION, AheadPreferences
 from . import manual
 
-# The extension's package, by which Blender identifies its preferences.
-EXTENSION = __package__.removesuffix(".ui")
 
-
-class ZOOMOUT_AP_preferences(AddonPreferences):
+class ZOOMOUT_AP_preferences(AheadPreferences, AddonPreferences):
     bl_idname = EXTENSION
 
     def draw(self, context: Context) -> None:
@@ -19,6 +17,7 @@ class ZOOMOUT_AP_preferences(AddonPreferences):
         row = self.layout.row()
         row.operator("wm.url_open", text="Guide", icon="HELP").url = manual.address(manual.GUIDE)
         row.operator("wm.url_open", text="What's New", icon="INFO").url = manual.address(manual.NEWS)
+        self.layout.prop(self, "prepare_ahead")
 
 
 CLASSES = (ZOOMOUT_AP_preferences,)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,18 @@ def test_all_systems_are_measured_on_the_same_pair(tables: dict[str, list[dict]]
     assert ours["vertices"] == fine["vertices"] == peer["vertices"] == 400
     assert max(ours["mean error"], fine["mean error"], peer["mean error"]) < 30
     assert 0 < ours["longest wait"] < ours["seconds"]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not forget the peak")
+def test_the_peak_memory_is_that_of_each_system_alone(horses: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(megabytes: int) -> tuple[dict, dict]:
+        np.ones(megabytes << 17)
+        return {}, {}
+
+    sizes = {"large": 400, "small": 0}
+    monkeypatch.setattr(speed, "SYSTEMS", {name: lambda _, size=size: measured(size) for name, size in sizes.items()})
+    large, small = (row["peak MB"] for row in speed.run(horses, None)["rows"])
+    assert large - small > 300
 
 
 def test_stages_add_up(tables: dict[str, list[dict]]) -> None:

@@ -43,5 +43,6 @@ def test_panels_have_a_button_that_opens_it(name):
 
 def test_the_preferences_open_the_guide_and_what_is_new():
     layout = Layout([])
-    preferences.ZOOMOUT_AP_preferences.draw(type("Drawn", (), {"layout": layout})(), Context())
+    drawn = {"layout": layout, "bl_rna": preferences.ZOOMOUT_AP_preferences.bl_rna}
+    preferences.ZOOMOUT_AP_preferences.draw(type("Drawn", (), drawn)(), Context())
     assert layout.operators == ["wm.url_open", "wm.url_open"]

@@ -205,7 +205,9 @@ def test_options_are_kept_as_presets(installed):
 
 
 def test_the_preferences_of_the_extension_show_what_is_new(installed):
-    assert type(bpy.context.preferences.addons[EXTENSION].preferences).__name__ == "ZOOMOUT_AP_preferences"
+    found = bpy.context.preferences.addons[EXTENSION].preferences
+    assert type(found).__name__ == "ZOOMOUT_AP_preferences"
+    assert found.prepare_ahead
     manual = importlib.import_module(f"{EXTENSION}.ui.manual")
     news = Path(url2pathname(urlparse(manual.address(manual.NEWS)).path)).read_text(encoding="utf-8")
     assert f"<h2>{MANIFEST['version']}</h2>" in news

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
@@ -53,9 +54,17 @@ class LandmarkFeatures:
 
         The side is 1 as seen from outside, -1 as seen from inside; 0 leaves the turns out.
         """
-        i, j = np.triu_indices(min(len(chosen), LANDMARKS.turning), k=1)
-        distances = self.distances[:, chosen] / (LANDMARKS.distance_spread * self.distances[:, chosen].mean(axis=0))
-        return np.hstack([distances, side * LANDMARKS.turn_weight * self.turns[:, chosen[i], chosen[j]]])
+        i, j = _each_two(min(len(chosen), LANDMARKS.turning))
+        distances = self.distances[:, chosen]
+        scaled = distances / (LANDMARKS.distance_spread * distances.mean(axis=0))
+        return np.hstack([scaled, side * LANDMARKS.turn_weight * self.turns[:, chosen[i], chosen[j]]])
+
+
+@cache
+def _each_two(count: int) -> tuple[Integers, Integers]:
+    """(p,) the first and (p,) the second of each two of some places."""
+    first, second = np.triu_indices(count, k=1)
+    return first, second
 
 
 def landmark_features(shape: ShapeAnalysis, vertices: Integers, turning: int | None = None) -> LandmarkFeatures:
@@ -64,7 +73,7 @@ def landmark_features(shape: ShapeAnalysis, vertices: Integers, turning: int | N
     distances = np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1).T
     distances = shape.basis.smoothed(distances, LANDMARKS.distance_time)
     turning = len(vertices) if turning is None else min(turning, len(vertices))
-    i, j = np.triu_indices(turning, k=1)
+    i, j = _each_two(turning)
     upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
     upper = shape.basis.smoothed(upper, LANDMARKS.turn_time)
     upper /= np.maximum(upper.std(axis=0), 1e-12)

@@ -9,13 +9,16 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
+from zoomout_core.arrays import Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
 from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
-from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
+from zoomout_core.matching.hypotheses.guess import gather_evidence, guess, guess_by_landmarks
 from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
 from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.memory_need import check_memory
@@ -23,7 +26,7 @@ from zoomout_core.matching.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
 from zoomout_core.matching.preparation import AHEAD, prepare_shape
-from zoomout_core.matching.ranking import Candidate, rank
+from zoomout_core.matching.ranking import Candidate, rank, upsample_hypothesis
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
 from zoomout_core.matching.rotational_symmetry import self_maps, with_turned
@@ -31,10 +34,12 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
-from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
+from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
+# Number of landmarks from which on these alone give a first look: fewer leave open how a shape is turned about them.
+LANDMARKS_SHOWN = 3
 # Fraction of a body's progress that the analysis of the shapes takes.
 ANALYSING = 0.8
 
@@ -87,6 +92,28 @@ def match(
         return _match_surfaces(*surfaces, options, (*of_source, *of_target, *repeated))
 
 
+@memory_in_words
+@on_one_blas_thread
+def prepare(source: Surface, target: Surface, options: MatchOptions) -> None:
+    """Analyse two surfaces in one thread, ahead of their automatic match, which then finds them in the cache.
+
+    Raises:
+        MeshError: a mesh cannot be matched.
+    """
+    with in_one_thread():
+        with stage("Reading the meshes", 0.0, 0.02):
+            for surface in (source, target):
+                cached_working_mesh(surface)
+        sizes = [len(surface.working.vertices) for surface in (source, target)]
+        check_memory(sizes, options.k_final, options.proxy_vertices)
+        with stage("Finding the bodies", 0.02, 0.05):
+            body, *_ = find_bodies(source, target, options.seed)
+        with stage("Analyzing the shapes", 0.05, 1.0):
+            for shape in _analyse(body, options, AHEAD):
+                _prepare_rest(shape, turns=True)
+                _ = shape.surface_vertex
+
+
 def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]) -> MatchResult:
     """`match` of surfaces; notes on these are passed on to the result."""
     axes, regions = check_axes(options.common_axes), check_regions(options.regions, source, target)
@@ -113,7 +140,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     if needs_retry(best, options):
         with portion(RETRY, RESULT):
             best = retry(best, known, options)
-    _show(best.pair, best.candidates)
+    _show_candidates(best.pair, best.candidates)
     with portion(RESULT, 1.0):
         result = make_result(best.pair, tuple(best.candidates), 0)
     if options.landmarks is None:
@@ -127,36 +154,55 @@ def _attempt(
 ) -> Attempt:
     """Match one body of the source with one of the target."""
     automatic = options.initial in ("auto", "landmarks")
-    size = options.k_final, options.samples, options.seed, options.proxy_vertices, AHEAD if automatic else ()
     with stage("Analyzing the shapes", 0.0, ANALYSING):
-        shapes = side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+        shapes = _analyse(body, options, AHEAD if automatic else ())
     exact = options.landmarks if options.exact_landmarks else None
     pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)
     with portion(ANALYSING, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
 
 
+def _analyse(
+    body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
+) -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    """The analyses of two bodies, with further computations on each that are to be done ahead."""
+    size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
+    return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+
+
 def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:
     """Maps between two shapes, the most likely first."""
+    shapes = pair.source_shape, pair.target_shape
+    automatic = options.initial in ("auto", "landmarks")
     with stage("Guessing", 0.0, 0.15):
+        by_landmarks = guess_by_landmarks(pair, known)
+        if (
+            by_landmarks is not None
+            and known.landmarks is not None
+            and np.shape(known.landmarks[0])[0] >= LANDMARKS_SHOWN
+        ):
+            _show(pair, [upsample_hypothesis(by_landmarks, *shapes)[1]])
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
         disagreement = evidence.disagreement(pair)
-        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier)
-    shapes = pair.source_shape, pair.target_shape
+        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier, by_landmarks)
     with stage("Comparing candidates", 0.15, 0.8):
-        candidates = rank(hypotheses, *shapes, disagreement)
-        _show(pair, candidates)
-    automatic = options.initial in ("auto", "landmarks")
+        candidates = rank(hypotheses, *shapes, disagreement, show=partial(_show, pair))
+        _show_candidates(pair, candidates)
     with stage("Comparing finished maps", 0.8, 1.0):
         for_each(partial(_prepare_rest, turns=automatic), shapes)
         candidates = rank_finished(candidates, *shapes, pair.step)
     return with_turned(candidates, *shapes, disagreement) if automatic else candidates
 
 
-def _show(pair: Pair, candidates: Sequence[Candidate]) -> None:
+def _show_candidates(pair: Pair, candidates: Sequence[Candidate]) -> None:
     """Give listeners a first look at the candidates."""
-    show_outlines(lambda: tuple(outline(pair, candidate) for candidate in candidates))
+    _show(pair, [candidate.sample_map for candidate in candidates])
+
+
+def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
+    """Give listeners a first look at maps (s_t,), which give the source sample of each search sample."""
+    show_outlines(lambda: tuple(outline(pair, sample_map) for sample_map in sample_maps))
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:

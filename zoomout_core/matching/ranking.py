@@ -148,6 +148,8 @@ def rank(
     # Whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether it reverses
     # the orientation.
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
+    # Called with the maps (s_t,) of the hypotheses that are left after the first comparison, the most likely first.
+    show: Callable[[Sequence[Integers]], object] = lambda _maps: None,
 ) -> list[Candidate]:
     """Refine hypotheses, drop duplicates and poor ones, and score the rest both ways; mirror images come last."""
     shapes = source, target
@@ -159,6 +161,7 @@ def rank(
         screened = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear), hypotheses)
     screened = [entry for entry in screened if wanted(entry.sample_map, entry.reverses_orientation)]
     kept = _leading(screened, [entry.score for entry in screened], source, quotas)
+    show([entry.sample_map for entry in kept])
     with portion(0.6, 0.8):
         refined = for_each(lambda entry: _candidate(entry, *shapes, disagreement), kept)
     refined = [entry for entry in refined if wanted(entry.sample_map, entry.reverses_orientation)]
@@ -246,6 +249,14 @@ def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -
     return min(scored, key=lambda one: one.scores["total"])
 
 
+def upsample_hypothesis(guess: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis) -> tuple[Floats, Integers]:
+    """A hypothesis at the size of the first comparison: its functional map, and (s_t,) numbers of source samples."""
+    size = min(RANKING.screening_size, source.search.rows.shape[1], target.search.rows.shape[1])
+    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
+    step = RANKING.screening_step
+    return upsample(source.search, target.search, guess.functional_map, size, step, anchors)
+
+
 def _screen(
     guess: Hypothesis,
     source: ShapeAnalysis,
@@ -253,10 +264,7 @@ def _screen(
     disagreement: Disagreement,
     clear_orientation: float,
 ) -> _Screened:
-    size = min(RANKING.screening_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
-    step = RANKING.screening_step
-    functional_map, sample_map = upsample(source.search, target.search, guess.functional_map, size, step, anchors)
+    functional_map, sample_map = upsample_hypothesis(guess, source, target)
     reverses = orientation_agreement(sample_map, source, target) < -clear_orientation
     scores = scores_of(functional_map, sample_map, source, target, reverses)
     scores |= disagreement(functional_map, sample_map, guess.anchors)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from zoomout_core.matching.registration.nonrigid_icp import replace_images
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import components, edge_lengths, triangle_normals, unique_edges, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
 # Edges that are compared at once, and places to project times candidates: so few that they stay in the processor's
@@ -46,6 +47,8 @@ SAMPLES_OF_TRIANGLE = 20
 RIDGE, NEIGHBOURHOODS = 0.03, 1000
 # Share of the target's area below which a component is too small, as a strand of hair is, to have parts cut off.
 SMALL_COMPONENT = 0.05
+# Nearest samples to compare first: for nine goals in ten they decide.
+FIRST_CANDIDATES = 12
 # Multiple by which a geodesic distance beyond the limit counts: only if all candidates are beyond it one is taken.
 BEYOND = 1e3
 
@@ -378,20 +381,26 @@ def _project(goals: Floats, meshes: _Meshes, allowed: Integers, first_key: Integ
     source, (tree, on) = meshes.source, meshes.samples
     corner, marks = source.triangles[:, 0].copy(), meshes.features[:, 6:].copy()
     component = source.component[corner]
+    rows = np.hstack([goals[:, :3], REPAIR.normal_weight * goals[:, 3:6]])
     triangle = np.empty(len(goals), dtype=np.int64)
-    block = max(1, PLACES // REPAIR.candidates)
-    for first in range(0, len(goals), block):
-        some, keys = goals[first : first + block], first_key[first : first + block]
-        rows = np.hstack([some[:, :3], REPAIR.normal_weight * some[:, 3:6]])
-        apart, near = map(np.asarray, tree.query(rows, min(REPAIR.candidates, len(on))))
+
+    def compare(some: Integers, count: int) -> Integers:
+        """Choose among the nearest samples of some goals; returns the goals for which a farther one may be closer."""
+        apart, near = map(np.asarray, tree.query(rows[some], count))
         candidate = on[near]
-        along = np.abs(take_rows(marks, corner[candidate]) - some[:, None, 6:].astype(np.float32)).max(axis=2)
-        key = keys[:, None] + component[candidate]
+        along = np.abs(take_rows(marks, corner[candidate]) - goals[some, None, 6:].astype(np.float32)).max(axis=2)
+        key = first_key[some, None] + component[candidate]
         elsewhere = allowed[np.minimum(np.searchsorted(allowed, key), len(allowed) - 1)] != key
         beyond = np.where(along > MAX_GEODESIC_DISTANCE, along, 0) + elsewhere
-        best = np.argmin(apart + REPAIR.geodesic_weight * along + BEYOND * beyond, axis=1)
-        row = np.arange(len(some))
-        triangle[first : first + block] = np.where(elsewhere[row, best], -1, candidate[row, best])
+        cost = apart + REPAIR.geodesic_weight * along + BEYOND * beyond
+        best = np.arange(len(some)), np.argmin(cost, axis=1)
+        triangle[some] = np.where(elsewhere[best], -1, candidate[best])
+        return np.asarray(some[apart[:, -1] < cost[best]])
+
+    left = np.arange(len(goals))
+    for count in (min(count, len(on)) for count in (FIRST_CANDIDATES, REPAIR.candidates)):
+        blocks = np.array_split(left, 1 + len(left) * count // PLACES)
+        left = np.concatenate(for_each(partial(compare, count=count), blocks))
     a, b, c = (source.vertices[source.triangles[triangle, i]] for i in range(3))
     return triangle, closest_on_triangles(goals[:, :3], a, b, c)[0]
 

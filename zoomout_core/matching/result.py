@@ -159,7 +159,7 @@ class MatchResult(Summary):
         Returns (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the
         source for each of them.
         """
-        return outline(self.pair, self.candidates[candidate])
+        return outline(self.pair, self.candidates[candidate].sample_map)
 
     @memory_in_words
     @on_one_blas_thread
@@ -190,10 +190,13 @@ class MatchResult(Summary):
         save_object(path, self, STORED)
 
 
-def outline(pair: Pair, candidate: Candidate) -> tuple[Integers, Integers]:
-    """(s,) some vertices of the target's main part, and (s,) vertices of the source near their images."""
+def outline(pair: Pair, sample_map: Integers) -> tuple[Integers, Integers]:
+    """(s,) some vertices of the target's main part, and (s,) vertices of the source near their images.
+
+    The map (s,) gives the number of the source sample of each search sample.
+    """
     source, target = pair.source_shape, pair.target_shape
-    images = source.search.samples[candidate.sample_map]
+    images = source.search.samples[sample_map]
     return target.surface_vertex[target.search.samples], source.surface_vertex[images]
 
 

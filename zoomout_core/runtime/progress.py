@@ -30,7 +30,7 @@ class Progress:
         fraction: part done, in [0, 1], never decreasing.
         stage: description of the current stage, for users.
         outlines: a first look at a match: rough images of its candidates, the most likely first, as from
-            `MatchResult.outline`. Empty until candidates are known; replaced if their order changes.
+            `MatchResult.outline`. Empty until a map is known; replaced while candidates are compared.
 
     Example:
         >>> zo.Progress(0.5, "Refining").fraction

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from contextvars import copy_context
+from contextvars import ContextVar, copy_context
 from functools import partial, wraps
 from numbers import Integral
 from threading import Lock
@@ -66,6 +66,7 @@ class _Cores:
 
 
 _cores: _Cores | None = None
+_alone: ContextVar[bool] = ContextVar("alone", default=False)
 
 
 def set_threads(count: int | None) -> None:
@@ -88,7 +89,17 @@ def set_threads(count: int | None) -> None:
 
 def threads() -> int:
     """How many threads may work at a time."""
-    return _known_cores().count
+    return 1 if _alone.get() else _known_cores().count
+
+
+@contextmanager
+def in_one_thread() -> Iterator[None]:
+    """A context whose computations use one thread, such as those that nobody waits for yet."""
+    token = _alone.set(True)
+    try:
+        yield
+    finally:
+        _alone.reset(token)
 
 
 def _known_cores() -> _Cores:

@@ -208,7 +208,8 @@ def guesses(
     """Guess with the identity and a mirror as the only initial maps."""
     two = [Hypothesis("identity", np.eye(5)), Hypothesis("mirror", np.diag([1.0, -1, 1, 1, 1]))]
     monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
-    return guess_module.guess(pair, initial, known, known.disagreement(pair), given.get("earlier"))
+    by_landmarks = guess_module.guess_by_landmarks(pair, known)
+    return guess_module.guess(pair, initial, known, known.disagreement(pair), given.get("earlier"), by_landmarks)
 
 
 def origins(found: list[Hypothesis]) -> list[str]:

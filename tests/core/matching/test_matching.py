@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
-from creatures import Creature, creature, directions, mirrored_vertex, on_limb, true_vertex
+from creatures import LIMBS, Creature, creature, directions, mirrored_vertex, on_limb, true_vertex
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.matching import pipeline
+from zoomout_core.matching import pipeline, ranking
+from zoomout_core.matching.hypotheses import guess
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.progress import Outlines
 from zoomout_core.spectral import eigenbasis
 
 # Limit of the mean geodesic error over sqrt(area) for a right map of the bent creature; flips exceed it tenfold.
@@ -57,29 +59,56 @@ def test_a_first_look_at_the_candidates_comes_before_they_are_refined(resting, b
     (first, *_) = [progress for progress in seen if progress.outlines]
     assert first.fraction < 0.5
     assert first.stage not in [progress.stage for progress in seen if progress.stage.startswith("Refining")]
-    assert len(first.outlines) == len(result.candidates)
     vertices, images = first.outlines[0]
     off = resting.surface.vertices[images] - resting.surface.vertices[true_vertex(resting, bent)[vertices]]
     assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
+    assert len(seen[-1].outlines) == len(result.candidates)
     for shown, used in zip(seen[-1].outlines[0], result.outline(0), strict=True):
         np.testing.assert_array_equal(shown, used)
 
 
 def test_a_first_look_does_not_wait_for_what_only_the_map_needs(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
-    order: list[str] = []
-    self_maps = pipeline.self_maps
-    monkeypatch.setattr(pipeline, "self_maps", lambda shape: (order.append("rotations"), self_maps(shape))[1])
-
-    def listen(progress: zo.Progress) -> None:
-        if progress.outlines:
-            order.append("look")
-            raise zo.Cancelled
-
+    monkeypatch.setattr(pipeline, "self_maps", too_late)
     with pytest.raises(zo.Cancelled):
-        matched(coarse, progress=listen)
-    assert order == ["look"]
-    matched(coarse)
-    assert order == ["look", "rotations", "rotations"]
+        matched(coarse, progress=cancel_at_first_look)
+    with pytest.raises(AssertionError):
+        matched(coarse)
+
+
+def test_a_first_look_does_not_wait_for_candidates_to_be_refined(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ranking, "_candidate", too_late)
+    with pytest.raises(zo.Cancelled):
+        matched(coarse, progress=cancel_at_first_look)
+
+
+@pytest.mark.parametrize(("count", "ended"), [(2, AssertionError), (3, zo.Cancelled)])
+def test_three_landmarks_give_a_first_look_before_anything_is_guessed(coarse, monkeypatch, count: int, ended) -> None:
+    resting, bent = coarse
+    tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(count)])
+    landmarks = true_vertex(resting, bent)[tips], tips
+    monkeypatch.setattr(guess, "GUESSES", (too_late,))
+    with pytest.raises(ended):
+        matched(coarse, landmarks=landmarks, progress=cancel_at_first_look)
+
+
+def test_landmarks_alone_show_nearly_the_final_map(coarse: tuple[Creature, Creature]) -> None:
+    resting, bent = coarse
+    truth = true_vertex(resting, bent)
+    tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(3)])
+    looks: list[Outlines] = []
+    matched(coarse, landmarks=(truth[tips], tips), progress=lambda progress: looks.append(progress.outlines))
+    vertices, images = next(filter(None, looks))[0]
+    off = resting.surface.vertices[images] - resting.surface.vertices[truth[vertices]]
+    assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
+
+
+def cancel_at_first_look(progress: zo.Progress) -> None:
+    if progress.outlines:
+        raise zo.Cancelled
+
+
+def too_late(*_: object) -> NoReturn:
+    raise AssertionError
 
 
 @pytest.mark.slow

@@ -11,9 +11,10 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.matching import memory_cache
+from zoomout_core.matching import memory_cache, rotational_symmetry
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.memory_cache import cached_analysis, cached_hull, cached_working_mesh
+from zoomout_core.matching.pipeline import prepare
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.memory import bytes_of
@@ -121,3 +122,15 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
     for each in (numbers, other, numbers, other):
         cached_analysis(part, **each)
     assert asked == [tuple(numbers.values()), tuple(other.values())]
+
+
+def test_a_match_finds_what_was_prepared_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (creature(count, bend=bend).surface for count, bend in ((1500, 0.0), (1400, 0.9)))
+    expected = zo.match(as_new(one), as_new(other), k_final=30)
+    zo.forget_shapes()
+    prepare(as_new(one), as_new(other), zo.MatchOptions(k_final=30))
+    monkeypatch.setattr(memory_cache, "analyse", None)
+    monkeypatch.setattr(rotational_symmetry, "_fitting", None)
+    result = zo.match(as_new(one), as_new(other), k_final=30)
+    np.testing.assert_array_equal(result.surface_map.triangle, expected.surface_map.triangle)
+    np.testing.assert_array_equal(result.surface_map.barycentric, expected.surface_map.barycentric)

@@ -11,6 +11,7 @@ from creatures import LIMBS, Creature, mirrored_vertex, on_limb, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
+from zoomout_core.matching import repair as repair_module
 from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.repair import REPAIR, Repair, _choose_images, _Images, repair
@@ -74,6 +75,18 @@ def test_single_vertices_that_are_flung_far_off_are_filled_in(pair, truth) -> No
     far = np.full(len(flung), int(np.argmax(pair.source.vertices[:, 2])))
     found = repair(pair, send(truth, flung, far, pair))
     assert misses(pair, found.surface_map, truth, flung).mean() < NEAR
+
+
+@pytest.mark.parametrize("first", [2, REPAIR.candidates])
+def test_the_samples_compared_first_do_not_change_the_images(pair, truth, resting, bent, monkeypatch, first) -> None:
+    patch = patch_around(pair, 0, 0.2)
+    torn = send(truth, patch, mirrored_vertex(resting, bent)[patch], pair)
+    expected = repair(pair, torn)
+    assert expected.filled.any()
+    monkeypatch.setattr(repair_module, "FIRST_CANDIDATES", first)
+    found = repair(pair, torn)
+    np.testing.assert_array_equal(found.surface_map.triangle, expected.surface_map.triangle)
+    np.testing.assert_array_equal(found.surface_map.barycentric, expected.surface_map.barycentric)
 
 
 def test_a_large_patch_is_left_and_its_border_is_reported(pair, truth, resting, bent) -> None:

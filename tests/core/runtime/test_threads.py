@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import zoomout_core as zo
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
-from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side, threads
+from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side, threads
 from zoomout_core.tuning import retune
 
 # Timeout in seconds of a test that waits for another thread.
@@ -55,6 +55,14 @@ def fractions_of(work: Callable[[], object]) -> list[float]:
 def test_both_run_at_the_same_time_and_return_in_their_order() -> None:
     meeting = threading.Barrier(2)
     assert side_by_side(counting(3, "first", meeting), counting(3, "second", meeting)) == ("first", "second")
+
+
+def test_a_block_in_one_thread_stays_in_the_calling_one() -> None:
+    here = threading.current_thread()
+    with in_one_thread():
+        assert threads() == 1
+        assert side_by_side(threading.current_thread, threading.current_thread) == (here, here)
+    assert threads() == 2
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

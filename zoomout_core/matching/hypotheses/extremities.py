@@ -144,8 +144,11 @@ def _best_maps(
     guesses = []
     for side in sides if found else ():
         scores, places = [], []
+        features: dict[bytes, Floats] = {}  # of the target's tips: many pairings have the same
         for of_target, of_source in found:
-            sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
+            if (tips := of_target.tobytes()) not in features:
+                features[tips] = at_target.features(of_target, side)
+            sample_map = nearest(features[tips], at_source.features(of_source))
             functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
             evidence = disagreement(functional_map, sample_map, None)
             scores.append(total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence))

@@ -40,9 +40,14 @@ LANDMARK_WEIGHT = 2.0
 
 
 def guess(
-    pair: Pair, initial: Initial, evidence: Constraints, disagreement: Disagreement, earlier: Hypothesis | None
+    pair: Pair,
+    initial: Initial,  # option of the match
+    evidence: Constraints,
+    disagreement: Disagreement,  # with the evidence
+    earlier: Hypothesis | None,  # that of a map that the user gave
+    by_landmarks: Hypothesis | None,  # that of the user's landmarks, see `guess_by_landmarks`
 ) -> list[Hypothesis]:
-    """The initial hypotheses of a match, for its option `initial`; `earlier` is that of a map that the user gave."""
+    """The initial hypotheses of a match."""
     source, target = pair.source_shape, pair.target_shape
     if initial == "given" and earlier is not None:
         return [earlier]
@@ -57,12 +62,18 @@ def guess(
     if earlier is not None:
         hypotheses.insert(0, earlier)
     anchors = evidence.anchors(pair)
-    if evidence.landmarks is not None:
-        by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
+    if by_landmarks is not None:
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
         anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).and_those(anchors)
     return _anchor(hypotheses, anchors)
+
+
+def guess_by_landmarks(pair: Pair, evidence: Constraints) -> Hypothesis | None:
+    """The map that the user's landmarks suggest; None if there are none."""
+    if evidence.landmarks is None:
+        return None
+    return landmark_hypothesis(pair.source_shape, pair.target_shape, *landmarks_on_parts(pair, evidence.landmarks))
 
 
 def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:

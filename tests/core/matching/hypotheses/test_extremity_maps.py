@@ -48,6 +48,22 @@ def test_average_distances_are_those_to_all_of_the_surface(shapes) -> None:
     np.testing.assert_allclose(_average_distance(shape), exact, rtol=0.05)
 
 
+def test_features_of_the_same_tips_are_computed_once(shapes, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen: list[bytes] = []
+    features = LandmarkFeatures.features
+
+    def counting(places: LandmarkFeatures, tips: np.ndarray, side: int = 1) -> np.ndarray:
+        chosen.append(tips.tobytes())
+        return features(places, tips, side)
+
+    monkeypatch.setattr(LandmarkFeatures, "features", counting)
+    tried = _all_pairings(extremities(shapes[1]), extremities(shapes[0]))
+    maps = extremity_hypotheses(*shapes)
+    distinct = len({of_target.tobytes() for of_target, _ in tried})
+    assert distinct < len(tried)
+    assert len(chosen) == distinct + len(tried) + 2 * len(maps)
+
+
 def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
     one = np.array([1.0, 0.9, 0.8, 0.75, 0.3, 0.28, 0.1, 0.09])
     other = np.array([2.0, 1.9, 1.8, 1.7, 0.7, 0.6, 0.2, 0.19])

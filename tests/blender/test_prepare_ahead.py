@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The selected source and target are analysed while Blender is idle, as the preferences say."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from scenes import activate, delete_vertex, ellipsoid
+
+import zoomout_core as zo
+from blender_addon import watch
+from blender_addon.jobs import run
+from blender_addon.operators import activity, ahead
+from blender_addon.operators.match import ZOOMOUT_OT_match
+from blender_addon.properties.preferences import EXTENSION, prepares_ahead
+from blender_addon.services import prepare_ahead as service
+from blender_addon.services.match import match_objects
+from zoomout_core.matching import memory_cache
+from zoomout_core.runtime.progress import Progress
+
+
+@pytest.fixture
+def prepared(monkeypatch):
+    """The pairs of surfaces that were prepared, in place of their analyses."""
+    pairs = []
+    monkeypatch.setattr(service, "prepare", lambda source, target, options: pairs.append((source, target, options)))
+    return pairs
+
+
+def advance():
+    """Prepare what is selected to the end."""
+    while ahead.advance(bpy.context):
+        pass
+
+
+def sizes(prepared):
+    return [tuple(len(surface.vertices) for surface in pair[:2]) for pair in prepared]
+
+
+def test_a_match_finds_its_shapes_analysed(source, target, monkeypatch):
+    zo.forget_shapes()
+    run(service.prepare_ahead(bpy.context, "Source", "Target", detail="fast"))
+    monkeypatch.setattr(memory_cache, "analyse", None)
+    assert match_objects(bpy.context, source, target, detail="fast", names=False).certainty > 0
+
+
+def test_each_selected_pair_is_prepared_once(source, target, prepared):
+    advance()
+    advance()
+    assert len(prepared) == 1
+    other = ellipsoid("Other", 3)
+    activate(other, source)
+    advance()
+    assert sizes(prepared) == [(len(source.data.vertices), len(each.data.vertices)) for each in (target, other)]
+
+
+def test_it_is_prepared_for_the_chosen_detail(source, target, prepared):
+    bpy.context.scene.zoomout.detail = "FAST"
+    advance()
+    bpy.context.scene.zoomout.detail = "FINE"
+    advance()
+    assert [options.k_final for *_, options in prepared] == [60, 200]
+
+
+def test_an_edited_mesh_is_prepared_again(source, target, prepared):
+    advance()
+    delete_vertex(target)
+    bpy.context.view_layer.update()
+    advance()
+    (_, before), (_, after) = sizes(prepared)
+    assert after == before - 1
+
+
+@pytest.mark.parametrize("reason", ["alone", "edit mode", "at work", "same order", "large", "shared", "copied"])
+def test_nothing_is_prepared_that_no_match_can_use(source, target, prepared, monkeypatch, reason):
+    if reason == "alone":
+        activate(target)
+    elif reason == "edit mode":
+        bpy.ops.object.mode_set(mode="EDIT")
+    elif reason == "at work":
+        monkeypatch.setattr(activity, "running", Progress(0.5, "Matching"))
+    elif reason == "same order":
+        bpy.context.scene.zoomout.initial = "SAME_ORDER"
+    elif reason == "large":
+        monkeypatch.setattr(ahead, "MAX_VERTICES", 100)
+    elif reason == "shared":
+        target.data = source.data
+    else:
+        target.modifiers.new("Mirror", "MIRROR")
+    advance()
+    assert not prepared
+    if reason == "edit mode":
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_a_mesh_that_cannot_be_read_is_left_to_the_match(source, target, monkeypatch):
+    tried = []
+
+    def refuse(*_):
+        tried.append(True)
+        raise zo.MeshError("It has no faces.")
+
+    monkeypatch.setattr(service, "prepare", refuse)
+    advance()
+    advance()
+    assert tried == [True]
+
+
+def test_operators_and_loaded_files_end_it(source, target, prepared, monkeypatch):
+    assert ahead.advance(bpy.context)
+    watch.forget_everything()
+    assert ahead._job is None
+    assert ahead.advance(bpy.context)
+    monkeypatch.setattr(ZOOMOUT_OT_match, "_left", None, raising=False)
+    bpy.ops.zoomout.match(detail="FAST")
+    assert ahead._job is None
+
+
+def test_the_preferences_decide(monkeypatch):
+    registered = []
+    timers = SimpleNamespace(is_registered=lambda tick: False, register=lambda tick, **_: registered.append(tick))
+    monkeypatch.setattr(
+        ahead, "bpy", SimpleNamespace(context=None, app=SimpleNamespace(background=False, timers=timers))
+    )
+    for wanted in (False, True):
+        monkeypatch.setattr(ahead, "prepares_ahead", lambda context, wanted=wanted: wanted)
+        ahead.consider()
+    assert registered == [ahead._tick]
+    for addons, expected in (({}, False), *(({EXTENSION: said}, said) for said in (False, True))):
+        entries = {name: SimpleNamespace(preferences=SimpleNamespace(prepare_ahead=on)) for name, on in addons.items()}
+        context = SimpleNamespace(preferences=SimpleNamespace(addons=entries))
+        assert prepares_ahead(context) == expected
