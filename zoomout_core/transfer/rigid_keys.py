@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.frames import Frames, on_working_mesh
@@ -22,6 +22,11 @@ TOLERANCE = 0.02
 MOST = 0.9
 # Fewer vertices determine no rotation.
 MIN_VERTICES = 4
+# All parts together are one rigid frame, such as the teeth and eyes of a skull, if the distance of their centres from
+# the best similarity is at most this share of the spread of the centres: on heads of other persons it is .02 to .09.
+MAX_MISFIT = 0.1
+# Ratio of the width of the centres to their length below which they hardly determine a rotation, as two eyes do.
+MIN_WIDTH = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +41,9 @@ class _RigidParts:
 def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames) -> None:
     """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
-    Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like the body beside the parts:
-    the map of a round part, such as an eyeball, does not tell how it is rotated.
+    Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like all parts together, if these
+    are one rigid frame, else like the body beside them: the map of a round part, such as an eyeball, does not tell how
+    it is rotated.
     """
     target = frames.mapped.target
     partner = _partners(frames)
@@ -47,11 +53,13 @@ def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames) -> None:
     places_of_body = target.working.to_surface(target.working.vertices[frames.number[body]])
     number = target.working.vertex_of
     partner_of_vertex = np.where(number >= 0, partner[target.working.component[number]], 0)
+    frame = _common_frame(partner_of_vertex, frames)
     for rigid in _find_rigid_parts(frames.mapped.source, offsets, np.unique(partner[partner > 0])):
         vertices = np.flatnonzero(np.isin(partner_of_vertex, rigid.components))
         places = target.vertices[vertices]
         centre = places.mean(axis=0)
-        turn = frames.steady_turns[body[np.linalg.norm(places_of_body - centre, axis=1).argmin()]]
+        beside = body[np.linalg.norm(places_of_body - centre, axis=1).argmin()]
+        turn = frames.steady_turns[beside] if frame is None else frame
         before = frames.mapped.points[vertices].mean(axis=0) + (places - centre) @ np.linalg.inv(turn).T
         moved = rigid.moved[:, None, None] * (rigid.motions(before) - before) @ turn.T
         carried[vertices] = np.moveaxis(moved, 0, 1)
@@ -69,6 +77,25 @@ def _partners(frames: Frames) -> Integers:
         if count.max() >= MOST * count.sum():
             partner[component] = found[count.argmax()]
     return partner
+
+
+def _common_frame(partner: Integers, frames: Frames) -> Floats | None:
+    """(3, 3) how the centres of all parts with a partner (n_t,) rotate and grow together; None if they do not."""
+    target = frames.mapped.target
+    vertices = np.flatnonzero(partner > 0)
+    _, part = np.unique(target.working.component[target.working.vertex_of[vertices]], return_inverse=True)
+    share = 1 / np.bincount(part)[part, None]
+    before, now = (segment_sum(share * points[vertices], part) for points in (frames.mapped.points, target.vertices))
+    if len(now) < 3:
+        return None
+    offset = now - now.mean(axis=0)
+    length, width, _ = np.linalg.svd(offset, compute_uv=False)
+    if width < MIN_WIDTH * length:
+        return None
+    side = 1.0 if np.sign(np.linalg.det(frames.steady_turns)).sum() >= 0 else -1.0
+    together = procrustes(before, now, handedness=side)
+    is_rigid = np.linalg.norm(together(before) - now) <= MAX_MISFIT * np.linalg.norm(offset)
+    return together.linear if is_rigid else None
 
 
 def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) -> list[_RigidParts]:

@@ -71,6 +71,33 @@ def test_a_round_part_turns_as_the_body_beside_it_however_it_is_mapped() -> None
     assert np.linalg.norm(found - offsets, axis=1)[eye].max() < 0.1 * np.linalg.norm(offsets, axis=1).max()
 
 
+# Teeth and an eye: their centres are not on a line.
+SKULL = Surface.joined([SOURCE, ball(0.15, (0, 0.3, 0.3), count=200, seed=3)])
+INSIDE = np.arange(len(SKULL.vertices)) >= len(BODY.vertices)
+
+
+def jaw_of_head(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets of the inner parts by a key that moves all, and those found on a head with other vertices (n, 3)."""
+    offsets = np.where(INSIDE[:, None], jaw(SKULL.vertices), 1e-3)
+    attribute = Attribute("keys", Domain.POINT, Kind.OFFSET, offsets[:, None])
+    found = transfer(attribute, identity(SKULL), SKULL, SKULL.with_vertices(vertices)).values
+    return offsets[INSIDE], np.asarray(found)[INSIDE, 0]
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_parts_of_a_skull_move_in_its_frame_and_not_in_that_of_the_skin(mirror: float) -> None:
+    side = np.array([mirror, 1, 1])
+    offsets, found = jaw_of_head(side * np.where(INSIDE[:, None], SKULL.vertices, SKULL.vertices @ TURN.T))
+    assert np.linalg.norm(found - side * offsets, axis=1).max() < 0.01 * np.linalg.norm(offsets, axis=1).max()
+
+
+def test_parts_that_are_no_rigid_frame_move_like_the_body_beside_them() -> None:
+    vertices = SKULL.vertices.copy()
+    vertices[-200:] += 0.8, 0, 0  # the eye is elsewhere
+    offsets, found = jaw_of_head(vertices @ TURN.T)
+    assert np.linalg.norm(found - offsets @ TURN.T, axis=1).max() < 0.05 * np.linalg.norm(offsets, axis=1).max()
+
+
 @pytest.mark.parametrize("part", [1, 3])
 def test_what_a_key_bends_or_leaves_in_place_is_not_rigid(part: int) -> None:
     mine = part == TOOTH

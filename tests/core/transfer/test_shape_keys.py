@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from transfer_meshes import Sheet, globe, identity, plate, sheet, split_at_faces, torus, true_map, tube
+from transfer_meshes import Sheet, globe, identity, nearest_map, plate, sheet, split_at_faces, torus, true_map, tube
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, frames, shape_keys, transfer
 from zoomout_core.transfer.frames import Frames
 
@@ -243,6 +244,35 @@ def test_keys_turn_with_a_bend(
     found = error_on_bent(source, straight, surface_map, angle)
     monkeypatch.setattr(frames, "FRAMES", replace(frames.FRAMES, **{number: value}))
     assert found < 0.9 * error_on_bent(source, straight, surface_map, angle)
+
+
+@pytest.mark.parametrize(("number", "value"), [("deviation", 100.0), ("smoothing_length", 1e-6)])
+def test_lips_are_hardly_torn_where_the_map_swaps_them(
+    number: str, value: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Two plates, as close together as lips, part; the map is off by the length of an edge.
+    lower = plate(40, 20, width=2.0)
+    lips = Surface.joined([lower, lower.with_vertices(lower.vertices + np.array([0, 1.02, 0]))])
+    is_upper = lips.vertices[:, 1] > 1.01
+    values = np.where(is_upper[:, None, None], 0.25, -0.25) * np.array([0, 1, 0])
+    noise = np.random.default_rng(0).normal(scale=0.05, size=lips.vertices.shape) * (1, 1, 0)
+    surface_map = nearest_map(lips.vertices + noise, lips)
+    edges = unique_edges(lips.triangles)[0]
+
+    def longest() -> float:
+        return float(edge_lengths(lips.vertices + carried(values, surface_map, lips, lips).values[:, 0], edges).max())
+
+    found = longest()
+    monkeypatch.setattr(shape_keys, "SHAPE_KEYS", replace(shape_keys.SHAPE_KEYS, **{number: value}))
+    assert found < 0.8 * longest()
+
+
+def test_keys_that_cancel_on_the_source_cancel_on_the_target(source: Sheet, straight: Sheet) -> None:
+    surface_map = wobbly(source, straight, 0.1)
+    first = offsets(source.surface.vertices)[:, :1]
+    values = np.concatenate([first, -first], axis=1)
+    found = carried(values, surface_map, source.surface, straight.surface).values
+    assert np.abs(found.sum(axis=1)).max() < 1e-12
 
 
 def test_a_sheet_wound_the_other_way_takes_the_same_keys() -> None:

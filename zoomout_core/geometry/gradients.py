@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gradients of values on a triangle mesh, averaged at vertices, and the divergence of gradients.
+
+The discrete operators of Botsch and Sorkine, On linear variational surface deformation methods (2008). A solution x of
+L x = div g, with the stiffness L, has gradients close to g.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.triangles import area_normals, cross, vertex_areas
+
+# Relative to the mean area of triangles: vertices with less area have hardly any gradient, instead of a huge one.
+MIN_AREA = 1e-9
+
+
+def gradient_matrices(vertices: Floats, triangles: Integers) -> tuple[csr_array, csr_array, csr_array]:
+    """(n, n) for each axis: the component of the gradient at vertices, of values at vertices (n, 3).
+
+    The gradients of the triangles (m, 3) are averaged around each vertex by area.
+    """
+    n = len(vertices)
+    normals = area_normals(vertices, triangles)
+    least = MIN_AREA * np.linalg.norm(normals, axis=1).mean() if len(triangles) else 0.0
+    directions = normals / np.maximum(np.linalg.norm(normals, axis=1), least)[:, None]
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    # The area of a triangle times the gradient of the function that is one at a corner, and zero at the others.
+    integrals = np.stack([cross(directions, edge) / 2 for edge in (c - b, a - c, b - a)], axis=1)
+    areas = np.maximum(vertex_areas(vertices, triangles) * 3, least)
+    vertex, corner = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel()
+    values = np.tile(integrals, (1, 3, 1)).reshape(-1, 3) / areas[vertex, None]
+    x, y, z = (csr_array((column, (vertex, corner)), shape=(n, n)) for column in values.T)
+    return x, y, z
+
+
+def divergence_matrices(stiffness: csr_array, steps: Floats) -> tuple[csr_array, csr_array, csr_array]:
+    """(n, n) for each axis: what a component of gradients at vertices (n, 3) adds to their divergence.
+
+    For each vertex i the sum of w_ij (g_i + g_j) / 2 s_ij over its neighbours j, with the weights w_ij of the edges of
+    the stiffness (n, n), and a step (e, 3) for each of its entries: the difference v_i - v_j of the vertices' places,
+    or a part of it.
+    """
+    halves = (
+        csr_array((-stiffness.data * step / 2, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+        for step in steps.T
+    )
+    x, y, z = (csr_array(half + diags_array(half.sum(axis=1))) for half in halves)
+    return x, y, z
