@@ -73,7 +73,7 @@ class PairRecord:
         key: a hash of both files and the options.
         certainty: probability that the map is right as a whole.
         mean_confidence: mean confidence of its vertices.
-        low_confidence: share of the vertices with low confidence.
+        low_confidence: the part of the target's area of low confidence.
         share_without_partner: share of the target's area without a partner.
         source_share_without_partner: share of the source's area without a partner.
         candidates: how many maps were found.

@@ -130,7 +130,7 @@ class MatchResult(Summary):
         return Faults(
             self.target.share_of_area(self.torn),
             float(self.pair.shares[self.silent].sum()),
-            float((self.confidence < LOW).mean()),
+            self.target.share_of_area(self.confidence < LOW),
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,
         )

@@ -18,8 +18,8 @@ GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
 
 RIGHT = "The match is right as a whole ({certainty} certain)."
 RIGHT_BUT_FOR_DOUBTS = (
-    "The match is right as a whole ({certainty} certain). It may be off by a little at the {share:.0%} of the vertices "
-    "that are doubtful."
+    "The match is right as a whole ({certainty} certain). It may be off by a little on the {share:.0%} of the target "
+    "that is doubtful."
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
 UNSURE = "The match may be wrong: it is {certainty} certain."
@@ -27,7 +27,7 @@ SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the targ
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = "{share:.0%} of the source's visible surface is on parts from which the target receives almost nothing."
 MIRRORED = "This match is a mirror image: it maps left to right."
-DOUBTFUL = "{share:.0%} of the target's vertices are doubtful."
+DOUBTFUL = "{share:.0%} of the target is doubtful."
 ALONE = "{share:.0%} of the target has no counterpart on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
@@ -38,7 +38,7 @@ LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missin
 LOOK_AT_ALONE = "Select the vertices without a partner, and check that the target shows more than the source there."
 
 
-# Share of doubtful vertices from which a green verdict mentions them, so that it does not round to 0%.
+# Doubtful share of the target from which a green verdict mentions it, so that it does not round to 0%.
 MENTIONED_DOUBTS = 0.005
 
 
@@ -51,7 +51,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     torn: float = tuned(0.02, "1", 0, 1)  # largest part of the target's area at torn edges of a green map
     shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
     silent: float = tuned(0.001, "1", 0, 1)  # largest part of the outside on parts that do not arrive, of a green map
-    doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's vertices of low confidence of a green map
+    doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
     alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a counterpart of a green map
     arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
     visible: float = tuned(0.001, "1", 0, 1)  # smaller shares of the outside are not asked for
@@ -89,7 +89,7 @@ class Faults(NamedTuple):
     Attributes:
         torn: the part of the target's area at torn edges.
         silent: the part of the source's outside on parts from which the target receives almost nothing.
-        doubtful: the part of the target's vertices of low confidence.
+        doubtful: the part of the target's area of low confidence. Faces and hands have most of the vertices of a body.
         alone: the part of the target's area without a counterpart.
         mirrored: the map reverses the orientation.
     """

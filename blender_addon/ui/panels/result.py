@@ -82,12 +82,9 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             box.alert = True
             sentences(context, box, [reason], "ERROR")
         else:
-            doubtful = stored["low_confidence"] / stored["vertices"]
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
-            matched = message(
-                "Matched with {sources}; {doubtful:.0%} of the vertices are doubtful", sources=names, doubtful=doubtful
-            )
+            matched = message("Matched with {sources}", sources=names)
             mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
             sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
         preview_buttons(context, layout, PREVIEWS, "No preview of the match", enabled=not reason)

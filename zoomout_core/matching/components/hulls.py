@@ -16,8 +16,9 @@ from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
 
-# The mean normal of a closed component is shorter than this rounding.
-CLOSED = 1e-6
+# A component whose mean normal is shorter than this encloses nearly all of its volume, which tells its outside: strands
+# of hair with open ends have 0.01 to 0.07, and may lie with either side to the hull.
+NEARLY_CLOSED = 0.1
 # Samples of a surface and of its hull by which it is known what is outside: glasses get some dozens.
 OUTSIDE_POINTS = 40_000
 
@@ -80,14 +81,14 @@ def shares_of_outside(surface: Surface, hull: WorkingMesh) -> Floats:
 
 
 def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:
-    """A surface's working mesh with open components, which enclose no volume, wound like the hull around them."""
+    """A surface's working mesh with wide open components, which enclose no volume, wound like the hull around them."""
     triangles = mesh.oriented_triangles
     near = cKDTree(hull.vertices).query(hull.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
     normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
     agreement = np.bincount(component, np.einsum("mx,mx->m", normals, hull.vertex_normals[near]))
     mean = segment_sum(normals, component)
     area = np.bincount(component, np.linalg.norm(normals, axis=1))
-    inward = (np.linalg.norm(mean, axis=1) > CLOSED * area) & (agreement < 0)
+    inward = (np.linalg.norm(mean, axis=1) > NEARLY_CLOSED * area) & (agreement < 0)
     return replace(mesh, flipped=mesh.flipped ^ inward[component])
 
 

@@ -53,6 +53,8 @@ class ShellTuning(Tuning, set_by="characters"):
     normal_weight: float = tuned(0.02, "at unit area", 0, 1)  # distance that a unit difference of normals counts as
     outside: float = tuned(0.02, "at unit area", 0, 1)  # a vertex nearer to the hull than this is on the outside
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
+    # Vertices in place that are nearer to a triangle lie on it, whichever side of it is outside.
+    lies_on: float = tuned(0.004, "at unit area", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
     flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its counterpart if half of it is nearer
     # Vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of robots of
@@ -93,8 +95,8 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence)
     points, normals, around = _carry(motion, target.points, target.mesh.vertex_normals)
-    kinds = tuple(_outside(side, shape) for side, shape in ((source, pair.source_shape), (target, pair.target_shape)))
-    image = _beneath(points, normals, source, *kinds)
+    of_source, of_target = _outside(source, pair.source_shape), _outside(target, pair.target_shape)
+    image = _beneath(points, normals, source, of_source, of_target, in_place)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
     has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
@@ -187,10 +189,14 @@ def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
     return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < SHELLS.outside)
 
 
-def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans) -> _Image:
+def _beneath(
+    points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans, in_place: bool
+) -> _Image:
     """Closest points of the source to points (n, 3) with normals (n, 3) of the target, moved there.
 
     Outer vertices, by `of_source` (n_s,) and `of_target` (n,), map to outer triangles, inner vertices to inner ones.
+    Surfaces that overlap in place are exact where they lie on each other: there, vertices map to any triangle, because
+    the hull also covers creases, such as those of a braid.
     """
     triangles = source.mesh.triangles
     outer = of_source[triangles].any(axis=1)
@@ -208,9 +214,12 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
         number[chosen], weights[chosen], distance[chosen] = among[found[near]], barycentric[near], apart[near]
         return vertices[~near]
 
-    rest = look(np.flatnonzero(~of_target), np.flatnonzero(~outer), SHELLS.inner_reach)
-    rest = look(np.concatenate([np.flatnonzero(of_target), rest]), np.flatnonzero(outer), np.inf)
-    look(rest, np.arange(len(triangles)), np.inf)
+    inner, rest, every = np.flatnonzero(~of_target), np.flatnonzero(of_target), np.arange(len(triangles))
+    if in_place:
+        rest = look(rest, every, SHELLS.lies_on)
+    rest = np.concatenate([rest, look(inner, np.flatnonzero(~outer), SHELLS.inner_reach)])
+    rest = look(rest, np.flatnonzero(outer), np.inf)
+    look(rest, every, np.inf)
     return _Image(number, weights, distance)
 
 

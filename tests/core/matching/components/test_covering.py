@@ -96,6 +96,17 @@ def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() 
     np.testing.assert_array_equal(orient_outwards(mesh, inwards).flipped, mesh.flipped)
 
 
+def test_a_strand_with_an_open_end_is_wound_by_its_volume() -> None:
+    # It lies in the hull with the side that faces away from the nearest part of it.
+    inner = ball(0.2, (0.6, 0, 0), count=400)
+    open_end = inner.vertices[inner.triangles][:, :, 0].min(axis=1) > 0.78
+    strand = Surface(inner.vertices, inner.triangles[~open_end])
+    hull = ball().working
+    mesh = Surface.joined([ball(0.9), strand]).working
+    for skin in (hull, replace(hull, flipped=~hull.flipped)):
+        np.testing.assert_array_equal(orient_outwards(mesh, skin).flipped, mesh.flipped)
+
+
 def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() -> None:
     # A needle, which has a small voxel grid, and an unused point.
     needle = ball(1.0, count=600)
@@ -249,8 +260,15 @@ def test_surfaces_lie_over_each_other_if_nearly_all_of_both_does() -> None:
 def test_what_only_one_of_the_two_has_may_be_small(at: float, stays: bool) -> None:
     whole = ball(count=600)
     cut = Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].max(axis=1) < at])
-    assert over_each_other(whole, cut) is stays
     assert over_each_other(cut, whole) is stays
+    assert over_each_other(whole, Surface(1.03 * cut.vertices, cut.triangles)) is stays
+
+
+def test_a_piece_in_place_lies_on_the_whole() -> None:
+    whole = ball(count=600)
+    piece = Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].max(axis=1) < 0])
+    assert over_each_other(whole, piece)
+    assert not over_each_other(whole, Surface(piece.vertices + np.array([0, 0, 0.1]), piece.triangles))
 
 
 @pytest.mark.parametrize(

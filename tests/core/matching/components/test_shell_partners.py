@@ -113,15 +113,21 @@ def test_shells_of_different_regions_are_never_paired() -> None:
 # --- inner shells --------------------------------------------------------------------------------------------
 
 
-def beneath(radius: float, outer: bool, inner_radius: float = 0.2) -> np.ndarray:
+def beneath(radius: float, outer: bool, inner_radius: float = 0.2, in_place: bool = False) -> np.ndarray:
     """(n,) distances from the centre of the images of a ball of a radius, on two concentric balls."""
     source = side([0.3 * WHERE, inner_radius * WHERE])
     of_source = np.linalg.norm(source.points, axis=1) > 0.25
-    image = _beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer))
+    image = _beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer), in_place)
     corners = source.points[source.mesh.triangles[image.triangle]]
     on = np.einsum("nc,ncx->nx", image.barycentric, corners)
     np.testing.assert_allclose(image.distance, np.linalg.norm(on - radius * WHERE, axis=1), atol=1e-9)
     return np.linalg.norm(on, axis=1)
+
+
+@pytest.mark.parametrize(("radius", "where"), [(0.201, 0.2), (0.22, 0.3)])
+def test_outer_vertices_in_place_stay_on_the_inner_shell_that_they_lie_on(radius: float, where: float) -> None:
+    assert beneath(radius, outer=True, in_place=True) == pytest.approx(where, rel=0.05)
+    assert beneath(radius, outer=True, in_place=False) == pytest.approx(0.3, rel=0.05)
 
 
 @pytest.mark.parametrize("radius", [0.22, 0.28])

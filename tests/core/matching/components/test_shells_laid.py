@@ -123,7 +123,7 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
     thin = side_of(ball(0.1, radii=(1, 1, 0.03), count=200))
     outer = np.ones(len(thin.points), dtype=bool)
     for sense in (1, -1):
-        image = _beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer)
+        image = _beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer, False)
         on = np.einsum("nc,ncx->nx", image.barycentric, thin.points[thin.mesh.triangles[image.triangle]])
         middle = np.linalg.norm(thin.points[:, :2], axis=1) < 0.06
         np.testing.assert_array_equal(np.sign(on[middle, 2]), sense * np.sign(thin.points[middle, 2]))
