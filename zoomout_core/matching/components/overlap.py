@@ -69,10 +69,9 @@ def overlapping(pair: Pair) -> Floats | None:
             for shape, places in ((target, here), (source, there))
         )
     extent = max(float(np.ptp(places, axis=0).max()) for places in (here, there))
-    if ours.is_near(theirs, OVERLAP.lies_on * extent):
-        return here
-    near = OVERLAP.near * extent
-    return here if ours.is_near(theirs, near) and theirs.is_near(ours, near) else None
+    near, on = OVERLAP.near * extent, OVERLAP.lies_on * extent
+    overlap = ours.is_near(theirs, near) and (theirs.is_near(ours, near) or ours.is_near(theirs, on))
+    return here if overlap else None
 
 
 def _outline_of_surface(surface: Surface, frame: WorkingMesh) -> _Outline:
