@@ -70,13 +70,15 @@ class Constraints:
         here = target.search.samples
         landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
+        has_axes = len(self.common_axes) > 0
+        # Axes and overlapping surfaces are stronger evidence of the same kind.
+        is_upright = self.upright and not has_axes and self.standing is None
         places = [
             positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]]
             for surface, shape in ((pair.target, target), (pair.source, source))
+            if has_axes or is_upright
         ]
-        heights = [of_shape @ self.common_axes.T for of_shape in places] if len(self.common_axes) else []
-        # Axes and overlapping surfaces are stronger evidence of the same kind.
-        is_upright = self.upright and not heights and self.standing is None
+        heights = [of_shape @ self.common_axes.T for of_shape in places if has_axes]
 
         def evaluate(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
