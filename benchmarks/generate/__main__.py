@@ -9,11 +9,12 @@ import bpy  # noqa: F401  before pymeshlab, after which it could not be imported
 import click
 
 from .characters import write_characters, write_stylised_characters
+from .merged import write_merged
 from .partial import write_partial
 from .remeshed import write_remeshed
 
 FROM_NOTHING = {"characters": write_characters, "characters_nonisometric": write_stylised_characters}
-FROM_SETS = {"partial": write_partial, "remeshed": write_remeshed}
+FROM_SETS = {"merged": write_merged, "partial": write_partial, "remeshed": write_remeshed}
 
 
 @click.command()
@@ -23,7 +24,7 @@ FROM_SETS = {"partial": write_partial, "remeshed": write_remeshed}
     "--data",
     multiple=True,
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of meshes that `partial` and `remeshed` start from; may be given several times.",
+    help="Folder of meshes that `merged`, `partial` and `remeshed` start from; may be given several times.",
 )
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of everything that is drawn.")
 @click.option("--count", default=16, show_default=True, type=click.IntRange(min=1), help="Pairs for each class.")
@@ -31,7 +32,7 @@ def main(name: str, output: Path, data: tuple[Path, ...], seed: int, count: int)
     """Generate the set NAME of meshes with known correspondences, organised like the benchmark data.
 
     `characters` and `characters_nonisometric` need no input; `remeshed` takes folders of OFF files, and
-    `partial` sets with `pairs.txt`.
+    `merged` and `partial` sets with `pairs.txt`.
     """
     if name in FROM_NOTHING:
         refused = FROM_NOTHING[name](output, seed, count)

@@ -95,7 +95,7 @@ def write_partial(output: Path, data: Iterable[Path], seed: int, count: int) -> 
         chosen = _pairs_by_class(folder, count)
         for (first, second), change in tqdm(list(zip(chosen, cycle(CHANGES), strict=False)), desc=folder.name):
             name = f"{first}_{second}_{change}"
-            target, source = _whole(folder, first), _whole(folder, second)
+            target, source = load_whole(folder, first), load_whole(folder, second)
             changed = CHANGES[change](target, random)
             vertex = changed.vertex_of[target.places]
             lost = vertex < 0
@@ -117,7 +117,8 @@ def _pairs_by_class(folder: Path, count: int) -> list[Pair]:
     return [pair for group in groups for pair in spread(group, count)]
 
 
-def _whole(folder: Path, name: str) -> Whole:
+def load_whole(folder: Path, name: str) -> Whole:
+    """A mesh of a set with `correspondence.npz`."""
     with np.load(folder / "correspondence.npz") as known:
         mirrored = known.get(f"{name}.sym")
         return Whole(read_surface(folder / f"{name}.off"), known[name], mirrored)

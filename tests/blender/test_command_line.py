@@ -146,8 +146,8 @@ def test_what_is_left_open_is_as_in_a_fresh_sidebar(start):
 def test_every_option_of_the_sidebar_can_be_given():
     line = (
         "--initial nearest --detail fine --k-final 90 --map-file m.npz --exact-landmarks --no-landmarks --no-names "
-        "--same-up --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 --mode missing "
-        "--without-partner keep "
+        "--same-up --no-upright --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 "
+        "--mode missing --without-partner keep "
         "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow "
         "--bind --binding keep_shape --replace-binding"
     )

@@ -226,12 +226,17 @@ def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(sourc
             bpy.ops.zoomout.match(**options)
         return arguments
 
-    assert set(seen()) == {"initial"}
-    assert set(seen(names=True)) == {"initial", "regions"}
+    assert set(seen()) == {"initial", "upright"}
+    assert set(seen(names=True)) == {"initial", "upright", "regions"}
     assert seen(same_up=True)["common_axes"] == (0, 0, 1)
     assert len(seen(from_last=True)["initial_map"].triangle) == len(last.triangle)
     assert set(seen(initial="PROXIMITY", names=True, same_up=True, from_last=True)) == {"initial"}
-    assert seen(detail="FINE", k_final=90) == {"initial": "auto", **DETAIL["fine"], "k_final": 90}
+    assert seen(detail="FINE", k_final=90, upright=False) == {
+        "initial": "auto",
+        **DETAIL["fine"],
+        "k_final": 90,
+        "upright": False,
+    }
     target.data.vertices[3].co.x += 0.1
     assert "initial_map" not in seen(from_last=True)
 

@@ -135,8 +135,12 @@ def test_what_is_known_of_the_map_reaches_the_match(
     evidence = "--landmarks", files / "points.txt", "--exact-landmarks", "--earlier-map", files / "known.npz"
     assert (
         "Enough."
-        in run("match", *meshes, *evidence, "--common-axis", "Z", "--common-axis", "0,-2,0", "--partial", "off").output
+        in run(
+            "match",
+            *(*meshes, *evidence, "--common-axis", "Z", "--common-axis", "0,-2,0", "--no-upright", "--partial", "off"),
+        ).output
     )
+    assert not seen["upright"]
     assert (seen["initial"], seen["exact_landmarks"], seen["partial"]) == ("auto", True, "off")
     np.testing.assert_array_equal(seen["common_axes"], [[0, 0, 1], [0, -1, 0]])
     np.testing.assert_array_equal(seen["landmarks"], points)

@@ -234,6 +234,7 @@ def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pa
         options = {
             "initial": "landmarks",
             "exact_landmarks": True,
+            "upright": False,
             "partial": "off",
             "detail": "fine",
             "seed": 7,
@@ -244,7 +245,7 @@ def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pa
         np.testing.assert_array_equal(arguments.pop("landmarks"), [[1, 3], [2, 4]])
         np.testing.assert_array_equal(arguments.pop("initial_map"), np.arange(5))
         np.testing.assert_array_equal(arguments.pop("common_axes"), [[0, 0, -1]])
-        given = {"initial": "landmarks", "exact_landmarks": True, "partial": "off", "seed": 7}
+        given = {"initial": "landmarks", "exact_landmarks": True, "upright": False, "partial": "off", "seed": 7}
         assert arguments == given | DETAIL["fine"]
 
 

@@ -23,13 +23,15 @@ from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_part
-from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
+from zoomout_core.matching.scores import IN_SPACE, UPRIGHT, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
+# Axes of a file along which a shape may stand: y in formats for games, z in those for modelling and printing.
+UP_AXES = [1, 2]
 # The indicator function of a region is smoothed over this diffusion length, at unit area, and scaled to unit size.
 REGION_WIDTH = 0.05
 REGION_SCALE = 2.0
@@ -50,6 +52,7 @@ class Constraints:
     # (s, 3) positions of the target's search samples in the frame of the source's part, or None if the two surfaces do
     # not overlap.
     standing: Floats | None = None
+    upright: bool = False  # whether both surfaces are likely to stand upright, with y or z up
 
     def anchors(self, pair: Pair) -> Anchors | None:
         """Anchors of a map by indicator functions of the regions."""
@@ -67,11 +70,15 @@ class Constraints:
         here = target.search.samples
         landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
-        heights = [
-            positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]] @ self.common_axes.T
+        has_axes = len(self.common_axes) > 0
+        # Axes and overlapping surfaces are stronger evidence of the same kind.
+        is_upright = self.upright and not has_axes and self.standing is None
+        places = [
+            positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]]
             for surface, shape in ((pair.target, target), (pair.source, source))
-            if len(self.common_axes)
+            if has_axes or is_upright
         ]
+        heights = [of_shape @ self.common_axes.T for of_shape in places if has_axes]
 
         def evaluate(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
@@ -87,6 +94,8 @@ class Constraints:
             if heights:
                 agreement = correlation(heights[0], heights[1][sample_map], target.weights)
                 disagreements["axes"] = 1 - agreement
+            if is_upright:
+                disagreements[UPRIGHT] = 1 - _upright_agreement(places[0], places[1][sample_map], target.weights)
             if members:
                 overlaps = [
                     float(target.weights @ (of_target[here] * of_source[there]))
@@ -204,6 +213,17 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
         return float(distances[np.arange(len(image)), image].sum())
 
     return total_distance
+
+
+def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
+    """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
+
+    It is 1 if all heights are in proportion, and 0 if the map turns a shape upside down or on its side. Up is y or z.
+    Shapes that stand upright extend far along it, so that covariances are compared, not correlations.
+    """
+    here, there = (points[:, UP_AXES] - weights @ points[:, UP_AXES] for points in (places, images))
+    extents = np.sqrt((weights @ here**2) * (weights @ there**2))
+    return float(max((weights @ (here * there)).max() / max(extents.max(), 1e-300), 0.0))
 
 
 def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:

@@ -176,6 +176,16 @@ MATCHING = (
         flag="--common-axis",
     ),
     Option(
+        "upright",
+        Kind.FLAG,
+        True,
+        "Both meshes usually stand upright, with Y or Z up, which decides between matches that fit equally well. "
+        "Turn this off if either may have been turned",
+        label="Upright",
+        starts=("auto", "landmarks"),
+        panel="Hints",
+    ),
+    Option(
         "earlier_map",
         Kind.MAP,
         None,

@@ -117,7 +117,7 @@ def prepare(source: Surface, target: Surface, options: MatchOptions) -> None:
 def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]) -> MatchResult:
     """`match` of surfaces; notes on these are passed on to the result."""
     axes, regions = check_axes(options.common_axes), check_regions(options.regions, source, target)
-    known = Constraints(options.landmarks, axes, regions)
+    known = Constraints(options.landmarks, axes, regions, upright=options.upright)
     sizes = [len(surface.working.vertices) for surface in (source, target)]
     check_memory(sizes, options.k_final, options.proxy_vertices)
     with stage("Finding the bodies", 0.01, BODIES[0]):

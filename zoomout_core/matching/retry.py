@@ -64,6 +64,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
 
     The units of the files are tried first, unless they are known to differ; other scales follow if no map is likely.
     """
+    known = replace(known, upright=False)  # a limb may point anywhere
     best, other_units = whole, units_differ(whole.pair)
     if not other_units:
         pair = in_one_unit(whole.pair)

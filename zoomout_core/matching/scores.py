@@ -23,6 +23,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Name of the disagreement with positions in space, for surfaces that overlap.
 IN_SPACE = "place in space"
+# Name of the disagreement with shapes that stand upright in their files.
+UPRIGHT = "upright"
 # Name of the energy of a finished map, which only the most likely candidates have (see `finished_maps.py`).
 ENERGY = "energy"
 # Weights of the disagreements in the total score, by which a map and its mirror image differ by two to four.
@@ -35,6 +37,9 @@ EVIDENCE_WEIGHTS = {
     IN_SPACE: 3.0,
     # One minus the correlation of heights.
     "axes": 2.0,
+    # One minus the agreement of heights, between 0 and 1. Files may be turned, and people lie down, so that alone it
+    # makes no map 90 % certain.
+    UPRIGHT: 0.8,
     # One minus the mean overlap. Regions also constrain every map, which suffices to correct flips; with a larger
     # weight, regions whose names are swapped by mistake would flip clear maps.
     "regions": 2.0,

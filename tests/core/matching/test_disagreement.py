@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from creatures import creature, true_vertex
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.transform import Rotation
 from shapes import sheet
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, pin
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.scores import IN_SPACE, MAX_IN_SPACE, UPRIGHT, evidence_score
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
@@ -59,6 +61,29 @@ def test_a_common_axis_speaks_against_what_stands_on_its_head_only(pair: Pair) -
     assert same < 0.05
     assert mirrored < 0.2
     assert turned > 1
+
+
+@pytest.mark.parametrize("turn", [0, -90], ids=["z up", "y up"])
+def test_shapes_that_stand_upright_speak_a_little_against_what_stands_on_its_head(pair: Pair, turn: float) -> None:
+    by = Rotation.from_euler("x", turn, degrees=True)
+    surface = Surface(by.apply(pair.source.vertices), pair.source.triangles)
+    shape = analyse(surface.working.part(0)[0], 60, 500, 0)
+    standing = Pair(surface, surface, shape, shape, 60, 20)
+    same, turned, mirrored = (
+        disagreement(standing, replace(NOTHING, upright=True), vertex)[UPRIGHT]
+        for vertex in (SAME, UPSIDE_DOWN, MIRRORED)
+    )
+    assert same < 0.05
+    assert mirrored < 0.2
+    assert turned > 0.95
+    assert evidence_score(UPRIGHT, 1.0) <= MAX_IN_SPACE
+
+
+def test_standing_upright_says_nothing_beside_a_common_axis_or_a_common_place(pair: Pair) -> None:
+    upright = replace(NOTHING, upright=True)
+    places = pair.target_shape.proxy.vertices[pair.target_shape.search.samples]
+    assert set(disagreement(pair, replace(upright, common_axes=np.array([[0.0, 0, 1]])), SAME)) == {"axes"}
+    assert set(disagreement(pair, replace(upright, standing=places), SAME)) == {IN_SPACE}
 
 
 def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:

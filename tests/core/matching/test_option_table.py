@@ -67,6 +67,7 @@ def test_flags_keep_their_names_and_defaults() -> None:
         "--initial": "auto",
         "--candidate": 0,
         "--exact-landmarks": False,
+        "--upright": True,
         "--partial": "auto",
         "--detail": "balanced",
         "--seed": 0,

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from scipy.spatial.distance import cdist
 import zoomout_core as zo
 from zoomout_core.matching import retry as retry_module
 from zoomout_core.matching.attempt import Attempt
+from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses import guess as guess_module
 from zoomout_core.matching.notes import OTHER_UNITS, TOO_COARSE
 from zoomout_core.matching.partial.part_match import PART_MATCH
@@ -36,6 +37,16 @@ LARGE, SMALL = 1.0, 0.5
 def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
     nothing = np.zeros((0, 0))
     return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {})
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence of which a part may not use that shapes stand upright, as a limb may point anywhere."""
+
+    upright: bool = True
+
+    def disagreement(self, _: object) -> None:
+        assert not self.upright
 
 
 def without_fragment(*_: object) -> None:
@@ -74,8 +85,7 @@ def gone_on_with(
     monkeypatch.setattr(retry_module, "in_one_unit", lambda _: in_one_unit)
     monkeypatch.setattr(retry_module, "match_part", placed)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
-    known: Any = SimpleNamespace(disagreement=lambda _: None)
-    found = attempt_part(whole, known)
+    found = attempt_part(whole, cast(Constraints, Evidence()))
     assert found.coverage == 0.9
     assert len(found.candidates) == 2
     return "part" if found.pair is in_one_unit else "whole", found.candidates[0].certainty

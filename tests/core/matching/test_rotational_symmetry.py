@@ -121,7 +121,7 @@ def test_a_self_map_takes_functions_to_where_the_shape_is_turned() -> None:
 @pytest.fixture(scope="module")
 def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
     source, target = (solid(CUBE, 900, seed).surface for seed in (1, 2))
-    return zo.match(source, target), source, target
+    return zo.match(source, target, upright=False), source, target
 
 
 def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
@@ -172,9 +172,24 @@ def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surfa
 
 
 def test_a_target_that_is_round_is_unsure_where_the_source_is_not() -> None:
-    result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface)
+    result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface, upright=False)
     assert result.certainty < 0.3
     assert "at least 4 maps" in result.notes[0]
+
+
+def test_what_stands_upright_is_likely_to_stay_so_unless_that_is_turned_off() -> None:
+    source, target = (
+        box.surface.with_vertices(box.directions * np.linalg.norm(box.surface.vertices, axis=1, keepdims=True))
+        for box in (solid(BOX, 900, seed) for seed in (1, 2))
+    )
+    aside = target.with_vertices(target.vertices[:, [1, 0, 2]] * [-1, 1, 1])  # turned by 90° about z
+    result = zo.match(source, aside)
+    heights = aside.vertices[:, 2], result.surface_map.interpolate(source.vertices)[:, 2]
+    assert np.corrcoef(*heights)[0, 1] > 0.9
+    assert 0.3 < result.certainty < 0.5  # z stays up in two of the four maps
+    lying = target.with_vertices(target.vertices[:, [2, 0, 1]])
+    certainties = [zo.match(source, either, upright=False).certainty for either in (aside, lying)]
+    assert certainties == pytest.approx([0.25, 0.25], abs=0.01)
 
 
 @pytest.mark.parametrize("initial", ["proximity", "given"])

@@ -3,5 +3,5 @@ import bpy
 
 settings = bpy.context.scene.zoomout
 
-for name in ("initial", "detail", "k_final", "names", "same_up", "from_last"):
+for name in ("initial", "detail", "k_final", "names", "same_up", "upright", "from_last"):
     settings.property_unset(name)
