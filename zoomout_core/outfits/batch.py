@@ -16,6 +16,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.assets.append_gltf import append_to_gltf
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import AVATAR, inputs_of, read_asset
+from zoomout_core.assets.gltf import VRM_0
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName
@@ -42,6 +43,8 @@ from zoomout_core.transfer.dressing.dress import shape_of_source
 BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "pictures", "records"
 # Extensions of avatar files.
 ENDINGS = (".glb", ".gltf", ".vrm")
+# Avatars in VRM 0 look along -z, others along z: degrees between both.
+BACKWARDS = 180.0
 # Fractions of the progress at the end of matching, and at the end of shaping a body, of dressing an avatar.
 MATCHED, SHAPED = 0.4, 0.4
 
@@ -314,6 +317,7 @@ def dress_file(
         checked,
         (body.surface.triangles, made.clothes.surface.triangles),
         [count for _, count in made.clothes.objects],
+        BACKWARDS if VRM_0 in (target.document.gltf.extensions or {}) else 0.0,
     )
     write_whole(picture, encode_png(image))
     level, sentence, advice = worst([verdict, checked.verdict])

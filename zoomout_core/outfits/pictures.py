@@ -24,21 +24,24 @@ WORN = np.array([[0.30, 0.45, 0.70], [0.75, 0.70, 0.50], [0.35, 0.55, 0.40], [0.
 MARK = BAD_TO_GOOD[0]
 
 
-def draw_outfit(checked: CheckedOutfit, triangles: tuple[Integers, Integers], counts: Sequence[int]) -> Bytes:
+def draw_outfit(
+    checked: CheckedOutfit, triangles: tuple[Integers, Integers], counts: Sequence[int], front: float = 0.0
+) -> Bytes:
     """Draw an avatar from the front and back, and in each pose, side by side.
 
     Args:
         checked: the body and the clothes in each pose.
         triangles: those of the body and of the clothes, each with its own vertex numbers.
         counts: the number of vertices of each worn object.
+        front: degrees about the vertical axis from z to where the avatar looks.
 
     Returns:
         (height, width, 3) pixels, rows from top to bottom.
     """
-    views = [(REST, 0.0), (REST, 180.0), *((pose, YAW) for pose in checked.bodies if pose != REST)]
+    poses = [(REST, 0.0), (REST, 180.0), *((pose, YAW) for pose in checked.bodies if pose != REST)]
     first = len(checked.bodies[REST])
     whole = np.concatenate([triangles[0], triangles[1] + first])
-    return np.concatenate([_draw(checked, pose, yaw, whole, counts) for pose, yaw in views], axis=1)
+    return np.concatenate([_draw(checked, pose, yaw - front, whole, counts) for pose, yaw in poses], axis=1)
 
 
 def _draw(checked: CheckedOutfit, pose: str, yaw: float, triangles: Integers, counts: Sequence[int]) -> Bytes:

@@ -149,3 +149,5 @@ def test_the_picture_shows_each_pose(dressed: DressedAvatar, target: Asset) -> N
     assert image.shape == (HEIGHT, 4 * WIDTH, 3)
     tiles = np.split(image, 4, axis=1)
     assert all((tile != tile[0, 0]).any() for tile in tiles)
+    turned = draw_outfit(checked, triangles, [count for _, count in dressed.clothes.objects], 180.0)
+    np.testing.assert_array_equal(turned[:, :WIDTH], image[:, WIDTH : 2 * WIDTH])
