@@ -222,7 +222,9 @@ def test_translations_have_the_fields_of_the_english(code):
 @pytest.mark.parametrize("code", translations.LANGUAGES)
 def test_sentences_end_alike(code):
     for english, text in translations.LANGUAGES[code].items():
-        assert text.endswith(FULL_STOPS) == english.endswith(FULL_STOPS), english  # Blender adds the full stop to tooltips
+        assert text.endswith(FULL_STOPS) == english.endswith(FULL_STOPS), (
+            english
+        )  # Blender adds the full stop to tooltips
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)
