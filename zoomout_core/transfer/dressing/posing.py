@@ -22,7 +22,10 @@ from zoomout_core.transfer.stretch import parents_first
 # A joint turns only if the direction to a joint below it differs by more than this, in degrees: between builds in the
 # same pose these differ by 19 at most, and A-poses from T-poses by 30 to 45.
 SAME_POSE = 22.0
-# That joint is the first on the chain at this distance, as a share of the body's extent: nearer ones give noise.
+# It does not turn if the next joint would have to turn by this much more: an arm turns at the shoulder, not at the
+# collarbone.
+LATER = 1.1
+# The joint below is the first on the chain at this distance, as a share of the body's extent: nearer ones give noise.
 REACH = 0.1
 
 
@@ -46,37 +49,45 @@ def pose_like(
     # Directions are compared in the frame of the body as a whole.
     images = procrustes(body.vertices, after).inverse(move_joints(body, after, places).positions)
     reach = REACH * float(np.ptp(body.vertices, axis=0).max())
-    following = _joints_below(above, places, np.asarray(weights.T @ body.vertex_areas), reach)
+    following = _next_joints(above, np.asarray(weights.T @ body.vertex_areas))
+    below = _joints_below(following, places, reach)
+
+    def swing(joint: int, rotation: Floats) -> Rotation:
+        """How a joint, or none, turns a rotated body towards the other pose."""
+        other = below[joint] if joint >= 0 else -1
+        if other < 0:
+            return Rotation.identity()
+        return _swing(rotation @ (places[other] - places[joint]), images[other] - images[joint])
+
     turned = False
     transforms = np.zeros((len(above), 3, 4))
     for joint in parents_first(above):
         parent = transforms[above[joint]] if above[joint] >= 0 else np.eye(3, 4)
-        rotation, other = parent[:, :3], following[joint]
-        if other >= 0:
-            swing = _swing(rotation @ (places[other] - places[joint]), images[other] - images[joint])
-            if swing.magnitude() > np.radians(SAME_POSE):
-                rotation, turned = swing.as_matrix() @ rotation, True
+        rotation = parent[:, :3]
+        own, later = (swing(each, rotation) for each in (joint, following[joint]))
+        if own.magnitude() > np.radians(SAME_POSE) and later.magnitude() < LATER * own.magnitude():
+            rotation, turned = own.as_matrix() @ rotation, True
         place = parent[:, :3] @ places[joint] + parent[:, 3]
         transforms[joint] = np.column_stack([rotation, place - rotation @ places[joint]])
     return transforms if turned else None
 
 
-def _joints_below(parents: Integers, heads: Floats, areas: Floats, reach: float) -> Integers:
-    """(b,) the first joint below each one, along the chain that moves the largest area, that is at least so far away.
-
-    -1 where the chain ends before.
-    """
+def _next_joints(parents: Integers, areas: Floats) -> Integers:
+    """(b,) the joint below each one that moves the largest area, with those below it; -1 at the end of a chain."""
     total, following = areas.copy(), np.full(len(parents), -1)
-    order = parents_first(parents)
-    for joint in reversed(order):
+    for joint in reversed(parents_first(parents)):
         parent = parents[joint]
         if parent >= 0 and total[joint] > 0:
             total[parent] += total[joint]
             if following[parent] < 0 or total[joint] > total[following[parent]]:
                 following[parent] = joint
-    found = np.full(len(parents), -1)
-    for joint in order:
-        other = following[joint]
+    return following
+
+
+def _joints_below(following: Integers, heads: Floats, reach: float) -> Integers:
+    """(b,) the first joint on the chain below each one that is at least so far away; -1 where the chain ends before."""
+    found = np.full(len(following), -1)
+    for joint, other in enumerate(following):
         while other >= 0 and np.linalg.norm(heads[other] - heads[joint]) < reach:
             other = following[other]
         found[joint] = other
