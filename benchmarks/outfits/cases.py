@@ -45,7 +45,6 @@ class Case:
         true_shape: (n_s, 3) the source's vertices on the target, if known.
         body: the target with its keys and poses, if known.
         garments: keys, weights and bones of the things, if known.
-        wearer: the source with its bones, if the target is in another pose.
     """
 
     kind: str
@@ -58,7 +57,6 @@ class Case:
     true_shape: Floats | None = None
     body: Body | None = None
     garments: dict[str, Garment] = field(default_factory=dict)
-    wearer: Body | None = None
 
 
 def cases(data: Path, most: int | None) -> Iterator[Case]:
@@ -112,7 +110,6 @@ def _raise_arms(wardrobe: Wardrobe, made_for: str, build: str) -> Iterator[Case]
         {name: garment.refitted for name, garment in garments.items()},
         raised,
         garments=garments,
-        wearer=source,
     )
 
 

@@ -10,18 +10,15 @@ from functools import partial
 import bpy
 import numpy as np
 from bpy.types import Object
-from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.outfits.cases import Case
-from benchmarks.outfits.clothes import move
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import carry
-from zoomout_core.transfer.dressing.posing import pose_like
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +42,8 @@ Way = Callable[[Case, Floats], Fitted]
 
 def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
     """Ours."""
-    source, things = _take_to_pose(case, shape)
-    vertices = list(carry(source, shape, case.target, things, stiffness=stiffness).vertices)
+    things = list(case.things.values())
+    vertices = list(carry(case.source, shape, case.target, things, stiffness=stiffness).vertices)
     if case.body is None:
         return Fitted(vertices)
     names, offsets = list(case.body.keys), np.stack(list(case.body.keys.values()), axis=1)
@@ -58,22 +55,6 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
         for thing, points, garment in zip(things, vertices, case.garments.values(), strict=True)
     ]
     return Fitted(vertices, keys, joints)
-
-
-def _take_to_pose(case: Case, shape: Floats) -> tuple[Surface, list[Surface]]:
-    """The source and its things in the pose of a shape (n_s, 3), if the source has bones."""
-    things, wearer = list(case.things.values()), case.wearer
-    if wearer is None:
-        return case.source, things
-    transforms = pose_like(case.source, shape, csr_array(wearer.weights), wearer.parents, wearer.heads)
-    if transforms is None:
-        return case.source, things
-    weights = [case.garments[name].weights for name in case.things]
-    source, *worn = (
-        each.with_vertices(move(each.vertices, own, transforms))
-        for each, own in zip([case.source, *things], [wearer.weights, *weights], strict=True)
-    )
-    return source, worn
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:

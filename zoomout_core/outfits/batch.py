@@ -308,7 +308,7 @@ def dress_file(
         shape = _shape_of_source(map_file, folder / place_of_fit(bodies), source.body.surface, body.surface)
     with portion(SHAPED, 1):
         made = dress_avatar(shape, source.body, source.worn, body, stiffness=fitting.stiffness, gap=fitting.gap)
-    checked = check_outfit(made, body)
+    checked = check_outfit(source.body.surface, source.worn.surface, made, body)
     check_no_input(folder / output, inputs_of(outfit, avatar))
     (folder / output).parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / output) as part:

@@ -70,16 +70,18 @@ class CheckedOutfit:
         return Verdict(GREEN, message("The clothes fit."), "") if found is None else Verdict(AMBER, found, LOOK)
 
 
-def check_outfit(dressed: DressedAvatar, target: Asset) -> CheckedOutfit:
+def check_outfit(source: Surface, worn: Surface, dressed: DressedAvatar, target: Asset) -> CheckedOutfit:
     """Check clothes on an avatar.
 
     Args:
-        dressed: the clothes.
+        source: the body that wore them before.
+        worn: the clothes on it.
+        dressed: the clothes on the avatar.
         target: the avatar's body.
     """
     cloth, height = dressed.clothes.surface, float(np.ptp(target.surface.vertices[:, 1]))
-    before = _depths(dressed.source, dressed.source.vertices, dressed.before, dressed.before.vertices)
-    was_outside = before < DEEP * float(np.ptp(dressed.source.vertices[:, 1]))
+    before = _depths(source, source.vertices, worn, worn.vertices)
+    was_outside = before < DEEP * float(np.ptp(source.vertices[:, 1]))
     bodies, clothes = {REST: target.surface.vertices}, {REST: cloth.vertices}
     if target.skin is not None and target.document is not None and dressed.clothes.skin is not None:
         heads = target.document.worlds()[0][target.skin.nodes, :3, 3]
@@ -91,9 +93,9 @@ def check_outfit(dressed: DressedAvatar, target: Asset) -> CheckedOutfit:
     for pose in bodies:
         wrong = was_outside & (_depths(target.surface, bodies[pose], cloth, clothes[pose]) > DEEP * height)
         inside[pose], marks[pose] = float(wrong.mean()), wrong[: len(cloth.vertices)]
-    growth = float(np.sqrt(target.surface.area / dressed.source.area))
+    growth = float(np.sqrt(target.surface.area / source.area))
     edges, _ = unique_edges(cloth.triangles)
-    old, new = (edge_lengths(points, edges) for points in (dressed.before.vertices, cloth.vertices))
+    old, new = (edge_lengths(points, edges) for points in (worn.vertices, cloth.vertices))
     return CheckedOutfit(inside, float((new > STRETCHED * growth * old).mean()), bodies, clothes, marks)
 
 

@@ -19,8 +19,6 @@ from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.dress import Dressed, carry
-from zoomout_core.transfer.dressing.posing import pose_like
-from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
 # Fractions of the progress at the end of the fit, and of the keys.
 FITTED, KEYED = 0.4, 0.95
@@ -35,16 +33,12 @@ class DressedAvatar:
             document, and then the new joints.
         joints: the outfit's own joints, for the avatar's document.
         counterparts: the avatar's node for nodes of the outfit's other joints.
-        source: the body that wore the clothes, in the avatar's pose.
-        before: the clothes on it.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...]
     counterparts: Mapping[int, int]
-    source: Surface
-    before: Surface
     notes: tuple[str, ...]
 
 
@@ -61,36 +55,14 @@ def dress_avatar(
         stiffness: how far soft objects keep their form, see `dress`.
         gap: minimum distance from the skin, see `dress`.
     """
-    transforms = _pose(source, shape)
-    body, before = (_take_to_pose(each, transforms) for each in (source, worn))
-    objects = _objects(before)
+    objects = _objects(worn)
     with portion(0, FITTED):
-        dressed = carry(body.surface, shape, target.surface, objects, stiffness=stiffness, gap=gap)
-    clothes = _place(before, dressed)
+        dressed = carry(source.surface, shape, target.surface, objects, stiffness=stiffness, gap=gap)
+    clothes = _place(worn, dressed)
     with portion(FITTED, KEYED):
         clothes = _add_body_keys(clothes, target, objects, dressed)
-    bound = bind_clothes(clothes, Fit(body, shape, objects, dressed.vertices, transforms), target)
-    return DressedAvatar(
-        bound.clothes, bound.joints, bound.counterparts, body.surface, before.surface, (*dressed.notes, *bound.notes)
-    )
-
-
-def _pose(source: Asset, shape: Floats) -> Floats | None:
-    """(b, 3, 4) transforms of a body's joints to the pose of a shape (n, 3); None if it is the same."""
-    skin = source.skin
-    if skin is None or source.document is None:
-        return None
-    heads = source.document.worlds()[0][skin.nodes, :3, 3]
-    return pose_like(source.surface, shape, skin.weights, skin.parents, heads)
-
-
-def _take_to_pose(asset: Asset, transforms: Floats | None) -> Asset:
-    """An asset moved by transforms (b, 3, 4) of its joints; its skin is still that of the original pose."""
-    if transforms is None or asset.skin is None:
-        return asset
-    matrices = blend_matrices(transforms, asset.skin.weights)
-    moved = asset.surface.with_vertices(transform_points(matrices, asset.surface.vertices))
-    return _turn(replace(asset, surface=moved), matrices[:, :, :3])
+    bound = bind_clothes(clothes, Fit(source, shape, objects, dressed.vertices), target)
+    return DressedAvatar(bound.clothes, bound.joints, bound.counterparts, (*dressed.notes, *bound.notes))
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:

@@ -24,7 +24,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.joints import move_joints
-from zoomout_core.transfer.skinning import normalise, transform_points
+from zoomout_core.transfer.skinning import normalise
 from zoomout_core.transfer.stretch import parents_first
 
 
@@ -54,15 +54,12 @@ class Fit:
         shape: (n, 3) its vertices in the shape of the other body.
         objects: what it wore, in the order of the clothes' vertices.
         fitted: for each of these (n, 3) its vertices on the other body.
-        transforms: (b, 3, 4) of the joints, from the file to the pose that body and objects have here; None for the
-            same.
     """
 
     body: Asset
     shape: Floats
     objects: Sequence[Surface]
     fitted: Sequence[Floats]
-    transforms: Floats | None
 
 
 def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
@@ -122,8 +119,8 @@ def _moving(skin: Skin) -> Booleans:
 def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict[int, int]:
     """The avatar's joint for each joint of the clothes that has a counterpart and is not their own."""
     size = float(np.ptp(target.surface.vertices, axis=0).max())
-    heads = move_joints(fit.body.surface, fit.shape, _heads(clothes, fit.transforms)).positions
-    sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target, None))]  # type: ignore[arg-type]
+    heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
+    sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
     bones, others = (_skeleton(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True))
     humanoid = [{} if avatar is None else avatar.bones for avatar in (read_avatar(a.document) for a, _, _ in sides)]
@@ -145,12 +142,11 @@ def _skeleton(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
     return Skeleton([asset.skin.names[joint] for joint in joints], parents, heads[joints])
 
 
-def _heads(asset: Asset, transforms: Floats | None) -> Floats:
-    """(b, 3) places of an asset's joints, after transforms (b, 3, 4)."""
+def _heads(asset: Asset) -> Floats:
+    """(b, 3) places of an asset's joints."""
     assert asset.skin is not None
     assert asset.document is not None
-    heads = asset.document.worlds()[0][asset.skin.nodes, :3, 3]
-    return heads if transforms is None else transform_points(transforms, heads)
+    return asset.document.worlds()[0][asset.skin.nodes, :3, 3]
 
 
 def _copy_joints(
@@ -179,9 +175,6 @@ def _copy_joints(
             copied[node] = copied[int(parent[node])]
     nodes = list(copied)
     places, turned = worlds[nodes, :3, 3].reshape(-1, 3), nearest_rotations(worlds[nodes, :3, :3].reshape(-1, 3, 3))
-    if fit.transforms is not None:
-        moved = fit.transforms[[copied[node] for node in nodes]]
-        places, turned = transform_points(moved, places), moved[:, :, :3] @ turned
     for number, (before, after) in enumerate(zip(fit.objects, fit.fitted, strict=True)):
         chosen = np.flatnonzero([wearer[copied[node]] == number for node in nodes])
         joints = move_joints(before, after, places[chosen])

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dolls import CHAIN, KEY
-from scipy.spatial.transform import Rotation
 
 from zoomout_core.assets.append_gltf import append_to_gltf
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
@@ -84,35 +83,14 @@ def test_a_written_avatar_is_dressed(dressed: DressedAvatar, target: Asset, tmp_
     assert keys.labels == (KEY,)
 
 
-def test_clothes_are_taken_to_the_pose_of_the_avatar(parts: AvatarParts, target: Asset) -> None:
-    """The head is bent by 40 degrees about the side axis."""
-    assert parts.worn is not None
-    assert parts.body.skin is not None
-
-    def bend(points: np.ndarray) -> np.ndarray:
-        above = np.clip((points[:, 1] - 0.3) / 0.9, 0, 1)[:, None]
-        center = np.array([0, 0.3, 0])
-        turned = Rotation.from_euler("x", 40, degrees=True).apply(points - center) + center
-        return (1 - above) * points + above * turned
-
-    body = parts.body.surface.vertices
-    bent = replace(target, surface=parts.body.surface.with_vertices(bend(body)), attributes=())
-    made = dress_avatar(bend(body), parts.body, parts.worn, bent)
-    moved = np.linalg.norm(made.before.vertices - parts.worn.surface.vertices, axis=1)
-    high = parts.worn.surface.vertices[:, 1] > 0.6
-    assert moved[high].mean() > 0.1
-    assert moved[parts.worn.surface.vertices[:, 1] < -0.5].max() < 0.05
-    off = np.linalg.norm(made.clothes.surface.vertices - bend(parts.worn.surface.vertices), axis=1)
-    assert off.mean() < 0.03
-
-
 def test_an_avatar_without_joints_is_dressed(parts: AvatarParts, target: Asset) -> None:
     assert parts.worn is not None
     shape = parts.body.surface.vertices * WIDER
     made = dress_avatar(shape, parts.body, parts.worn, replace(target, skin=None))
     assert made.clothes.skin is None
     assert made.joints == ()
-    assert check_outfit(made, replace(target, skin=None)).inside.keys() == {REST}
+    checked = check_outfit(parts.body.surface, parts.worn.surface, made, replace(target, skin=None))
+    assert checked.inside.keys() == {REST}
 
 
 def test_clothes_without_joints_follow_the_body(parts: AvatarParts, target: Asset) -> None:
@@ -127,23 +105,26 @@ def test_clothes_without_joints_follow_the_body(parts: AvatarParts, target: Asse
     assert abs(made.clothes.skin.weights[[high]].toarray()[0] @ [0, 1, 2] - at) < 0.1
 
 
-def test_the_check_finds_cloth_in_the_skin(dressed: DressedAvatar, target: Asset) -> None:
-    checked = check_outfit(dressed, target)
+def test_the_check_finds_cloth_in_the_skin(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    before = parts.body.surface, parts.worn.surface
+    checked = check_outfit(*before, dressed, target)
     assert list(checked.inside) == [REST, SWING, SPREAD]
     assert max(checked.inside.values()) < 0.01
     assert checked.verdict.level == "green"
     cloth = dressed.clothes.surface
     shrunk = replace(dressed, clothes=replace(dressed.clothes, surface=cloth.with_vertices(0.9 * cloth.vertices)))
-    wrong = check_outfit(shrunk, target)
+    wrong = check_outfit(*before, shrunk, target)
     assert wrong.inside[REST] > 0.4
     assert wrong.verdict.level == "amber"
     assert "of the cloth is in the skin." in wrong.verdict.line
-    longer = replace(dressed, before=cloth.with_vertices(cloth.vertices / 2.5))
-    assert "stretched to more than twice" in check_outfit(longer, target).verdict.line
+    longer = parts.worn.surface.with_vertices(cloth.vertices / 2.5)
+    assert "stretched to more than twice" in check_outfit(before[0], longer, dressed, target).verdict.line
 
 
-def test_the_picture_shows_each_pose(dressed: DressedAvatar, target: Asset) -> None:
-    checked = check_outfit(dressed, target)
+def test_the_picture_shows_each_pose(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    checked = check_outfit(parts.body.surface, parts.worn.surface, dressed, target)
     triangles = target.surface.triangles, dressed.clothes.surface.triangles
     image = draw_outfit(checked, triangles, [count for _, count in dressed.clothes.objects])
     assert image.shape == (HEIGHT, 4 * WIDTH, 3)
