@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.characters.cases import CENTIMETRES
-from benchmarks.outfits.clothes import Body, Garment, Wardrobe
+from benchmarks.outfits.clothes import Body, Garment, Wardrobe, move
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -24,8 +24,8 @@ BODY = "body"
 # Parts inside the head, in cavities of the skin.
 WITHIN = "high-poly", "teeth_base"
 SAME, OTHER = "same outfit", "other body"
-STRICT, LOOSE, REMESHED = "strict build", "other build", "other topology"
-KINDS = STRICT, LOOSE, REMESHED, SAME, OTHER
+STRICT, LOOSE, REMESHED, RAISED = "strict build", "other build", "other topology", "T-pose"
+KINDS = STRICT, LOOSE, REMESHED, RAISED, SAME, OTHER
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Case:
     Attributes:
         kind: one of `KINDS`: "same outfit" if the true outfit is known, or "other body"; for the set `clothes` "strict
             build" if the author's refit is the only good answer, "other build" if it is one among several, or "other
-            topology".
+            topology", or "T-pose" if a strict build has its arms raised.
         name: that of the outfit and the body.
         source: the dressed body.
         target: the body to be dressed.
@@ -82,6 +82,35 @@ def _refits(wardrobe: Wardrobe, most: int | None) -> Iterator[Case]:
             yield _refit(wardrobe, kind, made_for, build)
     for (made_for, build), topology in list(zip(strict, wardrobe.topologies, strict=False))[:most]:
         yield _refit(wardrobe, REMESHED, made_for, build, topology)
+    for made_for, build in strict[:most]:
+        yield from _raise_arms(wardrobe, made_for, build)
+
+
+def _raise_arms(wardrobe: Wardrobe, made_for: str, build: str) -> Iterator[Case]:
+    """Garments on a build in a T-pose, if it has arms: the authors' refits are moved by their weights."""
+    source, body = wardrobe.body(made_for), wardrobe.body(build)
+    transforms = wardrobe.t_pose(body)
+    if transforms is None:
+        return
+    none = np.zeros((0, 3))
+    garments = {
+        name: replace(
+            each, refitted=move(each.refitted, each.weights, transforms), keys={}, joints=none, true_joints=none
+        )
+        for name, each in wardrobe.garments(made_for, build).items()
+    }
+    raised = move(body.surface.vertices, body.weights, transforms)
+    yield Case(
+        RAISED,
+        f"{made_for} to {build}, T-pose",
+        source.surface,
+        body.surface.with_vertices(raised),
+        {name: garment.surface for name, garment in garments.items()},
+        1.0,
+        {name: garment.refitted for name, garment in garments.items()},
+        raised,
+        garments=garments,
+    )
 
 
 def _refit(wardrobe: Wardrobe, kind: str, made_for: str, build: str, topology: str | None = None) -> Case:

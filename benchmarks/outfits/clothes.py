@@ -10,14 +10,17 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
+from zoomout_core.transfer.stretch import pose_of_turns
 
 Arrays = dict[str, np.ndarray]
 # The bodies that garments are made for, and the prefix of a man's.
 WOMAN, MAN = MADE_FOR = "woman", "man"
 OF_MAN = "male_"
+# The bones of upper arms, and those that the arms end at.
+ARMS = ("upperarm01.L", "wrist.L"), ("upperarm01.R", "wrist.R")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +32,20 @@ class Body:
         weights: (n, b) weights of its bones.
         keys: (n, 3) offsets of its keys, by name.
         poses: for each pose (b, 3, 4) transforms of its bones.
+        parents: (b,) the number of each bone's parent, -1 for none.
+        heads: (b, 3) heads of the bones.
     """
 
     surface: Surface
     weights: Floats
     keys: dict[str, Floats]
     poses: list[Floats]
+    parents: Integers
+    heads: Floats
 
     def in_pose(self, number: int, points: Floats, weights: Floats) -> Floats:
         """(n, 3) points with weights (n, b), in a pose, by linear blend skinning."""
-        return transform_points(blend_matrices(self.poses[number], csr_array(weights)), points)
+        return move(points, weights, self.poses[number])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +97,21 @@ class Wardrobe:
         surface = _surface(vertices, data, prefix)
         weights = _weights(data, len(vertices), len(data["bone_names"]), prefix)
         heads = data["heads"][number].astype(np.float64)
-        return Body(surface, weights, keys, [self._transforms(each, heads) for each in data["poses"]])
+        names = data["bone_names"].tolist()
+        parents = np.array([names.index(above) if above else -1 for above in data["bone_parents"].tolist()])
+        poses = [self._transforms(each, heads) for each in data["poses"]]
+        return Body(surface, weights, keys, poses, parents, heads)
+
+    def t_pose(self, body: Body) -> Floats | None:
+        """(b, 3, 4) transforms of a body's bones that raise its arms to the sides; None without arms."""
+        names = self._bodies["bone_names"].tolist()
+        turns = np.zeros((len(names), 3))
+        for shoulder, wrist in ARMS:
+            if shoulder not in names:
+                return None
+            sideways, upwards, _ = body.heads[names.index(wrist)] - body.heads[names.index(shoulder)]
+            turns[names.index(shoulder), 2] = -np.sign(sideways) * np.arctan2(upwards, abs(sideways))
+        return pose_of_turns(turns, body.heads, body.parents)
 
     def garments(self, made_for: str, build: str) -> dict[str, Garment]:
         """The garments made for a body, refitted to another build, by name."""
@@ -135,6 +156,11 @@ class Wardrobe:
             return found[name]
 
         return np.array([transform(name) for name in names])
+
+
+def move(points: Floats, weights: Floats, transforms: Floats) -> Floats:
+    """(n, 3) points with weights (n, b), moved by transforms (b, 3, 4) of bones, by linear blend skinning."""
+    return transform_points(blend_matrices(transforms, csr_array(weights)), points)
 
 
 def _load(path: Path) -> Arrays:

@@ -102,6 +102,8 @@ def add_outfit_bones(
 ) -> None:
     """Copy an outfit's bones into another armature, with their constraints; earlier copies are replaced.
 
+    If that fails, the armature is as before.
+
     Args:
         context: Blender's.
         source: the armature of the bones.
@@ -112,20 +114,21 @@ def add_outfit_bones(
     to_target = np.linalg.inv(world_matrix(target))
     ends = transform_points(to_target, bones.ends)
     upright = bones.upright @ to_target[:3, :3].T
-    with _edit(context, target):
-        made = target.data.edit_bones
-        for earlier in [bone for bone in made if bone.get(COPIED_FROM) == source.name]:
-            made.remove(earlier)
-        for number, name in enumerate(bones.names):
-            bone = made.new(name)
-            bone.head, bone.tail = (Vector(end) for end in ends[number])
-            bone.align_roll(Vector(upright[number]))
-            above = bones.parents[number]
-            bone.parent = made.get(above if above in bones.names else pairs.get(above, above))
-            _copy_settings(source.data.bones[name], bone)
-            bone[COPIED_FROM] = source.name
-    for name in bones.names:
-        _copy_constraints(source, target, name, pairs)
+    with _restore_on_failure(target, source.name):
+        with _edit(context, target):
+            made = target.data.edit_bones
+            for earlier in [bone for bone in made if bone.get(COPIED_FROM) == source.name]:
+                made.remove(earlier)
+            for number, name in enumerate(bones.names):
+                bone = made.new(name)
+                bone.head, bone.tail = (Vector(end) for end in ends[number])
+                bone.align_roll(Vector(upright[number]))
+                above = bones.parents[number]
+                bone.parent = made.get(above if above in bones.names else pairs.get(above, above))
+                _copy_settings(source.data.bones[name], bone)
+                bone[COPIED_FROM] = source.name
+        for name in bones.names:
+            _copy_constraints(source, target, name, pairs)
 
 
 def bind_to_other(obj: Object, source: Object, target: Object, pairs: Mapping[str, str], place: Floats) -> None:
@@ -166,6 +169,27 @@ def _wearer(bone: Bone, of_worn: Mapping[str, Mapping[str, float]]) -> str:
         return weights.get(bone.name, 0.0), sum(weights.get(each, 0.0) for each in below)
 
     return max(of_worn, key=moves)
+
+
+@contextmanager
+def _restore_on_failure(armature: Object, source: str) -> Iterator[None]:
+    """A context that restores the bones of an armature if it fails, with the constraints of those from a source."""
+    before = armature.copy()
+    before.data = armature.data.copy()
+    try:
+        yield
+    except BaseException:
+        changed, name = armature.data, armature.data.name
+        changed.user_remap(before.data)
+        bpy.data.armatures.remove(changed)
+        armature.data.name = name
+        bpy.context.view_layer.update()
+        for bone in armature.data.bones:
+            if bone.get(COPIED_FROM) == source:
+                _copy_constraints(before, armature, bone.name, {})
+        bpy.data.objects.remove(before)
+        raise
+    bpy.data.batch_remove([before, before.data])
 
 
 @contextmanager

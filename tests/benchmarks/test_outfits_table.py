@@ -172,3 +172,20 @@ def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> N
     assert naive["error"] < 1
     assert 0 < naive["key error"] < 0.2
     assert naive["bones"] < 1
+
+
+def test_arms_are_raised_to_the_sides(wardrobe: Path) -> None:
+    place = wardrobe / "clothes" / "bodies.npz"
+    with np.load(place) as file:
+        arrays = dict(file)
+    names = np.array(["upperarm01.L", "wrist.L", "upperarm01.R", "wrist.R"])
+    heads = np.array([[0.0, 0, 0], [1, -1, 0], [0, 0, 0], [-1, -1, 0]])
+    arrays |= {"bone_names": names, "bone_parents": np.array(["", names[0], "", names[2]])}
+    arrays |= {"heads": np.tile(heads, (4, 1, 1)), "poses": np.tile(np.eye(3), (1, 4, 1, 1))}
+    np.savez(place, **arrays)
+    found = Wardrobe(wardrobe / "clothes")
+    body = found.body("thin")
+    transforms = found.t_pose(body)
+    assert transforms is not None
+    raised = np.einsum("bxy,by->bx", transforms[..., :3], heads) + transforms[..., 3]
+    np.testing.assert_allclose(raised[[1, 3]], [[2**0.5, 0, 0], [-(2**0.5), 0, 0]], atol=1e-9)

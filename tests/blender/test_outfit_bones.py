@@ -3,6 +3,7 @@
 
 import bpy
 import numpy as np
+import pytest
 from bent_tube import tube, weights_of
 from rigged import BONES, mesh_object, pose_target, rig, set_pose, source_and_rig, visible_positions
 from scenes import activate, positions, set_weights
@@ -10,6 +11,7 @@ from test_dress_objects import ring, side, sleeve
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.mesh_data import outfit_bones
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
 
@@ -103,6 +105,60 @@ def test_the_outfits_own_bones_come_along():
     outer = positions(tail.data)[:, 0] > 1.7
     assert moved[~outer].max() < 1e-5 < moved[outer].max()
     assert any("to which 2 bones of their own were added" in note for note in report["notes"])
+
+
+def test_the_armature_stays_as_it_was_if_constraints_cannot_be_copied(monkeypatch):
+    body, armature = source_and_rig()
+    tail = tail_and_chain(armature)
+    target, other = own_target(body, armature)
+    copy_constraints = outfit_bones._copy_constraints
+
+    def fail_at_the_end(source, target, name, pairs):
+        if name == "Tail.1" and source == armature:
+            raise RuntimeError("out of order")
+        copy_constraints(source, target, name, pairs)
+
+    def dress():
+        monkeypatch.setattr(outfit_bones, "_copy_constraints", fail_at_the_end)
+        with pytest.raises(RuntimeError, match="out of order"):
+            api.dress(bpy.context, body, target, [tail])
+        monkeypatch.undo()
+
+    other.data["avatar"] = {"version": 1}  # as add-ons keep their settings
+    counts = len(bpy.data.objects), len(bpy.data.armatures)
+    dress()
+    assert other.data.bones.keys() == list(OTHER_NAMES)
+    assert other.data["avatar"]["version"] == 1
+    assert (len(bpy.data.objects), len(bpy.data.armatures)) == counts
+    api.dress(bpy.context, body, target, [tail])
+    assert other.data["avatar"]["version"] == 1
+    counts, name = (len(bpy.data.objects), len(bpy.data.armatures)), other.data.name
+    places = {bone.name: np.array(bone.matrix_local) for bone in other.data.bones}
+    dress()
+    assert (len(bpy.data.objects), len(bpy.data.armatures), other.data.name) == (*counts, name)
+    assert other.data.bones.keys() == [*OTHER_NAMES, "Tail.0", "Tail.1"]
+    for bone in other.data.bones:
+        np.testing.assert_array_equal(bone.matrix_local, places[bone.name])
+    (constraint,) = other.pose.bones["Tail.1"].constraints
+    assert (constraint.type, constraint.target, constraint.subtarget) == ("DAMPED_TRACK", other, OTHER_NAMES[0])
+
+
+def test_the_new_bones_can_be_undone():
+    body, armature = source_and_rig()
+    tail = tail_and_chain(armature)
+    target, other = own_target(body, armature)
+    names = target.name, other.name
+    bpy.ops.ed.undo_push(message="Before")
+    api.dress(bpy.context, body, target, [tail])
+    bpy.ops.ed.undo_push(message="Dress")
+    assert len(bpy.data.objects[names[1]].data.bones) == 5
+    bpy.ops.ed.undo()
+    other = bpy.data.objects[names[1]]
+    assert other.data.bones.keys() == list(OTHER_NAMES)
+    bpy.ops.ed.redo()
+    other = bpy.data.objects[names[1]]
+    assert other.data.bones.keys() == [*OTHER_NAMES, "Tail.0", "Tail.1"]
+    assert len(other.pose.bones["Tail.1"].constraints) == 1
 
 
 def test_dressing_again_replaces_the_bones():

@@ -30,8 +30,12 @@ ADDON, CORE = (Path(package.__file__).parent for package in (blender_addon, zoom
 # The same in every language.
 NAMES = {"ZoomOut", menus.EXTENSION, "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
 NAMES |= {spelling.title for spelling in CONVENTIONS.values()}
+# Languages in which every text has a translation. Others show the English text of what they lack.
+COMPLETE = ("de",)
+# The full stops of languages.
+FULL_STOPS = (".", "。")
 # What is printed in English: the command lines, the demo, and functions for scripts.
-ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
+ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py", "outfits")
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
 TEMPLATES = {
     "LandmarkError",
@@ -178,19 +182,30 @@ def fields_of(text: str) -> list[tuple[str | None, str | None]]:
     return sorted((name, (form or "").removesuffix(",")) for _, name, form, _ in parsed if name is not None)
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", COMPLETE)
 def test_labels_and_tooltips_are_translated(code):
     assert sorted((registered() | drawn()) - {""} - NAMES - translations.LANGUAGES[code].keys()) == []
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", COMPLETE)
 def test_templates_are_translated(code):
     assert sorted(templates() - translations.LANGUAGES[code].keys()) == []
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", COMPLETE)
 def test_sentences_without_values_are_translated(code):
     assert sorted(shown() - translations.LANGUAGES[code].keys()) == []
+
+
+def test_dressing_is_translated_into_each_language():
+    """Texts of the panel, and sentences of the service."""
+    properties, services = (ADDON / name / "dress.py" for name in ("properties", "services"))
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in (properties, services)}
+    texts = {text for path, tree in trees.items() for text in literals_of(tree)}
+    wanted = (templates() | registered()) & texts - NAMES - {""}
+    assert len(wanted) > 20
+    for code, catalogue in translations.LANGUAGES.items():
+        assert sorted(wanted - catalogue.keys()) == [], code
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)
@@ -207,7 +222,9 @@ def test_translations_have_the_fields_of_the_english(code):
 @pytest.mark.parametrize("code", translations.LANGUAGES)
 def test_sentences_end_alike(code):
     for english, text in translations.LANGUAGES[code].items():
-        assert text.endswith(".") == english.endswith("."), english  # Blender adds the full stop to tooltips
+        assert text.endswith(FULL_STOPS) == english.endswith(FULL_STOPS), (
+            english
+        )  # Blender adds the full stop to tooltips
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,6 +83,17 @@ class Document:
     def has_buffer_files(self) -> bool:
         """Whether a buffer of it is in a file of its own."""
         return any(is_file(buffer.uri) for buffer in self.gltf.buffers)
+
+    @property
+    def tree(self) -> dict[str, Any]:
+        """A copy of its JSON."""
+        tree: dict[str, Any] = json.loads(self.gltf.to_json()) if self._file is None else deepcopy(self._file.tree)
+        return tree
+
+    @property
+    def buffers(self) -> tuple[bytes, ...]:
+        """The content of its buffers."""
+        return self._buffers
 
     def node_weights(self, number: int) -> list[float] | None:
         """The weights that a node gives to its morph targets, which pygltflib does not read; None without any."""

@@ -71,17 +71,17 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
 
 def _declare_extensions(made: GLTF2) -> None:
     """Declare the extensions that occur in a document, and no others."""
-    used = set(_extensions_in(json.loads(made.to_json())))
+    used = set(extensions_in(json.loads(made.to_json())))
     made.extensionsUsed = [name for name in made.extensionsUsed if name in used]
     made.extensionsUsed += sorted(used - set(made.extensionsUsed))
     made.extensionsRequired = [name for name in made.extensionsRequired if name in used]
 
 
-def _extensions_in(part: Any) -> Iterator[str]:
+def extensions_in(part: Any) -> Iterator[str]:
     """The names of the extensions in a part of a document."""
     if isinstance(part, dict):
         yield from part["extensions"] if isinstance(part.get("extensions"), dict) else ()
         part = [value for name, value in part.items() if name != "extras"]
     if isinstance(part, list):
         for each in part:
-            yield from _extensions_in(each)
+            yield from extensions_in(each)

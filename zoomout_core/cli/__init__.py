@@ -12,6 +12,7 @@ SUMMARIES = {
     "transfer": "Transfer the data of SOURCE to other meshes.",
     "landmarks": "Place the landmarks of TEMPLATE on other meshes.",
     "collection": "Match many shapes, and make their maps agree.",
+    "outfits": "Dress avatars in what others wear.",
     "symmetry": "Find the symmetries of MESH in any pose.",
     "evaluate": "Measure MAP: flipped area, coverage, distortion and error.",
     "info": "Show the contents of MESH that `zoomout transfer` can carry.",

@@ -110,7 +110,7 @@ def extreme_turns(parents: Integers) -> Floats:
     In half of the poses all bones turn in the same sense, in the others every second one along a chain turns back.
     """
     depth = np.zeros(len(parents), dtype=np.int64)
-    for bone in _parents_first(parents):
+    for bone in parents_first(parents):
         depth[bone] = 0 if parents[bone] < 0 else depth[parents[bone]] + 1
     turns = []
     for axis, sign, alternating in product(np.eye(3), (1.0, -1.0), (False, True)):
@@ -134,7 +134,7 @@ def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
     """
     transforms = np.zeros((len(parents), 3, 4))
     matrices = Rotation.from_rotvec(turns).as_matrix()
-    for bone in _parents_first(parents):
+    for bone in parents_first(parents):
         own = np.column_stack([matrices[bone], heads[bone] - matrices[bone] @ heads[bone]])
         if parents[bone] >= 0:
             above = transforms[parents[bone]]
@@ -211,7 +211,7 @@ def _around(target: Surface, edges: Integers, rings: int) -> Booleans:
     return chosen
 
 
-def _parents_first(parents: Integers) -> list[int]:
+def parents_first(parents: Integers) -> list[int]:
     """The numbers of bones, parents before children."""
     order: list[int] = []
     known = set[int]()

@@ -219,11 +219,11 @@ def _faults_of_springs(springs: dict[str, Any], tree: dict[str, Any]) -> Iterato
     chains = [[joint["node"] for joint in spring["joints"]] for spring in springs["springs"]]
     for spring, chain in zip(springs["springs"], chains, strict=True):
         yield from _out_of_range("joints of springs", chain, nodes)
-        yield from _out_of_range("groups of springs", spring["colliderGroups"], springs["colliderGroups"])
+        yield from _out_of_range("groups of springs", spring.get("colliderGroups", ()), springs["colliderGroups"])
         for above, below in pairwise(chain):
             if above not in _ancestors(below, parent):
                 yield f"the joint {below} is not below {above}"
-        if spring["center"] not in (chain[0], *_ancestors(chain[0], parent)):
+        if "center" in spring and spring["center"] not in (chain[0], *_ancestors(chain[0], parent)):
             yield f"the centre {spring['center']} is not above its spring"
     yield from (
         f"{node} is in {n} springs" for node, n in Counter(node for each in chains for node in each).items() if n > 1

@@ -43,3 +43,12 @@ def test_parents_of_counterparts_are_counterparts() -> None:
     others = Skeleton(["J_0", "J_1", "J_2", "J_3", "J_4"], parents, heads)
     found = bone_pairs.pair_bones(bones, others, 1.7)
     assert found == dict(zip(bones.names, others.names, strict=True))
+
+
+def test_known_counterparts_come_first() -> None:
+    """Such as by humanoid bones, which may contradict the names."""
+    heads = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2]])
+    parents = np.array([-1, 0, 1])
+    bones, others = Skeleton(["a", "b", "c"], parents, heads), Skeleton(["b", "a", "c"], parents, heads)
+    assert bone_pairs.pair_bones(bones, others, 2.0) == {"a": "a", "b": "b", "c": "c"}
+    assert bone_pairs.pair_bones(bones, others, 2.0, {"a": "b"}) == {"a": "b", "c": "c", "b": "a"}

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,9 @@ class Skeleton(NamedTuple):
     heads: Floats  # (b, 3)
 
 
-def pair_bones(bones: Skeleton, others: Skeleton, size: float) -> dict[str, str]:
+def pair_bones(
+    bones: Skeleton, others: Skeleton, size: float, known: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, str]:
     """Counterparts of bones in another armature that stands in the same place.
 
     Bones of the same name are counterparts, then those whose names differ in spelling only, then those that are
@@ -38,11 +41,13 @@ def pair_bones(bones: Skeleton, others: Skeleton, size: float) -> dict[str, str]
         bones: the bones.
         others: those of the other armature.
         size: extent of the body.
+        known: counterparts that are known, such as by the humanoid bones of avatars.
 
     Returns:
         Names of the others by those of the bones; bones without a counterpart are left out.
     """
-    pairs = {name: name for name in bones.names if name in set(others.names)}
+    free = set(others.names) - set(known.values())
+    pairs = {**known, **{name: name for name in bones.names if name not in known and name in free}}
     spelled = {_spelling(name): name for name in reversed(others.names) if name not in pairs.values()}
     for name in bones.names:
         if name not in pairs and _spelling(name) in spelled:

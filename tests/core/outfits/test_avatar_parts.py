@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Body and worn parts of an avatar file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zoomout_core.assets.files import read_asset
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.outfits.parts import keep_faces, split_avatar
+
+
+def test_parts_are_told_apart_by_their_names(dolls: Path) -> None:
+    asset = read_asset(dolls / "dressed.glb")
+    body, worn = split_avatar(asset)
+    assert [name for name, _ in body.objects] == ["Skin"]
+    assert worn is not None
+    assert [name for name, _ in worn.objects] == ["Shirt", "Trousers"]
+    assert len(body.surface.vertices) + len(worn.surface.vertices) == len(asset.surface.vertices)
+
+
+def test_the_body_of_a_naked_avatar_is_all_of_it(dolls: Path) -> None:
+    asset = read_asset(dolls / "naked.glb")
+    body, worn = split_avatar(asset, wears=False)
+    assert worn is None
+    np.testing.assert_array_equal(body.surface.vertices, asset.surface.vertices)
+    with pytest.raises(MeshError, match=r"\('Skin/skin material'\): name those of the body by --body"):
+        split_avatar(asset)
+
+
+def test_patterns_name_the_body(dolls: Path) -> None:
+    asset = read_asset(dolls / "dressed.glb")
+    body, worn = split_avatar(asset, ["SKIN*", "shirt"])
+    assert [name for name, _ in body.objects] == ["Skin", "Shirt"]
+    assert worn is not None
+    assert [name for name, _ in worn.objects] == ["Trousers"]
+
+
+def test_kept_faces_keep_their_data(dolls: Path) -> None:
+    asset = read_asset(dolls / "dressed.glb")
+    chosen = np.arange(len(asset.surface.face_start) - 1) % 2 == 0
+    kept = keep_faces(asset, chosen)
+    before, after = asset.surface, kept.surface
+    np.testing.assert_array_equal(after.vertices[after.triangles], before.vertices[before.triangles[chosen]])
+    assert asset.skin is not None
+    assert kept.skin is not None
+    corners = before.triangles[chosen].ravel()
+    weights = kept.skin.weights[after.triangles.ravel()] - asset.skin.weights[corners]
+    assert abs(weights).max() == 0
+    for name in ("materials", "normals"):
+        old, new = asset.find(name), kept.find(name)
+        assert old is not None
+        assert new is not None
+        assert len(new.values) == len(old.values) / len(chosen) * chosen.sum()

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clothes of one avatar on another one: place, keys and joints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dolls import CHAIN, KEY
+
+from zoomout_core.assets.append_gltf import append_to_gltf
+from zoomout_core.assets.asset import SHAPE_KEYS, Asset
+from zoomout_core.assets.files import read_asset
+from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
+from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
+from zoomout_core.outfits.parts import AvatarParts, split_avatar
+from zoomout_core.outfits.pictures import HEIGHT, WIDTH, draw_outfit
+
+WIDER = np.array([1.15, 1, 1])
+
+
+@pytest.fixture(scope="module")
+def parts(dolls: Path) -> AvatarParts:
+    return split_avatar(read_asset(dolls / "dressed.glb"))
+
+
+@pytest.fixture(scope="module")
+def target(dolls: Path) -> Asset:
+    return split_avatar(read_asset(dolls / "naked.glb"), wears=False).body
+
+
+@pytest.fixture(scope="module")
+def dressed(parts: AvatarParts, target: Asset) -> DressedAvatar:
+    assert parts.worn is not None
+    return dress_avatar(parts.body.surface.vertices * WIDER, parts.body, parts.worn, target)
+
+
+def test_clothes_grow_with_the_body(parts: AvatarParts, dressed: DressedAvatar) -> None:
+    assert parts.worn is not None
+    off = np.linalg.norm(dressed.clothes.surface.vertices - parts.worn.surface.vertices * WIDER, axis=1)
+    assert off.mean() < 0.02  # of a height of 6
+    assert dressed.notes == ("3 joints of the outfit were added to the avatar.",)
+
+
+def test_clothes_have_the_keys_of_the_body(dressed: DressedAvatar) -> None:
+    keys = dressed.clothes.find(SHAPE_KEYS)
+    assert keys is not None
+    assert keys.labels == (KEY,)
+    expected = 0.2 * dressed.clothes.surface.vertices * [1, 0, 0]
+    assert np.linalg.norm(keys.values[:, 0] - expected, axis=1).mean() < 0.2 * np.linalg.norm(expected, axis=1).mean()
+
+
+def test_clothes_are_bound_to_the_joints_of_the_avatar(
+    parts: AvatarParts, dressed: DressedAvatar, target: Asset
+) -> None:
+    skin = dressed.clothes.skin
+    assert skin is not None
+    assert parts.worn is not None
+    assert parts.worn.skin is not None
+    assert skin.names == ("J_Hips", "J_Spine", "J_Head", *CHAIN)
+    assert abs(skin.weights - parts.worn.skin.weights).max() < 1e-6  # the joints have the same order here
+    assert target.document is not None
+    world = [target.document.worlds()[0][0]]
+    for joint, name in zip(dressed.joints, CHAIN, strict=True):
+        world.append(world[-1] @ joint.matrix)
+        assert np.linalg.norm(world[-1][:3, 3] - CHAIN[name] * WIDER) < 0.1
+    assert [joint.parent for joint in dressed.joints] == [0, 4, 5]  # the node of the skin is before the new ones
+
+
+def test_a_written_avatar_is_dressed(dressed: DressedAvatar, target: Asset, tmp_path: Path) -> None:
+    assert target.document is not None
+    assert append_to_gltf(target.document, dressed.joints, dressed.clothes, tmp_path / "out.glb") == ()
+    again = read_asset(tmp_path / "out.glb")
+    assert [name for name, _ in again.objects] == ["Skin", "Shirt", "Trousers"]
+    count = len(target.surface.vertices)
+    np.testing.assert_array_equal(again.surface.vertices[:count], target.surface.vertices)
+    np.testing.assert_allclose(again.surface.vertices[count:], dressed.clothes.surface.vertices, atol=1e-5)
+    assert [material.name for material in again.materials] == ["skin material", "shirt material", "trousers material"]
+    keys = again.find(SHAPE_KEYS)
+    assert keys is not None
+    assert keys.labels == (KEY,)
+
+
+def test_an_avatar_without_joints_is_dressed(parts: AvatarParts, target: Asset) -> None:
+    assert parts.worn is not None
+    shape = parts.body.surface.vertices * WIDER
+    made = dress_avatar(shape, parts.body, parts.worn, replace(target, skin=None))
+    assert made.clothes.skin is None
+    assert made.joints == ()
+    checked = check_outfit(parts.body.surface, parts.worn.surface, made, replace(target, skin=None))
+    assert checked.inside.keys() == {REST}
+
+
+def test_clothes_without_joints_follow_the_body(parts: AvatarParts, target: Asset) -> None:
+    assert parts.worn is not None
+    shape = parts.body.surface.vertices * WIDER
+    bare = replace(parts.body, skin=None), replace(parts.worn, skin=None)
+    made = dress_avatar(shape, *bare, target)
+    assert made.clothes.skin is not None
+    assert target.skin is not None
+    high = np.argmax(made.clothes.surface.vertices[:, 1])
+    at = np.interp(made.clothes.surface.vertices[high, 1], [-0.5, 0.3, 1.2], [0, 1, 2])
+    assert abs(made.clothes.skin.weights[[high]].toarray()[0] @ [0, 1, 2] - at) < 0.1
+
+
+def test_the_check_finds_cloth_in_the_skin(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    before = parts.body.surface, parts.worn.surface
+    checked = check_outfit(*before, dressed, target)
+    assert list(checked.inside) == [REST, SWING, SPREAD]
+    assert max(checked.inside.values()) < 0.01
+    assert checked.verdict.level == "green"
+    cloth = dressed.clothes.surface
+    shrunk = replace(dressed, clothes=replace(dressed.clothes, surface=cloth.with_vertices(0.9 * cloth.vertices)))
+    wrong = check_outfit(*before, shrunk, target)
+    assert wrong.inside[REST] > 0.4
+    assert wrong.verdict.level == "amber"
+    assert "of the cloth is in the skin." in wrong.verdict.line
+    longer = parts.worn.surface.with_vertices(cloth.vertices / 2.5)
+    assert "stretched to more than twice" in check_outfit(before[0], longer, dressed, target).verdict.line
+
+
+def test_the_picture_shows_each_pose(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    checked = check_outfit(parts.body.surface, parts.worn.surface, dressed, target)
+    triangles = target.surface.triangles, dressed.clothes.surface.triangles
+    image = draw_outfit(checked, triangles, [count for _, count in dressed.clothes.objects])
+    assert image.shape == (HEIGHT, 4 * WIDTH, 3)
+    tiles = np.split(image, 4, axis=1)
+    assert all((tile != tile[0, 0]).any() for tile in tiles)
+    turned = draw_outfit(checked, triangles, [count for _, count in dressed.clothes.objects], 180.0)
+    np.testing.assert_array_equal(turned[:, :WIDTH], image[:, WIDTH : 2 * WIDTH])

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout outfits`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from zoomout_core.assets.files import read_asset
+from zoomout_core.cli import main
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1"])
+
+
+def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
+    avatars, output = tmp_path / "avatars", tmp_path / "out"
+    avatars.mkdir()
+    shutil.copy(dolls / "naked.glb", avatars)
+    shutil.copy(dolls / "naked.glb", avatars / "twin.glb")
+    (avatars / "broken.glb").write_bytes(b"glTF")
+    done = run(dolls / "dressed.glb", avatars, "-o", output, "--json")
+    assert done.exit_code == 3, done.output
+    figures = json.loads(done.stdout)
+    assert [row["avatar"] for row in figures["outfits"]] == ["naked", "twin"]
+    assert (figures["matched_now"], figures["dressed_now"]) == (1, 2)  # both have the same body
+    assert list(figures["failures"]) == ["broken"]
+    for row in figures["outfits"]:
+        assert row["verdict"]["level"] == "green"
+        assert max(row["inside"].values()) < 0.01
+        dressed = read_asset(output / row["output"])
+        assert [name for name, _ in dressed.objects] == ["Skin", "Shirt", "Trousers"]
+    page = (output / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 2
+    assert "broken" in page
+    # What is there is not made again, except what is missing.
+    (output / "dressed" / "twin" / "dressed.glb").unlink()
+    again = json.loads(run(dolls / "dressed.glb", avatars, "-o", output, "--json").stdout)
+    assert (again["matched_now"], again["dressed_now"]) == (0, 1)
+    assert again["outfits"] == figures["outfits"]
+
+
+@pytest.mark.parametrize(
+    ("outfits", "reason"),
+    [
+        ("naked.glb", "name those of the body by --body"),
+        ("missing.glb", "There is no file or folder"),
+        ("scan.obj", "scan.obj is no glTF or VRM file"),
+    ],
+)
+def test_what_cannot_be_worn_is_reported(outfits: str, reason: str, dolls: Path, tmp_path: Path) -> None:
+    (tmp_path / "scan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    place = tmp_path if outfits == "scan.obj" else dolls
+    done = run(place / outfits, dolls / "dressed.glb", "-o", tmp_path / "out")
+    assert done.exit_code == 1
+    assert reason in done.output
+
+
+def test_inputs_are_not_where_results_are(dolls: Path, tmp_path: Path) -> None:
+    place = tmp_path / "dressed"
+    place.mkdir()
+    shutil.copy(dolls / "naked.glb", place)
+    done = run(dolls / "dressed.glb", place / "naked.glb", "-o", tmp_path)
+    assert done.exit_code == 1
+    assert "is an input in a place of" in done.output

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout outfits`: what avatars wear, onto other avatars."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zoomout_core.assets.files import inputs_of
+from zoomout_core.batch import FAILED, PARTLY, meshes_of
+from zoomout_core.cli.report import json_option
+from zoomout_core.collection.engine import has_dask, local_engine
+from zoomout_core.collection.report import PAGE, REPORT
+from zoomout_core.collection.tasks import MAPS, SHAPES
+from zoomout_core.command_options import detail_options, progress_bar, tell
+from zoomout_core.matching.disk_cache import remove_shapes
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.outfits.batch import BODIES, DRESSED, ENDINGS, FITS, PICTURES, RECORDS, Fitting, dress_all
+from zoomout_core.outfits.report import figures_of_outfits, lines_of_outfits, write_reports
+from zoomout_core.runtime.outputs import OutputError, check_output
+from zoomout_core.runtime.threads import usable_cores
+
+# Folder in the results that exists until all is done.
+CACHE = "cache"
+
+
+@click.command()
+@click.argument("outfits", type=click.Path(path_type=Path))
+@click.argument("avatars", metavar="AVATARS...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
+@click.option(
+    "--body",
+    multiple=True,
+    metavar="PATTERN",
+    help="Name of meshes or materials that are parts of bodies, such as 'Body*'. May be repeated. By default, words "
+    "in their names tell.",
+)
+@click.option(
+    "--stiffness",
+    type=click.FloatRange(0, 1),
+    default=0.5,
+    show_default=True,
+    help="How far clothes keep their form: 0 follows every detail of the body.",
+)
+@click.option(
+    "--gap",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    help="Minimum distance of clothes from the skin, in metres.",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one per core).")
+@click.option(
+    "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
+)
+@click.option("--force", is_flag=True, help="Write an avatar even if its match is probably wrong.")
+@json_option
+@detail_options
+def outfits(
+    outfits: Path,
+    avatars: tuple[Path, ...],
+    output: Path,
+    body: tuple[str, ...],
+    stiffness: float,
+    gap: float,
+    workers: int | None,
+    resume: bool,
+    force: bool,
+    as_json: bool,
+    **accuracy: Any,
+) -> None:
+    """Dress avatars in what others wear.
+
+    OUTFITS is a glTF or VRM file of a dressed avatar, or a folder of them; AVATARS are files or folders of the avatars
+    to dress, which keep all that they have. Clothes, hair and accessories are fitted to each avatar and bound to its
+    joints, with morph targets of the names of the avatar's, which make them follow its body. Joints of their own, such
+    as those of skirts, are added to the avatar.
+
+    Each pair of bodies is matched once, and a run that was ended goes on where it was. The avatars are written to
+    OUTPUT/dressed/AVATAR/OUTFIT.glb, or .vrm for an avatar in VRM. OUTPUT/report.html shows each from the front, from
+    the back and in two poses, with the share of the cloth that is in the skin.
+
+    The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
+    """
+    try:
+        if output.is_file():
+            raise MeshError(f"{output} is a file: name a folder for the results.")
+        check_output(output / REPORT if output.is_dir() else output)
+        dressed, naked = _files([outfits]), _files(avatars)
+        _check_inputs_stay([*dressed, *naked], output)
+        if not resume:
+            _forget(output)
+        if workers is None:
+            workers = min(usable_cores(), len(dressed) + len(naked)) if has_dask() else 1
+        options = MatchOptions(**resolve_detail(**accuracy))
+        with local_engine(workers, 0) as engine, progress_bar():
+            fitting = Fitting(body, stiffness, gap, force)
+            result = dress_all(dressed, naked, output, fitting, options, cache=output / CACHE, engine=engine)
+        remove_shapes(output / CACHE)
+        write_reports(result)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if as_json:
+        click.echo(json.dumps(figures_of_outfits(result), indent=1))
+    else:
+        for line in lines_of_outfits(result):
+            tell(line)
+        tell(f"Written to {output}; open {output / PAGE}.")
+    if result.failures:
+        sys.exit(PARTLY if result.worn else FAILED)
+
+
+def _files(given: Sequence[Path]) -> list[Path]:
+    """The given files, and the avatars in given folders."""
+    missing = next((path for path in given if not path.exists()), None)
+    if missing is not None:
+        raise MeshError(f"There is no file or folder {missing}: check the path.")
+    return list(dict.fromkeys(path for each in given for path in meshes_of(each, ENDINGS)))
+
+
+def _check_inputs_stay(files: Sequence[Path], output: Path) -> None:
+    """Check that no input, and no file that one names, is where results are written and replaced.
+
+    Raises:
+        OutputError: one is.
+    """
+    names = (REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE)
+    written = [os.path.realpath(output / name) for name in names]
+    for path in inputs_of(*files):
+        place = Path(os.path.realpath(path))
+        if any(place.is_relative_to(each) for each in written):
+            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")
+
+
+def _forget(output: Path) -> None:
+    """Remove what an earlier run recorded, so that everything is computed again."""
+    for pattern in (f"{RECORDS}/*/*.json", f"{MAPS}/*/*.npz", f"{FITS}/*/*.npz", f"{SHAPES}/*.npz"):
+        for made in output.glob(pattern):
+            made.unlink()

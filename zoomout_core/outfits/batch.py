@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dress many avatars in many outfits: each pair of bodies is matched once, and an ended run goes on where it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.append_gltf import append_to_gltf
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import AVATAR, inputs_of, read_asset
+from zoomout_core.assets.gltf import VRM_0
+from zoomout_core.collection.collection import CollectionResult, match_collection
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
+from zoomout_core.collection.pair_map import PairName
+from zoomout_core.collection.shapes import content_key
+from zoomout_core.collection.tasks import place_of_map, write_whole
+from zoomout_core.drawing import encode_png
+from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.verdict import Verdict, check_verdict, worst
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.opening import existing, file_bytes
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.outfits.check import check_outfit
+from zoomout_core.outfits.dress_avatar import dress_avatar
+from zoomout_core.outfits.parts import split_avatar
+from zoomout_core.outfits.pictures import draw_outfit
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
+from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file
+from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.version import package_version
+from zoomout_core.transfer.dressing.dress import shape_of_source
+
+# Folders of the results: bodies, bodies in the shapes of others, dressed avatars, pictures, and records of these.
+BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "pictures", "records"
+# Extensions of avatar files.
+ENDINGS = (".glb", ".gltf", ".vrm")
+# Avatars in VRM 0 look along -z, others along z: degrees between both.
+BACKWARDS = 180.0
+# Fractions of the progress at the end of matching, and at the end of shaping a body, of dressing an avatar.
+MATCHED, SHAPED = 0.4, 0.4
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How outfits are fitted.
+
+    Attributes:
+        body: patterns of the names of the parts of bodies, see `split_avatar`.
+        stiffness: see `dress`.
+        gap: see `dress`.
+        force: write avatars even if the match is probably wrong.
+    """
+
+    body: tuple[str, ...] = ()
+    stiffness: float = 0.5
+    gap: float = 0.0
+    force: bool = False
+
+
+class OutfitName(NamedTuple):
+    """An outfit on an avatar, by the names of their files."""
+
+    outfit: str
+    avatar: str
+
+    def __str__(self) -> str:
+        return f"{self.outfit} on {self.avatar}"
+
+
+@dataclass(frozen=True)
+class Worn:
+    """An outfit on an avatar, in values that JSON can store.
+
+    Attributes:
+        key: a hash of the files, the map, the fitting and the version of this package.
+        output: the written file, relative to the folder of the results.
+        level: level of the verdict.
+        sentence: its reason.
+        advice: what to do.
+        inside: the share of the cloth that is in the skin, in each pose.
+        stretched: the share of its edges that are stretched.
+        objects: names of the worn meshes.
+        joints: number of the outfit's own joints.
+        notes: sentences for the user.
+    """
+
+    key: str
+    output: str
+    level: str
+    sentence: str
+    advice: str
+    inside: Mapping[str, float]
+    stretched: float
+    objects: tuple[str, ...]
+    joints: int
+    notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the match and on the clothes."""
+        return Verdict(self.level, self.sentence, self.advice)
+
+
+@dataclass(frozen=True, eq=False)
+class OutfitsResult:
+    """The outfits on avatars.
+
+    Attributes:
+        folder: folder of the results.
+        worn: how each outfit fits each avatar.
+        failures: what failed and why, by the name of a file or of an outfit on an avatar.
+        matched: the number of pairs of bodies that were matched in this run.
+        dressed: the number of avatars that were written in this run.
+    """
+
+    folder: Path
+    worn: dict[OutfitName, Worn]
+    failures: dict[str, str]
+    matched: int
+    dressed: int
+
+
+def dress_all(
+    outfits: Sequence[Path],
+    avatars: Sequence[Path],
+    folder: Path,
+    fitting: Fitting,
+    options: MatchOptions,
+    *,
+    cache: Path | None = None,
+    engine: Engine | None = None,
+) -> OutfitsResult:
+    """Dress each avatar in each outfit, and write it to `dressed/AVATAR/OUTFIT` in a folder.
+
+    Args:
+        outfits: files of dressed avatars.
+        avatars: files of avatars to dress; their own clothes stay.
+        folder: folder of the results, created if missing.
+        fitting: how to fit.
+        options: options of every match.
+        cache: folder of prepared bodies.
+        engine: runs the tasks; None for this process.
+
+    Raises:
+        MeshError: no outfit can be put on any avatar.
+    """
+    engine = InThisProcess() if engine is None else engine
+    names, failures = _names([*outfits, *avatars]), dict[str, str]()
+    bodies = _write_bodies(outfits, avatars, names, folder, fitting, failures)
+    wanted = [
+        (outfit, avatar)
+        for outfit in outfits
+        for avatar in avatars
+        if names[outfit] in bodies and names[avatar] in bodies and not is_same_file(outfit, avatar)
+    ]
+    if not wanted:
+        reasons = " ".join(dict.fromkeys(failures.values()))
+        raise MeshError(reasons or "Every outfit is that of the only avatar: give other outfits or avatars.")
+    with portion(0, MATCHED):
+        matches = _match_bodies(wanted, names, bodies, folder, options, cache, engine)
+    tasks, pairs = [], dict[str, OutfitName]()
+    for outfit, avatar in wanted:
+        name = OutfitName(names[outfit], names[avatar])
+        of_bodies = bodies[name.outfit].stem, bodies[name.avatar].stem
+        verdict = _verdict(matches, of_bodies)
+        if isinstance(verdict, str):
+            failures[str(name)] = verdict
+            continue
+        arguments = outfit.absolute(), avatar.absolute(), name, of_bodies, folder.absolute(), fitting, verdict
+        tasks.append(Task(str(name), dress_file, arguments))
+        pairs[str(name)] = name
+    worn, dressed = dict[OutfitName, Worn](), 0
+    with portion(MATCHED, 1):
+        for done in run_tasks(engine, tasks, lambda ended: f"Dressing {ended} of {len(tasks)}"):
+            if isinstance(done.result, Failure):
+                failures[done.key] = done.result.message
+            else:
+                worn[pairs[done.key]], is_new = done.result
+                dressed += is_new
+    return OutfitsResult(folder, worn, failures, matches.matched, dressed)
+
+
+def _names(files: Iterable[Path]) -> dict[Path, str]:
+    """A name for each file: without extension, unless two would be equal."""
+    found: dict[Path, str] = {}
+    for path in files:
+        taken = set(found.values()) - {found.get(path)}
+        name = path.stem if path.stem not in taken else path.name
+        if path not in found and name in taken:
+            raise MeshError(f"Two files are called {path.name}: rename one of them.")
+        found.setdefault(path, name)
+    return found
+
+
+def _write_bodies(
+    outfits: Sequence[Path],
+    avatars: Sequence[Path],
+    names: Mapping[Path, str],
+    folder: Path,
+    fitting: Fitting,
+    failures: dict[str, str],
+) -> dict[str, Path]:
+    """Write the body of each file; outfits of the same body share it, and so do avatars."""
+    place = folder / BODIES
+    place.mkdir(parents=True, exist_ok=True)
+    found, known = dict[str, Path](), dict[tuple[bool, bytes], Path]()
+    wearing = set(outfits)
+    for path in dict.fromkeys([*outfits, *avatars]):
+        try:
+            body = split_avatar(read_avatar_file(path), fitting.body, wears=path in wearing).body
+        except (MeshError, ImportError) as error:
+            failures[names[path]] = str(error)
+            continue
+        made = place / f"{names[path]}.ply"
+        with atomic_write(made) as part:
+            write_shape(body.surface, part)
+        first = known.setdefault((path in wearing, made.read_bytes()), made)
+        if first != made:
+            made.unlink()
+        found[names[path]] = first
+    return found
+
+
+def read_avatar_file(path: Path) -> Asset:
+    """Read an avatar.
+
+    Raises:
+        MeshError: it cannot be read, or is of another format.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise MeshError(f"{path} is no glTF or VRM file: export it as one, or use Dress in Blender.")
+    return read_asset(path)
+
+
+def _match_bodies(
+    wanted: Sequence[tuple[Path, Path]],
+    names: Mapping[Path, str],
+    bodies: Mapping[str, Path],
+    folder: Path,
+    options: MatchOptions,
+    cache: Path | None,
+    engine: Engine,
+) -> CollectionResult:
+    """Match each pair of bodies once."""
+    pairs = list(dict.fromkeys((bodies[names[outfit]].stem, bodies[names[avatar]].stem) for outfit, avatar in wanted))
+    files = [path for path in dict.fromkeys(bodies.values()) if any(path.stem in pair for pair in pairs)]
+    return match_collection(files, folder, pairs=pairs, options=options, engine=engine, cache=cache, agree=False)
+
+
+def _verdict(matches: CollectionResult, bodies: tuple[str, str]) -> Verdict | str:
+    """The verdict on the match of two bodies, or why there is none."""
+    pair = next((each for each in matches.records if tuple(each) == bodies), None)
+    if pair is not None:
+        return matches.verdict(pair)
+    names = (" to ".join(bodies), *bodies)
+    return next((matches.failures[name] for name in names if name in matches.failures), "The bodies were not matched.")
+
+
+def dress_file(
+    outfit: Path,
+    avatar: Path,
+    name: OutfitName,
+    bodies: tuple[str, str],
+    folder: Path,
+    fitting: Fitting,
+    verdict: Verdict,
+) -> tuple[Worn, bool]:
+    """Dress an avatar in an outfit, and write it with a picture, unless that is done; returns whether it was new.
+
+    Args:
+        outfit: the file of a dressed avatar.
+        avatar: the file of the avatar to dress.
+        name: names of both.
+        bodies: names of their bodies.
+        folder: folder of the results.
+        fitting: how to fit.
+        verdict: the verdict on the match of the bodies.
+
+    Raises:
+        MeshError: a file cannot be read or written, or the match is probably wrong.
+    """
+    check_verdict(verdict, fitting.force)
+    map_file = folder / place_of_map(PairName(*bodies))
+    contents = [content_key(file_bytes(existing(path))) for path in (outfit, avatar, map_file)]
+    key = content_key(repr((contents, fitting, package_version())).encode())
+    ending = AVATAR if avatar.suffix.lower() == AVATAR else ".glb"
+    output = Path(DRESSED) / name.avatar / f"{name.outfit}{ending}"
+    record = folder / RECORDS / name.avatar / f"{name.outfit}.json"
+    picture = folder / place_of_picture(name)
+    earlier = _read_record(record)
+    if earlier is not None and earlier.key == key and (folder / output).is_file() and picture.is_file():
+        return earlier, False
+    source = split_avatar(read_avatar_file(outfit), fitting.body)
+    target = read_avatar_file(avatar)
+    body = split_avatar(target, fitting.body, wears=False).body
+    assert source.worn is not None
+    assert target.document is not None
+    with portion(0, SHAPED):
+        shape = _shape_of_source(map_file, folder / place_of_fit(bodies), source.body.surface, body.surface)
+    with portion(SHAPED, 1):
+        made = dress_avatar(shape, source.body, source.worn, body, stiffness=fitting.stiffness, gap=fitting.gap)
+    checked = check_outfit(source.body.surface, source.worn.surface, made, body)
+    check_no_input(folder / output, inputs_of(outfit, avatar))
+    (folder / output).parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / output) as part:
+        left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.counterparts)
+    image = draw_outfit(
+        checked,
+        (body.surface.triangles, made.clothes.surface.triangles),
+        [count for _, count in made.clothes.objects],
+        BACKWARDS if VRM_0 in (target.document.gltf.extensions or {}) else 0.0,
+    )
+    write_whole(picture, encode_png(image))
+    level, sentence, advice = worst([verdict, checked.verdict])
+    found = Worn(
+        key,
+        output.as_posix(),
+        level,
+        str(sentence),
+        str(advice),
+        checked.inside,
+        checked.stretched,
+        tuple(each for each, _ in made.clothes.objects),
+        len(made.joints),
+        tuple(map(str, dict.fromkeys((*made.notes, *left_out)))),
+    )
+    write_whole(record, json.dumps(asdict(found), indent=1).encode())
+    return found, True
+
+
+def _shape_of_source(map_file: Path, place: Path, source: Surface, target: Surface) -> Floats:
+    """(n, 3) the vertices of a body in the shape of another one, computed once for each map, and kept in a file."""
+    key = bytes.fromhex(content_key(repr((file_bytes(map_file), package_version())).encode()))
+    with suppress(FileNotFoundError, ArrayFileError, KeyError):
+        known = read_arrays(place)
+        if known["key"].tobytes() == key and known["shape"].shape == source.vertices.shape:
+            return np.asarray(known["shape"])
+    shape = shape_of_source(KnownMatch.load(map_file, source, target), source, target)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(place) as part:
+        write_arrays(part, {"key": np.frombuffer(key, np.uint8), "shape": shape})
+    return shape
+
+
+def place_of_fit(bodies: tuple[str, str]) -> Path:
+    """Path of a body in the shape of another one, in the results."""
+    return Path(FITS) / bodies[0] / f"{bodies[1]}.npz"
+
+
+def place_of_picture(name: OutfitName) -> Path:
+    """Path of the picture of an outfit on an avatar, in the results."""
+    return Path(PICTURES) / name.avatar / f"{name.outfit}.png"
+
+
+def _read_record(path: Path) -> Worn | None:
+    """What an earlier run recorded; None if there is none, or it cannot be read."""
+    try:
+        held: dict[str, Any] = json.loads(path.read_bytes())
+        return Worn(**{**held, "objects": tuple(held["objects"]), "notes": tuple(held["notes"])})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dress an avatar in what another one wears: fitted, with keys that follow the body, and bound to its own joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.append_gltf import NewJoint
+from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.outfits.skeleton import Fit, bind_clothes
+from zoomout_core.runtime.progress import portion
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.dressing.body_keys import follow_keys
+from zoomout_core.transfer.dressing.dress import Dressed, carry
+
+# Fractions of the progress at the end of the fit, and of the keys.
+FITTED, KEYED = 0.4, 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class DressedAvatar:
+    """Clothes on an avatar.
+
+    Attributes:
+        clothes: with the places, keys and skin that they have there. The nodes of the skin are those of the avatar's
+            document, and then the new joints.
+        joints: the outfit's own joints, for the avatar's document.
+        counterparts: the avatar's node for nodes of the outfit's other joints.
+        notes: sentences for the user.
+    """
+
+    clothes: Asset
+    joints: tuple[NewJoint, ...]
+    counterparts: Mapping[int, int]
+    notes: tuple[str, ...]
+
+
+def dress_avatar(
+    shape: Floats, source: Asset, worn: Asset, target: Asset, *, stiffness: float = 0.5, gap: float = 0.0
+) -> DressedAvatar:
+    """Dress an avatar in what another one wears.
+
+    Args:
+        shape: (n, 3) the vertices of the body that wears it in the shape of the body to dress, see `shape_of_source`.
+        source: the body that wears it.
+        worn: what it wears, of the same file.
+        target: the body to dress, of another file.
+        stiffness: how far soft objects keep their form, see `dress`.
+        gap: minimum distance from the skin, see `dress`.
+    """
+    objects = _objects(worn)
+    with portion(0, FITTED):
+        dressed = carry(source.surface, shape, target.surface, objects, stiffness=stiffness, gap=gap)
+    clothes = _place(worn, dressed)
+    with portion(FITTED, KEYED):
+        clothes = _add_body_keys(clothes, target, objects, dressed)
+    bound = bind_clothes(clothes, Fit(source, shape, objects, dressed.vertices), target)
+    return DressedAvatar(bound.clothes, bound.joints, bound.counterparts, (*dressed.notes, *bound.notes))
+
+
+def _turn(asset: Asset, turns: Floats) -> Asset:
+    """An asset with shape keys and normals turned by matrices (n, 3, 3) of its vertices."""
+    attributes = []
+    for each in asset.attributes:
+        values = np.asarray(each.values)
+        if each.name == SHAPE_KEYS:
+            each = replace(each, values=np.einsum("nxy,nky->nkx", turns, values))
+        elif each.name == NORMALS:
+            each = replace(
+                each, values=unit_vectors(np.einsum("cxy,cy->cx", turns[asset.surface.corner_vertex], values))
+            )
+        attributes.append(each)
+    return replace(asset, attributes=tuple(attributes))
+
+
+def _objects(worn: Asset) -> list[Surface]:
+    """The surface of each object, in the order of the vertices."""
+    surface, ends = worn.surface, np.cumsum([0, *(count for _, count in worn.objects)])
+    first = surface.corner_vertex[surface.face_start[:-1]]
+    found = []
+    for start, stop in pairwise(ends.tolist()):
+        faces = np.flatnonzero((first >= start) & (first < stop))
+        corners = slice(surface.face_start[faces[0]], surface.face_start[faces[-1] + 1])
+        starts = surface.face_start[faces[0] : faces[-1] + 2] - surface.face_start[faces[0]]
+        found.append(Surface.from_corners(surface.vertices[start:stop], surface.corner_vertex[corners] - start, starts))
+    return found
+
+
+def _place(worn: Asset, dressed: Dressed) -> Asset:
+    """What is worn, where it was fitted."""
+    moved = replace(worn, surface=worn.surface.with_vertices(np.concatenate(dressed.vertices)))
+    return _turn(moved, np.concatenate(dressed.turns))
+
+
+def _add_body_keys(clothes: Asset, target: Asset, objects: list[Surface], dressed: Dressed) -> Asset:
+    """Add a key for each of the body's that moves the clothes; it replaces one of the same name."""
+    of_body, own = target.find(SHAPE_KEYS), clothes.find(SHAPE_KEYS)
+    if of_body is None:
+        return clothes
+    fitted = [each.with_vertices(points) for each, points in zip(objects, dressed.vertices, strict=True)]
+    followed = np.concatenate(follow_keys(target.surface, of_body.values, fitted))
+    moving = np.flatnonzero(followed.any(axis=(0, 2)))
+    values = {of_body.labels[key]: followed[:, key] for key in moving}
+    if own is not None:
+        values = {name: own.values[:, key] for key, name in enumerate(own.labels)} | values
+    others = tuple(each for each in clothes.attributes if each is not own)
+    if not values:
+        return replace(clothes, attributes=others)
+    stacked = np.stack(list(values.values()), axis=1)
+    keys = Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, stacked, tuple(values))
+    return replace(clothes, attributes=(*others, keys))

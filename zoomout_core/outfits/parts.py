@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The body and the worn parts of an avatar file, told apart by the names of its meshes and materials."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Booleans
+from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.mesh.opening import shown
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.transfer.attribute import Domain
+from zoomout_core.transfer.groups import expand_ranges
+
+# Words in names of parts of the body, and of worn parts, such as those of VRoid, VRChat and MakeHuman.
+OF_BODY = re.compile(
+    r"body|skin|face|head(?!band|phone|set|dress)|eye(?!glass|wear)|iris|pupil|lash|brow|mouth|lip|teeth|tooth|tongue"
+    r"|gum|ear(?!ring)|nail|hand(?!bag)|foot(?!wear)|feet|human|base ?mesh"
+)
+OF_WORN = re.compile(
+    r"cloth|wear|hair|wig|braid|tops?\b|bottom|shirt|blouse|jacket|coat|hood|vest|sweater|dress|skirt|pants|trouser"
+    r"|jeans|shorts|suit|uniform|kimono|underwear|bra\b|panty|sock|stocking|tights|shoe|boot|sandal|heel|glove|hat\b|cap\b"
+    r"|helmet|glass|mask|belt|bag|ribbon|scarf|tie\b|necklace|collar|ring\b|accessor|armor|armour|outfit|tail|wing|horn"
+)
+
+
+class AvatarParts(NamedTuple):
+    """An avatar file in two parts.
+
+    Attributes:
+        body: the body; all of the file if nothing is worn.
+        worn: what it wears; None if nothing is.
+    """
+
+    body: Asset
+    worn: Asset | None
+
+
+def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) -> AvatarParts:
+    """Split an avatar file into its body and what it wears.
+
+    Args:
+        asset: the file.
+        body: patterns of the names of meshes or materials of the body, such as `Body*`; by words in these names, when
+            not given.
+        wears: whether it must have both. If not, parts of unknown names belong to the body.
+
+    Raises:
+        MeshError: it must have both, and has not.
+    """
+    surface = asset.surface
+    first = surface.corner_vertex[surface.face_start[:-1]]
+    owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
+    materials = asset.find(MATERIALS)
+    material = np.full(len(first), -1) if materials is None else np.asarray(materials.values)
+    pairs, part = np.unique(np.column_stack([owner[first], material]), axis=0, return_inverse=True)
+    names = [
+        (asset.objects[mesh][0], asset.materials[number].name if number >= 0 else "") for mesh, number in pairs.tolist()
+    ]
+    kinds = [_is_of_body(*name, body) for name in names]
+    known = [(not wears) if kind is None else kind for kind in kinds]
+    if wears and (all(known) or not any(known)):
+        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
+        raise MeshError(
+            "The file needs a body and something worn, which the names of its parts do not tell apart "
+            f"({listed}): name those of the body by --body."
+        )
+    of_body = np.array(known)[part.ravel()]
+    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+
+
+def _is_of_body(mesh: str, material: str, patterns: Sequence[str]) -> bool | None:
+    """Whether a part is of the body, by its material first; None if that is unknown."""
+    if patterns:
+        return any(fnmatchcase(name.lower(), pattern.lower()) for name in (mesh, material) for pattern in patterns)
+    for name in (material, mesh):
+        words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+        if OF_WORN.search(words):
+            return False
+        if OF_BODY.search(words):
+            return True
+    return None
+
+
+def keep_faces(asset: Asset, chosen: Booleans) -> Asset:
+    """The faces (f,) of an asset that are chosen, with their vertices and data."""
+    surface = asset.surface
+    faces = np.flatnonzero(chosen)
+    owner, corners = expand_ranges(surface.face_start[faces], surface.face_start[faces + 1])
+    used, corner_vertex = np.unique(surface.corner_vertex[corners], return_inverse=True)
+    starts = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(faces)))])
+    rows = {Domain.POINT: used, Domain.CORNER: corners, Domain.FACE: faces}
+    attributes = tuple(
+        replace(each, values=np.asarray(each.values)[rows[each.domain]])
+        for each in asset.attributes
+        if each.domain in rows
+    )
+    ends = np.cumsum([0, *(count for _, count in asset.objects)])
+    counts = np.diff(np.searchsorted(used, ends)).tolist()
+    kept = [number for number, count in enumerate(counts) if count]
+    skin = asset.skin
+    if skin is not None:
+        weights = csr_array(skin.weights[used])
+        skin = replace(skin, rest=skin.rest[used], linear=skin.linear[used], weights=weights)
+    return replace(
+        asset,
+        surface=Surface.from_corners(surface.vertices[used], corner_vertex.ravel(), starts),
+        attributes=attributes,
+        skin=skin,
+        objects=tuple((asset.objects[number][0], counts[number]) for number in kept),
+        nodes=tuple(asset.nodes[number] for number in kept if asset.nodes),
+    )

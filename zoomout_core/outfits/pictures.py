@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of a dressed avatar: from the front, from the back, and in two poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Bytes, Floats, Integers
+from zoomout_core.colors import BAD_TO_GOOD
+from zoomout_core.drawing import draw_triangles
+from zoomout_core.outfits.check import REST, CheckedOutfit
+
+# Pixels of a picture.
+WIDTH, HEIGHT = 200, 320
+# The share of the picture that the avatar fills.
+FILLED = 0.92
+# Degrees by which poses are seen from the side.
+YAW = 25.0
+# Colours of paper and skin, and of the worn objects in turn; red marks cloth in the skin.
+PAPER, SKIN = np.full(3, 0.97), np.array([0.86, 0.72, 0.63])
+WORN = np.array([[0.30, 0.45, 0.70], [0.75, 0.70, 0.50], [0.35, 0.55, 0.40], [0.45, 0.38, 0.55], [0.30, 0.30, 0.33]])
+MARK = BAD_TO_GOOD[0]
+
+
+def draw_outfit(
+    checked: CheckedOutfit, triangles: tuple[Integers, Integers], counts: Sequence[int], front: float = 0.0
+) -> Bytes:
+    """Draw an avatar from the front and back, and in each pose, side by side.
+
+    Args:
+        checked: the body and the clothes in each pose.
+        triangles: those of the body and of the clothes, each with its own vertex numbers.
+        counts: the number of vertices of each worn object.
+        front: degrees about the vertical axis from z to where the avatar looks.
+
+    Returns:
+        (height, width, 3) pixels, rows from top to bottom.
+    """
+    poses = [(REST, 0.0), (REST, 180.0), *((pose, YAW) for pose in checked.bodies if pose != REST)]
+    first = len(checked.bodies[REST])
+    whole = np.concatenate([triangles[0], triangles[1] + first])
+    return np.concatenate([_draw(checked, pose, yaw - front, whole, counts) for pose, yaw in poses], axis=1)
+
+
+def _draw(checked: CheckedOutfit, pose: str, yaw: float, triangles: Integers, counts: Sequence[int]) -> Bytes:
+    """A picture of a pose, turned about the vertical axis, in degrees."""
+    body, cloth = checked.bodies[pose], checked.clothes[pose]
+    points, angle = np.concatenate([body, cloth]), np.radians(yaw)
+    right, towards = np.array([[np.cos(angle), 0, -np.sin(angle)], [np.sin(angle), 0, np.cos(angle)]])
+    seen = points @ np.array([right, [0, 1, 0], towards]).T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    scale = FILLED * float((np.array([WIDTH, HEIGHT]) / np.maximum(high - low, np.finfo(float).tiny)[:2]).min())
+    placed = (seen - (low + high) / 2) * scale + [WIDTH / 2, HEIGHT / 2, 0]
+    colors = np.concatenate([np.tile(SKIN, (len(body), 1)), _colors(checked.marks[pose], counts)])
+    return draw_triangles(placed, triangles, colors, WIDTH, HEIGHT, PAPER)
+
+
+def _colors(marked: Booleans, counts: Sequence[int]) -> Floats:
+    """(n, 3) colours of the cloth."""
+    colors = WORN[np.repeat(np.arange(len(counts)) % len(WORN), counts)]
+    return np.where(marked[:, None], MARK, colors)

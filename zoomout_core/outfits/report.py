@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Report on outfits: `report.json` for programs, and `report.html`, one page with pictures for any browser."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections import Counter
+from dataclasses import asdict
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from zoomout_core.collection.report import PAGE, REPORT
+from zoomout_core.matching.verdict import LEVELS
+from zoomout_core.outfits.batch import OutfitName, OutfitsResult, Worn, place_of_picture
+from zoomout_core.runtime.outputs import atomic_write
+
+PAGE_TEMPLATE = Template((Path(__file__).parent / "report_page.html").read_text(encoding="utf-8"))
+
+
+def figures_of_outfits(result: OutfitsResult) -> dict[str, Any]:
+    """How the outfits fit, in values that JSON can store; those to look at come first."""
+    rows = []
+    for name, worn in _in_order(result):
+        row = asdict(worn)
+        for unused in ("key", "level", "sentence", "advice"):
+            del row[unused]
+        rows.append({**name._asdict(), "verdict": worn.verdict._asdict(), **row})
+    return {
+        "matched_now": result.matched,
+        "dressed_now": result.dressed,
+        "verdicts": _count_levels(result),
+        "outfits": rows,
+        "failures": result.failures,
+    }
+
+
+def lines_of_outfits(result: OutfitsResult) -> list[str]:
+    """The same in sentences."""
+    levels = ", ".join(f"{count} {level}" for level, count in _count_levels(result).items() if count)
+    lines = [f"{len(result.worn)} outfits on avatars: {levels}." if result.worn else "No outfit was put on an avatar."]
+    lines += [f"{name}: {worn.verdict.line}" for name, worn in _in_order(result) if worn.level != LEVELS[0]]
+    lines += [f"{name}: failed. {reason}" for name, reason in result.failures.items()]
+    return lines
+
+
+def write_reports(result: OutfitsResult) -> None:
+    """Write `report.json` and `report.html` to the folder of the results.
+
+    Raises:
+        OutputError: they cannot be written.
+    """
+    with atomic_write(result.folder / REPORT) as part:
+        part.write_text(f"{json.dumps(figures_of_outfits(result), indent=1)}\n", encoding="utf-8")
+    with atomic_write(result.folder / PAGE) as part:
+        part.write_text(page_of(result), encoding="utf-8", errors="backslashreplace")
+
+
+def page_of(result: OutfitsResult) -> str:
+    """The HTML page."""
+    failed = "".join(f"<p><b>{escape(name)}</b>: {escape(why)}</p>" for name, why in result.failures.items())
+    return PAGE_TEMPLATE.substitute(
+        title=escape(result.folder.absolute().name),
+        summary=f"<p>{escape(lines_of_outfits(result)[0])}</p>",
+        cards="".join(_card(result, name, worn) for name, worn in _in_order(result)),
+        failures=f"<h2>Failed</h2>{failed}" * bool(failed),
+    )
+
+
+def _card(result: OutfitsResult, name: OutfitName, worn: Worn) -> str:
+    """The picture of an outfit on an avatar, with its verdict and figures."""
+    data = b64encode((result.folder / place_of_picture(name)).read_bytes()).decode()
+    inside = ", ".join(f"{share:.2%} ({pose})" for pose, share in worn.inside.items())
+    about = [
+        worn.verdict.line,
+        f"Cloth in the skin: {inside}. Stretched edges: {worn.stretched:.2%}.",
+        f"{worn.output}: {', '.join(worn.objects)}.",
+        *worn.notes,
+    ]
+    return (
+        f'<figure class="{worn.level}"><img loading="lazy" alt="{escape(str(name))}" '
+        f'src="data:image/png;base64,{data}"><figcaption><b>{escape(str(name))}</b>'
+        f"{''.join(f'<small>{escape(line)}</small>' for line in about)}</figcaption></figure>"
+    )
+
+
+def _in_order(result: OutfitsResult) -> list[tuple[OutfitName, Worn]]:
+    """The worst verdicts first, then by name."""
+    return sorted(result.worn.items(), key=lambda row: (-LEVELS.index(row[1].level), row[0]))
+
+
+def _count_levels(result: OutfitsResult) -> dict[str, int]:
+    levels = Counter(worn.level for worn in result.worn.values())
+    return {level: levels[level] for level in LEVELS}

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bind clothes of one avatar to the joints of another one.
+
+Joints that move only clothes, such as those of skirts, ribbons and hair, are added to the other avatar. All others are
+replaced by their counterparts: those of the same humanoid bone, name or place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.assets.append_gltf import NewJoint
+from zoomout_core.assets.asset import Asset, Skin, to_rest
+from zoomout_core.assets.avatars import read_avatar
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.messages import message, warning
+from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
+from zoomout_core.transfer.dressing.joints import move_joints
+from zoomout_core.transfer.skinning import normalise
+from zoomout_core.transfer.stretch import parents_first
+
+
+@dataclass(frozen=True, eq=False)
+class BoundClothes:
+    """Clothes with the skin of another avatar.
+
+    Attributes:
+        clothes: the clothes.
+        joints: the outfit's own joints, to be added to the avatar's document.
+        counterparts: the avatar's node for nodes of the outfit's other joints.
+        notes: sentences for the user.
+    """
+
+    clothes: Asset
+    joints: tuple[NewJoint, ...] = ()
+    counterparts: Mapping[int, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How clothes and the body below them were moved.
+
+    Attributes:
+        body: the body that wore them.
+        shape: (n, 3) its vertices in the shape of the other body.
+        objects: what it wore, in the order of the clothes' vertices.
+        fitted: for each of these (n, 3) its vertices on the other body.
+    """
+
+    body: Asset
+    shape: Floats
+    objects: Sequence[Surface]
+    fitted: Sequence[Floats]
+
+
+def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
+    """Bind clothes to the joints of another avatar.
+
+    Args:
+        clothes: where they were fitted, with the skin that they had.
+        fit: how they were fitted.
+        target: the body of the avatar.
+    """
+    if target.skin is None or target.document is None:
+        return BoundClothes(replace(clothes, skin=None))
+    if clothes.skin is None or clothes.document is None or fit.body.skin is None:
+        return BoundClothes(replace(clothes, skin=_skin_of_body(clothes.surface, target.surface, target.skin)))
+    own = _moving(clothes.skin) & ~_moving(fit.body.skin)
+    pairs = _pair_joints(clothes, own, fit, target)
+    joints, numbers, anchors = _copy_joints(clothes, own, fit, target, pairs)
+    notes = []
+    if joints:
+        notes.append(message("{count} joints of the outfit were added to the avatar.", count=len(joints)))
+    used = np.unique(clothes.skin.weights.indices)
+    lost = [clothes.skin.names[joint] for joint in used.tolist() if not own[joint] and joint not in pairs]
+    if lost:
+        notes.append(
+            warning(
+                "{count} joints that move the outfit have no counterpart in the avatar, such as {joint}: the joints "
+                "above them move it instead.",
+                count=len(lost),
+                joint=lost[0],
+            )
+        )
+    skin = _make_skin(clothes, target, joints, numbers, anchors, _columns(clothes.skin, target.skin, pairs, numbers))
+    nodes = {int(clothes.skin.nodes[joint]): int(target.skin.nodes[other]) for joint, other in pairs.items()}
+    return BoundClothes(replace(clothes, skin=skin), joints, nodes, tuple(notes))
+
+
+def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
+    """A skin for a surface without one: the weights of the nearest places of the body."""
+    triangle, shares = closest_points(surface.vertices, body.vertices, body.triangles)
+    rows = np.repeat(np.arange(len(triangle)), 3)
+    index = rows, body.triangles[triangle].ravel()
+    nearest = csr_array(coo_array((shares.ravel(), index), shape=(len(triangle), len(body.vertices))))
+    weights = normalise(csr_array(nearest @ skin.weights))
+    rest, linear = to_rest(surface.vertices, weights, skin.transforms)
+    return replace(skin, rest=rest, linear=linear, weights=weights)
+
+
+def _moving(skin: Skin) -> Booleans:
+    """(b,) which joints move something, themselves or by those below them."""
+    moving = np.isin(np.arange(len(skin.names)), skin.weights.indices[skin.weights.data > 0])
+    for joint in reversed(parents_first(skin.parents)):
+        if skin.parents[joint] >= 0:
+            moving[skin.parents[joint]] |= moving[joint]
+    return moving
+
+
+def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict[int, int]:
+    """The avatar's joint for each joint of the clothes that has a counterpart and is not their own."""
+    size = float(np.ptp(target.surface.vertices, axis=0).max())
+    heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
+    sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
+    chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
+    bones, others = (_skeleton(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True))
+    humanoid = [{} if avatar is None else avatar.bones for avatar in (read_avatar(a.document) for a, _, _ in sides)]
+    known = {name: humanoid[1][bone] for bone, name in humanoid[0].items() if bone in humanoid[1]}
+    known = {a: b for a, b in known.items() if a in bones.names and b in others.names}
+    pairs = pair_bones(bones, others, size, known)
+    number, other = (
+        dict(zip(skeleton.names, joints.tolist(), strict=True))
+        for skeleton, joints in zip((bones, others), chosen, strict=True)
+    )
+    return {number[name]: other[pairs[name]] for name in pairs}
+
+
+def _skeleton(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
+    """Some joints of an asset; a parent that is none of them is left out."""
+    assert asset.skin is not None
+    number = {joint: new for new, joint in enumerate(joints.tolist())}
+    parents = np.array([number.get(above, -1) for above in asset.skin.parents[joints].tolist()], dtype=np.int64)
+    return Skeleton([asset.skin.names[joint] for joint in joints], parents, heads[joints])
+
+
+def _heads(asset: Asset) -> Floats:
+    """(b, 3) places of an asset's joints."""
+    assert asset.skin is not None
+    assert asset.document is not None
+    return asset.document.worlds()[0][asset.skin.nodes, :3, 3]
+
+
+def _copy_joints(
+    clothes: Asset, own: Booleans, fit: Fit, target: Asset, pairs: Mapping[int, int]
+) -> tuple[tuple[NewJoint, ...], dict[int, int], list[int]]:
+    """Copy the outfit's own joints, with the nodes that hang from them, such as ends of chains.
+
+    Returns:
+        The joints, the number of each copied node of the outfit's document, and the number in the avatar's skin of the
+        joint that each hangs from.
+    """
+    skin, document = clothes.skin, clothes.document
+    assert skin is not None
+    assert document is not None
+    assert target.skin is not None
+    assert target.document is not None
+    worlds, parent = document.worlds()
+    joint_of = {node: joint for joint, node in enumerate(skin.nodes.tolist())}
+    wearer = _wearers(clothes, own)
+    copied: dict[int, int] = {}  # the own joint above, or at, each copied node
+    for node in document.in_order(parent):
+        joint = joint_of.get(node, -1)
+        if joint >= 0 and own[joint]:
+            copied[node] = joint
+        elif int(parent[node]) in copied and document.gltf.nodes[node].mesh is None:
+            copied[node] = copied[int(parent[node])]
+    nodes = list(copied)
+    places, turned = worlds[nodes, :3, 3].reshape(-1, 3), nearest_rotations(worlds[nodes, :3, :3].reshape(-1, 3, 3))
+    for number, (before, after) in enumerate(zip(fit.objects, fit.fitted, strict=True)):
+        chosen = np.flatnonzero([wearer[copied[node]] == number for node in nodes])
+        joints = move_joints(before, after, places[chosen])
+        places[chosen], turned[chosen] = joints.positions, joints.rotations @ turned[chosen]
+    first, of_target = len(target.document.gltf.nodes), target.document.worlds()[0]
+    made, numbers, anchors, world = list[NewJoint](), dict[int, int](), list[int](), dict[int, Floats]()
+    taken = {each.name for each in target.document.gltf.nodes}
+    for place, rotation, node in zip(places, turned, nodes, strict=True):
+        above = int(parent[node])
+        if above in numbers:
+            anchor, parent_node, parent_world = anchors[numbers[above] - first], numbers[above], world[above]
+        else:
+            anchor = _anchor(joint_of, pairs, above, parent)
+            parent_node = int(target.skin.nodes[anchor])
+            parent_world = of_target[parent_node]
+        world[node] = np.block([[rotation, place[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+        name = _make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
+        made.append(NewJoint(name, parent_node, np.linalg.solve(parent_world, world[node]), node))
+        numbers[node] = first + len(anchors)
+        anchors.append(anchor)
+    return tuple(made), numbers, anchors
+
+
+def _wearers(clothes: Asset, own: Booleans) -> dict[int, int]:
+    """The number of the object that each of the outfit's own joints belongs to: that which its chain moves most."""
+    assert clothes.skin is not None
+    ends, skin = np.cumsum([0, *(count for _, count in clothes.objects)]).tolist(), clothes.skin
+    moved = np.array([np.asarray(skin.weights[start:stop].sum(axis=0)) for start, stop in pairwise(ends)])
+    root: dict[int, int] = {}
+    for joint in parents_first(skin.parents):
+        if own[joint]:
+            root[joint] = root.get(int(skin.parents[joint]), joint)
+    return {
+        joint: int(moved[:, [each for each in root if root[each] == top]].sum(axis=1).argmax())
+        for joint, top in root.items()
+    }
+
+
+def _anchor(joint_of: Mapping[int, int], pairs: Mapping[int, int], node: int, parent: Integers) -> int:
+    """The counterpart of the nearest joint among a node and those above it that has one; 0 without one."""
+    while node >= 0:
+        if joint_of.get(node, -1) in pairs:
+            return pairs[joint_of[node]]
+        node = int(parent[node])
+    return 0
+
+
+def _make_unique(name: str, taken: set[str]) -> str:
+    """A name that is not taken; it is taken afterwards."""
+    found, copy = name, 1
+    while found in taken:
+        copy += 1
+        found = f"{name} {copy}"
+    taken.add(found)
+    return found
+
+
+def _columns(skin: Skin, of_target: Skin, pairs: Mapping[int, int], numbers: Mapping[int, int]) -> Integers:
+    """(b,) the column of each joint's weights in the avatar's skin followed by the new joints."""
+    first = min(numbers.values(), default=0)
+    columns = np.zeros(len(skin.names), dtype=np.int64)
+    for joint in parents_first(skin.parents):
+        node, above = int(skin.nodes[joint]), int(skin.parents[joint])
+        if node in numbers:
+            columns[joint] = len(of_target.names) + numbers[node] - first
+        else:
+            columns[joint] = pairs.get(joint, columns[above] if above >= 0 else 0)
+    return columns
+
+
+def _make_skin(
+    clothes: Asset,
+    target: Asset,
+    joints: Sequence[NewJoint],
+    numbers: Mapping[int, int],
+    anchors: Sequence[int],
+    columns: Integers,
+) -> Skin:
+    """The skin of clothes: the avatar's joints, and then the new ones."""
+    of_target, skin, document = target.skin, clothes.skin, target.document
+    assert of_target is not None
+    assert skin is not None
+    assert document is not None
+    count, first = len(of_target.names), len(document.gltf.nodes)
+    worlds = list(document.worlds()[0])
+    parents = of_target.parents.tolist()
+    inverse_bind, transforms = list(of_target.inverse_bind), list(of_target.transforms)
+    for joint, anchor in zip(joints, anchors, strict=True):
+        worlds.append(worlds[joint.parent] @ joint.matrix)
+        parents.append(count + joint.parent - first if joint.parent >= first else anchor)
+        transforms.append(of_target.transforms[anchor])
+        inverse_bind.append(np.linalg.solve(worlds[-1], of_target.transforms[anchor]))
+    given = skin.weights.tocoo()
+    shape = given.shape[0], count + len(joints)
+    weights = normalise(csr_array(coo_array((given.data, (given.row, columns[given.col])), shape=shape)))
+    rest, linear = to_rest(clothes.surface.vertices, weights, np.array(transforms))
+    return Skin(
+        np.concatenate([of_target.nodes, np.arange(first, first + len(numbers))]).astype(np.int64),
+        (*of_target.names, *(joint.name for joint in joints)),
+        np.array(parents),
+        np.array(inverse_bind),
+        np.array(transforms),
+        rest,
+        linear,
+        weights,
+    )
