@@ -30,6 +30,7 @@ ROOMS = (
     "plotting",
     "samples",
     "collection",
+    "library",
 )
 # Every package may import it; it imports none of them.
 RUNTIME = "runtime"
