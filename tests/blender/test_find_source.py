@@ -6,6 +6,7 @@ import pytest
 from scenes import activate, from_pydata
 
 import zoomout_core as zo
+from blender_addon import api
 from blender_addon.scene.files import save_scene
 from blender_addon.services.library import append_source, library_folders
 from zoomout_core.mesh.files import write_shape
@@ -42,6 +43,13 @@ def test_a_search_lists_files_and_appends_none(target, folder):
     assert settings.source.name == "hero"
     assert bpy.data.collections["hero"].objects[:] == [settings.source]
     assert bpy.context.active_object == target
+
+
+def test_scripts_find_sources_without_a_selection(target, folder):
+    search = api.find_source(bpy.context, target, [str(folder)])
+    assert [each.path.stem for each in search.found.ranked] == ["hero"]
+    assert [path.name for path in search.failures] == ["broken.obj"]
+    assert api.append_source(bpy.context, search.found.best.path).name == "hero"
 
 
 def test_a_search_needs_a_library(target, tmp_path):

@@ -14,7 +14,9 @@ from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import progress_bar
 from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.search import FoundSource, FoundSources
-from zoomout_core.messages import probability
+from zoomout_core.messages import message, probability
+
+NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout library` prepares them or says why not."
 
 
 @click.command()
@@ -47,7 +49,7 @@ def find(target: str, folders: tuple[str, ...], index: str | None, as_json: bool
         new = sum(len(library.new_files()) for library in libraries)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    notes = [f"{new} files of the library are not prepared: run `zoomout library` again."] if new else []
+    notes = [message(NOT_PREPARED, count=new)] if new else []
     say([*_lines(found), *notes], {"target": target, **_figures(found), "notes": notes}, as_json)
     if found.refusal:
         sys.exit(FAILED)

@@ -242,7 +242,7 @@ def test_commands_prepare_and_find(tmp_path: Path, folder: Path, target: zo.Surf
     assert found["best"] == found["nearest"] == str(folder / "pack" / "whole.ply")
     assert found["refusal"] is None
     assert found["assets"][0]["fits"]
-    assert "1 file" in found["notes"][0]
+    assert "not prepared: 1;" in found["notes"][0]
     with retune(SEARCH, max_difference=0.0):
         code, said = run("find", tmp_path / "scan.ply", "--library", folder)
     assert code == 1
