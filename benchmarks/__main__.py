@@ -208,6 +208,16 @@ def small_parts(data: Path, pairs: int | None, json_file: Path | None) -> None:
 
 @main.command()
 @common_options
+@click.option("--judging", is_flag=True, help="Leave out the packs that set the numbers of the search.")
+def library(data: Path, pairs: int | None, json_file: Path | None, judging: bool) -> None:
+    """The right asset and family of posed and remeshed queries in a library, refusals, and seconds per query."""
+    from benchmarks import library as library_table  # it starts Blender, which the other tables do without
+
+    report(library_table.run(data, pairs, judging), data, json_file)
+
+
+@main.command()
+@common_options
 def specimens(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """Error, confidence and wall swaps of landmarks on bones and teeth, beside the map alone and the best rigid fit."""
     report(specimens_table.run(data, pairs), data, json_file)

@@ -11,6 +11,7 @@ import zoomout_core as zo
 from . import cli, operators, presets, translations, watch
 from .operators import modal
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
+from .properties.library import CLASSES as LIBRARY_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
 from .ui import manual, menus, panels, preferences, thumbnails
@@ -20,6 +21,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (
         ZOOMOUT_PG_symmetry,
         *LANDMARK_CLASSES,
+        *LIBRARY_CLASSES,
         ZOOMOUT_PG_settings,
         *operators.CLASSES,
         *presets.CLASSES,

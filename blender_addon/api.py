@@ -37,6 +37,9 @@ True
 
 `match_collections` matches two characters of several objects, such as body, eyes and clothes, as a whole.
 
+`find_source(context, scan, ["characters"])` finds the character of a folder that fits a mesh best, and
+`append_source(context, path)` appends it.
+
 `detect_symmetry` finds a mesh's own symmetry in any pose and stores it on the mesh, for the functions that follow:
 
 >>> symmetry, *others = api.detect_symmetry(context, body, left="X")
@@ -76,6 +79,7 @@ from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
+from .services.library import append_source, find_source
 from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
@@ -97,11 +101,13 @@ __all__ = [
     "LandmarkPairs",
     "Settings",
     "Wrapping",
+    "append_source",
     "bind_to_rig",
     "check_symmetry",
     "choose_symmetry",
     "detect_symmetry",
     "dress",
+    "find_source",
     "landmark_pairs",
     "match_collections",
     "match_objects",

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult, match_collection
     from zoomout_core.evaluation import geodesic_error
     from zoomout_core.geometry.shot import shot
+    from zoomout_core.library.library import Library, Preparation, find_source
+    from zoomout_core.library.search import FoundSource, FoundSources
     from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
     from zoomout_core.maps.descriptor_fit import fit_functional_map
     from zoomout_core.maps.functional_map import (
@@ -88,13 +90,17 @@ __all__ = [
     "ConsistentMaps",
     "Domain",
     "Dressed",
+    "FoundSource",
+    "FoundSources",
     "Kind",
+    "Library",
     "Lines",
     "MatchOptions",
     "MatchResult",
     "MeshError",
     "MovedJoints",
     "PointCloud",
+    "Preparation",
     "Progress",
     "ProximityMatch",
     "SpectralBasis",
@@ -111,6 +117,7 @@ __all__ = [
     "detect_symmetry",
     "dress",
     "eigenbasis",
+    "find_source",
     "fit_functional_map",
     "follow_keys",
     "forget_shapes",
@@ -162,6 +169,8 @@ _HOMES = {
     "collection.collection": ("CollectionResult", "match_collection"),
     "evaluation": ("geodesic_error",),
     "geometry.shot": ("shot",),
+    "library.library": ("Library", "Preparation", "find_source"),
+    "library.search": ("FoundSource", "FoundSources"),
     "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
     "maps.descriptor_fit": ("fit_functional_map",),
     "maps.functional_map": (

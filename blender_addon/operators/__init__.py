@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin wrappers of functions that scripts can call as well."""
 
-from . import select_faults, symmetry
+from . import find_source, select_faults, symmetry
 from .bend_match import ZOOMOUT_OT_bend_match
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
@@ -52,5 +52,6 @@ CLASSES = (
     ZOOMOUT_OT_remove_landmark,
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_match_collections,
+    *find_source.CLASSES,
     *symmetry.CLASSES,
 )

@@ -10,6 +10,7 @@ from bpy.types import Object, Operator, PropertyGroup
 from .collections import CollectionSettings
 from .dress import DressCollection, DressOptions
 from .landmarks import LandmarkSettings
+from .library import FoundSettings, LibrarySettings
 from .match import MatchOptions, RedoOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
@@ -60,6 +61,8 @@ class ZOOMOUT_PG_settings(
     DressCollection,
     LandmarkSettings,
     CollectionSettings,
+    LibrarySettings,
+    FoundSettings,
     PropertyGroup,
 ):
     """The scene's settings."""

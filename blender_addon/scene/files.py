@@ -61,13 +61,8 @@ def open_scene(context: Context, path: str | Path) -> None:
     Raises:
         MeshError: the file does not exist, its format is not supported, or it cannot be read.
     """
-    path = Path(path)
+    path = _check_readable(path)
     ending = path.suffix.lower()
-    if not path.is_file():
-        raise zo.MeshError("There is no file {path}: check the path.", path=path)
-    if ending not in READABLE:
-        raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
-    check_named_files(path)  # importers would read them anywhere
     try:
         if ending == BLEND:
             # With its windows, which determine the active scene and view layer.
@@ -85,6 +80,38 @@ def open_scene(context: Context, path: str | Path) -> None:
     if active is not None and active.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     context.view_layer.update()
+
+
+def append_file(context: Context, path: str | Path) -> list[Object]:
+    """Append the objects of a file to a new collection of the scene, which is named after it.
+
+    Raises:
+        MeshError: the file does not exist, its format is not supported, or it cannot be read.
+    """
+    path = _check_readable(path)
+    ending = path.suffix.lower()
+    before = {each.session_uid for each in bpy.data.objects}
+    try:
+        if ending == BLEND:
+            with bpy.data.libraries.load(str(path.resolve()), link=False) as (there, wanted):
+                wanted.objects = there.objects
+        else:
+            _enable(ending)
+            IMPORTERS[ending](filepath=str(path.resolve()))
+    except (RuntimeError, OSError) as error:
+        raise zo.MeshError(
+            f"Blender could not append {path} ({_reason(error)}): check that the file is complete and has the right "
+            "extension."
+        ) from error
+    found = [obj for obj in bpy.data.objects if obj.session_uid not in before]
+    collection = bpy.data.collections.new(path.stem)
+    context.scene.collection.children.link(collection)
+    for obj in found:
+        for other in obj.users_collection:
+            other.objects.unlink(obj)
+        collection.objects.link(obj)
+    context.view_layer.update()
+    return found
 
 
 def shown_meshes(context: Context) -> list[str]:
@@ -195,6 +222,21 @@ def check_writable_format(path: str | Path) -> None:
         raise zo.MeshError(f"{path} has no supported file extension: use {', '.join(WRITABLE)}.")
 
 
+def _check_readable(path: str | Path) -> Path:
+    """The path of a file that Blender may read.
+
+    Raises:
+        MeshError: the file does not exist, or its format is not supported.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise zo.MeshError("There is no file {path}: check the path.", path=path)
+    if path.suffix.lower() not in READABLE:
+        raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
+    check_named_files(path)  # importers would read them anywhere
+    return path
+
+
 def _enable(ending: str) -> None:
     """Turn on the Blender add-on that a format needs, for this session."""
     if ending in ADDONS:
@@ -220,6 +262,6 @@ def _all_data() -> Iterator[ID]:
             yield from getattr(bpy.data, each.identifier)
 
 
-def _reason(error: RuntimeError) -> str:
+def _reason(error: Exception) -> str:
     """The error of one of Blender's operators, as a part of a sentence."""
     return " ".join(str(error).split()).removeprefix("Error: ").rstrip(".")

@@ -22,6 +22,7 @@ from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_c
 from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.dress import ZOOMOUT_OT_dress
+from ..operators.find_source import ZOOMOUT_OT_find_source
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
@@ -47,6 +48,7 @@ class ZOOMOUT_MT_object(Menu):
         work = (
             ZOOMOUT_OT_match,
             ZOOMOUT_OT_match_collections,
+            ZOOMOUT_OT_find_source,
             ZOOMOUT_OT_transfer,
             ZOOMOUT_OT_bind_to_rig,
             ZOOMOUT_OT_test_poses,

@@ -69,7 +69,7 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
     below = "Blending", "Groups and Attributes", "Topology", "Bind to Rig", "Check Binding", "Wrap", "Dress"
-    of_match = "Landmarks", "Hints", "Collections", "Advanced"
+    of_match = "Landmarks", "Hints", "Collections", "Libraries", "Advanced"
     assert names == ["Match", *of_match, "Transfer", *below, "Symmetry"]
 
 

@@ -149,7 +149,12 @@ def test_every_operator_is_in_a_menu_so_that_it_is_found_by_searching():
         layout = Layout([])
         menu.draw(SimpleNamespace(layout=layout), Context())
         found += layout.operators
-    hidden = {"zoomout.choose_data", "zoomout.add_match_preset", "zoomout.add_transfer_preset"}  # of panels
+    hidden = {
+        "zoomout.append_source",
+        "zoomout.choose_data",
+        "zoomout.add_match_preset",
+        "zoomout.add_transfer_preset",
+    }  # of panels
     assert set(found) == {f"zoomout.{name}" for name in operators()} - hidden
 
 

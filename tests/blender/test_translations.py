@@ -50,6 +50,7 @@ TEMPLATES = {
 SHOWING = {"Finding", "poll_message_set", "reported", "status_text_set", "translated"}
 # Modules of the core whose stages and plain errors the add-on does not run into.
 OF_CORE = (
+    "library",
     "maps/surface_map.py",
     "matching/components/lift.py",
     "matching/components/main_parts.py",

@@ -31,6 +31,7 @@ ROOMS = (
     "samples",
     "collection",
     "outfits",
+    "library",
 )
 # Every package may import it; it imports none of them.
 RUNTIME = "runtime"

@@ -13,6 +13,8 @@ SUMMARIES = {
     "landmarks": "Place the landmarks of TEMPLATE on other meshes.",
     "collection": "Match many shapes, and make their maps agree.",
     "outfits": "Dress avatars in what others wear.",
+    "library": "Prepare the characters in FOLDER for `zoomout find`.",
+    "find": "Find the characters of a library that fit TARGET.",
     "symmetry": "Find the symmetries of MESH in any pose.",
     "evaluate": "Measure MAP: flipped area, coverage, distortion and error.",
     "info": "Show the contents of MESH that `zoomout transfer` can carry.",

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Search in a library of game characters and bodies: the right asset and family for posed and remeshed queries."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.characters.cases import is_broken, surface_of
+from benchmarks.characters.game import one_skin, read_character, shuffle
+from benchmarks.datasets import evenly
+from benchmarks.generate.things import THINGS, thing
+from benchmarks.outfits.clothes import Wardrobe
+from benchmarks.tables import NOT_SHOWN, Record, Tables, over
+from zoomout_core.library.library import Library
+from zoomout_core.library.search import LibraryAsset, search
+from zoomout_core.matching.verdict import VERDICT
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.surface import Surface
+
+# The families of characters, by pack or by file; others are families of their own.
+PEOPLE, ANIMALS, DINOSAURS, ROBOTS, THING = "people", "animals", "dinosaurs", "robots", "things"
+FAMILIES = {
+    "modular_men": PEOPLE,
+    "modular_women": PEOPLE,
+    "single_knight_pack": PEOPLE,
+    "ultimate_space_pack": PEOPLE,
+    "clothes": PEOPLE,
+    "cyberpunk_pack/Character": PEOPLE,
+    "cyberpunk_pack": ROBOTS,
+    "mech_pack": ROBOTS,
+    "animals_pack": ANIMALS,
+    "dinosaurs_pack": DINOSAURS,
+}
+# Packs whose queries set the numbers of the search; all others judge them.
+TUNING_PACKS = ("animals_pack", "easy_enemies_pack", "modular_men")
+# Kinds of queries: an asset in another pose with fewer faces; the same as one skin of voxels; a body whose own asset is
+# left out; a thing, and a character among others than its family, both of which are to be refused.
+POSED, SKIN, BUILD, STRANGER = "posed", "one skin", "other build", "stranger"
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A target, with the name of its own asset, and which assets it is searched among."""
+
+    kind: str
+    name: str
+    surface: Surface
+    among: Sequence[LibraryAsset]
+
+
+def run(data: Path, pairs: int | None, judging: bool) -> Tables:
+    """Search for characters and bodies in a library of all of them.
+
+    `summary`: for each kind of queries, those that set the numbers and those that judge them: the shares whose first
+    asset is of the right family, and is the right asset; the share that is refused; how many are wrong with a certainty
+    of at least 90 %; seconds per query, of the clock and of the processor.
+
+    `pairs`: a row for each query.
+
+    Args:
+        data: a folder with `characters/game` and `clothes`.
+        pairs: use this many characters, bodies and things, evenly spread.
+        judging: leave out the packs that set the numbers.
+    """
+    rows: list[Record] = []
+    with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
+        assets, preparation = _library(data, Path(folder))
+        for query in tqdm(_queries(data, assets, pairs, judging), desc="library", leave=False):
+            rows.append(_search(query))
+    return {"summary": _summary(rows), "preparation": [preparation], NOT_SHOWN: rows}
+
+
+def _library(data: Path, folder: Path) -> tuple[list[LibraryAsset], Record]:
+    """The prepared assets, and figures of the preparation."""
+    bodies = folder / "clothes"
+    bodies.mkdir()
+    wardrobe = Wardrobe(data / "clothes")
+    for build in wardrobe.is_strict:
+        write_shape(wardrobe.body(build).surface, bodies / f"{build}.ply")
+    libraries = Library(data / "characters" / "game", folder / "index"), Library(bodies)
+    begin = perf_counter(), process_time()
+    reports = [library.prepare() for library in libraries]
+    took = perf_counter() - begin[0], process_time() - begin[1]
+    count = sum(report.assets for report in reports)
+    size = sum(path.stat().st_size for library in libraries for path in library.index_folder.iterdir())
+    figures: Record = {"assets": count, "skipped": sum(len(report.failures) for report in reports)}
+    figures |= {"seconds per asset": took[0] / count, "CPU": took[1] / count, "kB per asset": size / count / 1000}
+    return [asset for library in libraries for asset in library.assets()], figures
+
+
+def name_of(path: Path) -> str:
+    """The name of an asset or a query: its pack and its file."""
+    return f"{path.parent.name}/{path.stem}"
+
+
+def family_of(name: str) -> str:
+    """The family of an asset, by its name."""
+    return FAMILIES.get(name, FAMILIES.get(name.partition("/")[0], name))
+
+
+def _queries(data: Path, assets: list[LibraryAsset], count: int | None, judging: bool) -> Iterator[Query]:
+    files = sorted((data / "characters" / "game").glob("*/*.glb"))
+    files = [path for path in files if not (judging and path.parent.name in TUNING_PACKS)]
+    for path in evenly(files, count):
+        character = read_character(path)
+        if not is_broken(character):
+            yield Query(POSED, name_of(path), surface_of(shuffle(character.thinned)), assets)
+            yield Query(SKIN, name_of(path), surface_of(shuffle(one_skin(character.posed))), assets)
+            strangers = [asset for asset in assets if family_of(name_of(asset.path)) != family_of(name_of(path))]
+            yield Query(STRANGER, name_of(path), surface_of(character.posed), strangers)
+    wardrobe = Wardrobe(data / "clothes")
+    for number, build in enumerate(evenly(list(wardrobe.is_strict), count)):
+        topology = wardrobe.topologies[number % len(wardrobe.topologies)]
+        body = wardrobe.body(build, topology)
+        pose = body.in_pose(number % len(body.poses), body.surface.vertices, body.weights)
+        name, surface = f"clothes/{build}", body.surface.with_vertices(pose)
+        yield Query(POSED, name, surface, assets)
+        yield Query(BUILD, name, surface, [asset for asset in assets if name_of(asset.path) != name])
+    for name in evenly(list(THINGS), count):
+        yield Query(STRANGER, f"{THING}/{name}", thing(name), assets)
+
+
+def _search(query: Query) -> Record:
+    zo.forget_shapes()
+    begin = perf_counter(), process_time()
+    found = search(query.surface, query.among)
+    took = perf_counter() - begin[0], process_time() - begin[1]
+    first = found.ranked[0] if found.ranked else None
+    name = "" if first is None else name_of(first.path)
+    right = bool(name) and family_of(name) == family_of(query.name)
+    sure = found.best is not None and found.best.certainty >= VERDICT.sure
+    own = any(name_of(asset.path) == query.name for asset in query.among)
+    row: Record = {"kind": query.kind, "query": query.name, "first": name, "refused": bool(found.refusal)}
+    row |= {"set": "tuning" if query.name.partition("/")[0] in TUNING_PACKS else "judging"}
+    row |= {"family": right, "asset": name == query.name if own else None, "certain and wrong": sure and not right}
+    row |= {"misfit": None if first is None else first.misfit, "certainty": None if first is None else first.certainty}
+    return row | {"difference": None if first is None else first.difference, "seconds": took[0], "CPU": took[1]}
+
+
+def _summary(rows: list[Record]) -> list[Record]:
+    found = []
+    for kind in (POSED, SKIN, BUILD, STRANGER):
+        for role in ("tuning", "judging"):
+            chosen = [row for row in rows if (row["kind"], row["set"]) == (kind, role)]
+            if not chosen:
+                continue
+            shares = {name: over(np.mean, chosen, name) for name in ("family", "asset", "refused")}
+            row: Record = {"queries": f"{kind}, {role}", "count": len(chosen)}
+            row |= shares if kind != STRANGER else {"refused": shares["refused"]}
+            row |= {"certain and wrong": sum(row["certain and wrong"] for row in chosen)}
+            found.append(row | {name: float(np.mean([row[name] for row in chosen])) for name in ("seconds", "CPU")})
+    return found

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find a source for the active mesh in libraries, and append it.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import StringProperty
+from bpy.types import Context, Operator
+
+import zoomout_core as zo
+from zoomout_core.messages import message, probability
+
+from ..properties.once import ONCE
+from ..services.library import append_source, find_source_async, library_folders
+from ..translations import reported, translated
+from . import activity
+from .modal_operator import ModalOperator
+
+
+class ZOOMOUT_OT_find_source(ModalOperator):
+    bl_idname = "zoomout.find_source"
+    bl_label = "Find Source"
+    bl_description = (
+        "Find the character of a library that fits the active mesh best, whatever its pose. New files of the library "
+        "are prepared first; nothing is appended until you choose a file"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there is a mesh to search for, and a library."""
+        obj, reason = context.active_object, ""
+        if activity.running:
+            reason = activity.AT_WORK
+        elif obj is None or obj.type != "MESH":
+            reason = "Select the mesh that needs a source"
+        elif not library_folders(context):
+            reason = "Choose a library in the sidebar"
+        if reason:
+            cls.poll_message_set(translated(reason))
+        return not reason
+
+    async def work(self, context: Context) -> str:
+        target = context.active_object.name
+        search = await find_source_async(context, target, library_folders(context))
+        settings, found = context.scene.zoomout, search.found
+        settings.found_for = target
+        settings.found_sources.clear()
+        for each in found.ranked:
+            row = settings.found_sources.add()
+            row.name, row.fits = str(each.path), each.fits
+            row.line = translated(
+                message(
+                    "{name}: fit {fit:.0%}, {certainty} certain",
+                    name=each.path.stem,
+                    fit=1 - each.misfit,
+                    certainty=probability(each.certainty),
+                )
+            )
+        for sentence in search.failures.values():
+            self.report({"WARNING"}, reported(sentence))
+        return found.refusal or message("'{name}' fits best", name=found.ranked[0].path.name)
+
+
+class ZOOMOUT_OT_append_source(Operator):
+    bl_idname = "zoomout.append_source"
+    bl_label = "Append Source"
+    bl_description = "Append the objects of this file, and use its largest mesh as the source"
+    bl_options = {"REGISTER", "UNDO"}
+
+    path: StringProperty(name="File", description="File to append", subtype="FILE_PATH", options=ONCE)
+
+    def execute(self, context: Context) -> set[str]:
+        """Append the file."""
+        target = context.view_layer.objects.active
+        try:
+            source = append_source(context, self.path)
+        except zo.MeshError as error:
+            self.report({"ERROR"}, reported(str(error)))
+            return {"CANCELLED"}
+        context.view_layer.objects.active = target
+        self.report({"INFO"}, reported(message("'{name}' is the source now", name=source.name)))
+        return {"FINISHED"}
+
+
+CLASSES = (ZOOMOUT_OT_find_source, ZOOMOUT_OT_append_source)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find a source for a mesh among the files of libraries, and append the one that the artist chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import bpy
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.messages import message
+from zoomout_core.runtime.progress import portion
+
+from .. import mesh_data
+from ..jobs import compute, run
+from ..scene.files import append_file
+from ..scene.pair import find_mesh
+
+# Fraction of the progress that the preparation takes; a prepared library takes no time.
+PREPARED = 0.5
+
+
+class Search(NamedTuple):
+    """The result of a search."""
+
+    found: zo.FoundSources
+    failures: dict[Path, str]  # why files were skipped, in a sentence each
+
+
+def library_folders(context: Context) -> list[str]:
+    """The folders to search, by the scene's settings and the asset libraries of the Preferences."""
+    settings = context.scene.zoomout
+    chosen = [settings.library_folder] if settings.library_folder else []
+    if settings.use_asset_libraries:
+        chosen += [library.path for library in context.preferences.filepaths.asset_libraries]
+    return [bpy.path.abspath(folder) for folder in chosen]
+
+
+def find_source(context: Context, target: Object, folders: Sequence[str]) -> Search:
+    """Prepare libraries as far as they are not, and find the files in them that fit a target.
+
+    Args:
+        context: Blender's; the target is in its scene.
+        target: a mesh object, which is read after its modifiers.
+        folders: folders of files with finished characters.
+
+    Raises:
+        MeshError: the target has no surface, or a folder is missing or has no characters.
+    """
+    return run(find_source_async(context, target.name, folders))
+
+
+async def find_source_async(context: Context, target: str, folders: Sequence[str]) -> Search:
+    """Like `find_source`, by the name of the target, without blocking the window."""
+    surface = mesh_data.read_source_surface(find_mesh(context, target), context.evaluated_depsgraph_get())
+    # The module `bpy` has no program; a Python with it runs the extension as a module instead.
+    return await compute(partial(_search, surface, folders, bpy.app.binary_path or None))
+
+
+def _search(target: zo.Surface, folders: Sequence[str], program: str | None) -> Search:
+    libraries = [zo.Library(folder, blender=program) for folder in folders]
+    failures: dict[Path, str] = {}
+    try:
+        for number, library in enumerate(libraries):
+            with portion(PREPARED * number / len(libraries), PREPARED * (number + 1) / len(libraries)):
+                failures |= library.prepare().failures
+        with portion(PREPARED, 1.0):
+            return Search(zo.find_source(target, libraries), failures)
+    except OSError as error:
+        raise zo.MeshError(str(error)) from error
+
+
+def append_source(context: Context, path: str | Path) -> Object:
+    """Append the objects of a file that was found, and choose its largest mesh as the source.
+
+    Raises:
+        MeshError: the file cannot be read, or has no mesh.
+    """
+    meshes = [obj for obj in append_file(context, path) if obj.type == "MESH" and obj.data.polygons]
+    if not meshes:
+        raise zo.MeshError(message("{name} has no mesh: choose another file.", name=Path(path).name))
+    source = max(meshes, key=lambda obj: sum(polygon.area for polygon in obj.data.polygons))
+    context.scene.zoomout.source = source
+    return source

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Subpanel of the match: find a source in libraries."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from ...operators.find_source import ZOOMOUT_OT_append_source, ZOOMOUT_OT_find_source
+from ...properties.library import LibrarySettings
+from .match import ZOOMOUT_PT_match
+from .sidebar import SidebarPanel, split_properties
+
+
+class ZOOMOUT_PT_library(SidebarPanel, Panel):
+    bl_label = "Libraries"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 26
+
+    def draw(self, context: Context) -> None:
+        layout, settings = self.layout, context.scene.zoomout
+        split_properties(layout)
+        for name in LibrarySettings.__annotations__:
+            layout.prop(settings, name)
+        layout.operator(ZOOMOUT_OT_find_source.bl_idname, icon="VIEWZOOM")
+        obj = context.active_object
+        if obj is None or obj.name != settings.found_for:
+            return
+        column = layout.column(align=True)
+        for found in settings.found_sources:
+            icon = "CHECKMARK" if found.fits else "CANCEL"
+            column.operator(
+                ZOOMOUT_OT_append_source.bl_idname, text=found.line, icon=icon, translate=False
+            ).path = found.name

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find a source in a library, and append it."""
+
+import bpy
+import pytest
+from scenes import activate, from_pydata
+
+import zoomout_core as zo
+from blender_addon import api
+from blender_addon.scene.files import save_scene
+from blender_addon.services.library import append_source, library_folders
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.samples import creature
+
+
+@pytest.fixture
+def target():
+    surface = creature(1500, seed=1, bend=0.9).surface
+    obj = from_pydata("Scan", surface.vertices, surface.triangles)
+    activate(obj)
+    return obj
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_shape(creature(2000).surface, tmp_path / "hero.ply")
+    (tmp_path / "broken.obj").write_text("f 1 2 3\n")
+    return tmp_path
+
+
+def test_a_search_lists_files_and_appends_none(target, folder):
+    settings = bpy.context.scene.zoomout
+    settings.library_folder = str(folder)
+    objects = set(bpy.data.objects)
+    assert bpy.ops.zoomout.find_source() == {"FINISHED"}
+    assert set(bpy.data.objects) == objects
+    (found,) = settings.found_sources
+    assert found.name == str(folder / "hero.ply")
+    assert found.fits
+    assert found.line.startswith("hero: fit ")
+    assert settings.found_for == target.name
+    assert bpy.ops.zoomout.append_source(path=found.name) == {"FINISHED"}
+    assert settings.source.name == "hero"
+    assert bpy.data.collections["hero"].objects[:] == [settings.source]
+    assert bpy.context.active_object == target
+
+
+def test_scripts_find_sources_without_a_selection(target, folder):
+    search = api.find_source(bpy.context, target, [str(folder)])
+    assert [each.path.stem for each in search.found.ranked] == ["hero"]
+    assert [path.name for path in search.failures] == ["broken.obj"]
+    assert api.append_source(bpy.context, search.found.best.path).name == "hero"
+
+
+def test_a_search_needs_a_library(target, tmp_path):
+    assert not bpy.ops.zoomout.find_source.poll()
+    bpy.context.scene.zoomout.library_folder = str(tmp_path / "missing")
+    with pytest.raises(RuntimeError, match="There is no folder"):
+        bpy.ops.zoomout.find_source()
+
+
+def test_asset_libraries_are_libraries(folder):
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    libraries.new(name="Characters", directory=str(folder))
+    bpy.context.scene.zoomout.use_asset_libraries = True
+    try:
+        assert str(folder) in [path.rstrip("/\\") for path in library_folders(bpy.context)]
+    finally:
+        libraries.remove(libraries[len(libraries) - 1])
+
+
+def test_the_largest_mesh_of_a_blend_file_is_the_source(target, tmp_path):
+    small = from_pydata("Eye", [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)], [(0, 1, 2)])
+    path = tmp_path / "hero.blend"
+    save_scene(path)
+    bpy.data.objects.remove(small)
+    bpy.data.objects.remove(target)
+    source = append_source(bpy.context, path)
+    assert source.name == "Scan"
+    assert sorted(obj.name for obj in bpy.data.collections["hero"].objects) == ["Eye", "Scan"]
+    with pytest.raises(zo.MeshError, match="There is no file"):
+        append_source(bpy.context, tmp_path / "missing.blend")

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A library finds the character that fits a body in any pose, mesh, unit and orientation, and refuses what does not."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+import zoomout_core as zo
+from zoomout_core.cli import main
+from zoomout_core.library import library as library_module
+from zoomout_core.library import search as search_module
+from zoomout_core.library.descriptor import DESCRIPTOR, compare
+from zoomout_core.library.library import INDEX
+from zoomout_core.library.search import SEARCH
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.samples import creature, directions
+from zoomout_core.samples.spheres import outward_hull
+from zoomout_core.tuning import retune
+
+pytestmark = pytest.mark.usefixtures("quick_search")
+
+# The number of the creature's tail.
+TAIL = 5
+
+
+def ball() -> zo.Surface:
+    where = directions(1500, 0)
+    return zo.Surface(where, outward_hull(where))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A prepared library of a creature, one without its tail, and a broken file."""
+    place = tmp_path_factory.mktemp("library")
+    (place / "pack").mkdir()
+    write_shape(creature(2500, seed=2).surface, place / "pack" / "whole.ply")
+    write_shape(creature(2500, seed=3, without=TAIL).surface, place / "tailless.ply")
+    (place / "broken.obj").write_text("v 0 0\nf 1 2 3\n")
+    (place / "notes.txt").write_text("No mesh.")
+    report = zo.Library(place).prepare()
+    assert (report.assets, report.new) == (2, 2)
+    (failure,) = report.failures.items()
+    assert failure[0].name == "broken.obj"
+    assert "broken.obj" in failure[1]
+    return place
+
+
+@pytest.fixture(scope="module")
+def target() -> zo.Surface:
+    """The creature in another pose, with other triangles, turned, moved and in another unit."""
+    turn = Rotation.from_euler("xyz", [40, 100, 200], degrees=True)
+    surface = creature(2000, seed=1, bend=0.9).surface
+    return surface.with_vertices(turn.apply(surface.vertices) * 170 + 30)
+
+
+@pytest.fixture
+def instant(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every file that is prepared gets the same bodies at once."""
+    bodies = next(zo.Library(folder).assets()).bodies
+    monkeypatch.setattr(library_module, "bodies_of", lambda surface: bodies)
+
+
+def test_the_same_creature_in_another_pose_mesh_unit_and_orientation_is_first(folder: Path, target: zo.Surface) -> None:
+    with retune(SEARCH, beyond=100.0):
+        found = zo.Library(folder).find(target)
+    assert [each.path.stem for each in found.ranked] == ["whole", "tailless"]
+    assert found.best is not None
+    assert found.best.certainty > 0.8
+    assert "whole.ply     fit 9" in repr(found)
+    assert found.ranked[0].misfit < found.ranked[1].misfit
+
+
+def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search_module, "match", None)
+    found = zo.Library(folder).find(ball())
+    assert found.best is None
+    assert not found.ranked
+    assert found.nearest is not None
+    assert f"the nearest asset is '{found.nearest.name}', but it" in found.refusal
+
+
+@pytest.mark.parametrize(
+    ("certainty", "total", "refusal"),
+    [
+        (0.95, -20.0, ""),
+        (0.95, -12.0, "deforms the target too much (fit 84%)"),
+        (0.4, -20.0, "only 40% certain"),
+    ],
+)
+def test_bad_maps_are_refused_with_the_reason(
+    certainty: float, total: float, refusal: str, folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = SimpleNamespace(certainty=certainty, chosen=0, candidates=[SimpleNamespace(scores={"total": total})])
+    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    assets = list(zo.Library(folder).assets())
+    monkeypatch.setattr(search_module, "bodies_of", lambda surface: assets[0].bodies)
+    found = search_module.search(target, assets)
+    assert refusal in found.refusal
+    assert (found.best is None) == bool(refusal)
+
+
+def test_assets_that_are_far_are_not_matched(folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = SimpleNamespace(certainty=0.9, chosen=0, candidates=[SimpleNamespace(scores={"total": -20.0})])
+    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    assets = list(zo.Library(folder).assets())
+    monkeypatch.setattr(search_module, "bodies_of", lambda surface: assets[0].bodies)
+    assert [each.path for each in search_module.search(target, assets).ranked] == [assets[0].path]
+
+
+def test_an_empty_library_is_refused(target: zo.Surface) -> None:
+    assert "has no assets" in search_module.search(target, []).refusal
+
+
+def test_files_are_prepared_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library_module, "bodies_of", None)
+    assert zo.Library(folder).prepare().new == 0
+    os.utime(folder / "tailless.ply")  # the content is the same
+    assert zo.Library(folder).prepare().new == 0
+
+
+def refuse(_: object) -> None:
+    raise OSError("It was opened.")
+
+
+def test_files_of_the_listed_size_and_time_are_not_opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    zo.Library(folder).prepare()
+    monkeypatch.setattr(library_module, "key_of", refuse)
+    assert zo.Library(folder).prepare().assets == 2
+
+
+def test_an_interrupted_preparation_goes_on_where_it_ended(
+    tmp_path: Path, target: zo.Surface, instant: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b"):
+        write_shape(target, tmp_path / f"{name}.ply")
+        target = target.with_vertices(2 * target.vertices)
+    prepare, done = library_module.bodies_of, []
+
+    def interrupt(surface: zo.Surface) -> object:
+        if done:
+            raise zo.Cancelled
+        done.append(surface)
+        return prepare(surface)
+
+    library = zo.Library(tmp_path, tmp_path / "index")
+    monkeypatch.setattr(library_module, "bodies_of", interrupt)
+    with pytest.raises(zo.Cancelled):
+        library.prepare()
+    monkeypatch.setattr(library_module, "bodies_of", prepare)
+    assert library.prepare().new == 1
+    assert len(list(library.assets())) == 2
+
+
+def test_a_changed_file_is_prepared_again_and_a_removed_one_is_forgotten(
+    tmp_path: Path, target: zo.Surface, instant: None
+) -> None:
+    write_shape(target, tmp_path / "a.ply")
+    write_shape(ball(), tmp_path / "b.ply")
+    library = zo.Library(tmp_path)
+    library.prepare()
+    write_shape(target.with_vertices(2 * target.vertices), tmp_path / "a.ply")
+    (tmp_path / "b.ply").unlink()
+    assert [asset.path.name for asset in library.assets()] == ["a.ply"]
+    report = library.prepare()
+    assert (report.assets, report.new) == (1, 1)
+    assert len(list((tmp_path / INDEX).glob("*.npz"))) == 1
+
+
+def test_a_damaged_index_is_made_again(tmp_path: Path, target: zo.Surface, instant: None) -> None:
+    write_shape(target, tmp_path / "a.ply")
+    library = zo.Library(tmp_path)
+    library.prepare()
+    (stored,) = (tmp_path / INDEX).glob("*.npz")
+    stored.write_bytes(b"not arrays")
+    assert not list(library.assets())
+    assert library.prepare().new == 1
+    listing = tmp_path / INDEX / "files.json"
+    for damaged in (
+        "[]",
+        "{",
+        listing.read_text().replace("a.ply", "../a.ply"),
+        listing.read_text().replace(stored.stem, "../x"),
+    ):
+        listing.write_text(damaged)
+        assert not list(library.assets())
+        assert library.prepare().assets == 1
+    assert len(list(library.assets())) == 1
+
+
+def test_files_that_only_blender_reads_are_read_with_its_program(
+    tmp_path: Path, target: zo.Surface, instant: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hero.blend").write_bytes(b"BLENDER")
+    asked = []
+
+    def write_surface(path: Path, output: Path, role: str, program: str | None) -> None:
+        asked.append((path.name, role, program))
+        write_shape(target, output)
+
+    monkeypatch.setattr(library_module, "write_surface", write_surface)
+    assert zo.Library(tmp_path, blender="blender-5.2").prepare().assets == 1
+    assert asked == [("hero.blend", "source", "blender-5.2")]
+
+
+def test_descriptors_do_not_depend_on_the_order_and_grow_with_the_difference(folder: Path) -> None:
+    assets = {asset.path.stem: asset.bodies["hull"].descriptor for asset in zo.Library(folder).assets()}
+    whole, tailless = assets["whole"], assets["tailless"]
+    np.testing.assert_allclose(compare(whole, tailless), compare(tailless, whole))
+    assert compare(whole, whole).total == pytest.approx(0, abs=1e-9)
+    difference = compare(whole, tailless)
+    assert min(difference) > 0
+    with retune(DESCRIPTOR, unpaired=0.0):
+        assert compare(whole, tailless).limbs < difference.limbs
+    with retune(DESCRIPTOR, spectrum=2 * DESCRIPTOR.spectrum):
+        assert compare(whole, tailless).spectrum == pytest.approx(difference.spectrum / 2)
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    outcome = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    return outcome.exit_code, outcome.stdout
+
+
+def test_commands_prepare_and_find(tmp_path: Path, folder: Path, target: zo.Surface) -> None:
+    code, said = run("library", folder, "--json")
+    report = json.loads(said)
+    assert code == 3
+    assert (report["assets"], report["new"]) == (2, 0)
+    assert report["failures"][0]["file"].endswith("broken.obj")
+    write_shape(target, tmp_path / "scan.ply")
+    with retune(SEARCH, matched=1):
+        code, said = run("find", tmp_path / "scan.ply", "--library", folder, "--json")
+    found = json.loads(said)
+    assert code == 0, said
+    assert found["best"] == found["nearest"] == str(folder / "pack" / "whole.ply")
+    assert found["refusal"] is None
+    assert found["assets"][0]["fits"]
+    assert "not prepared: 1;" in found["notes"][0]
+    with retune(SEARCH, max_difference=0.0):
+        code, said = run("find", tmp_path / "scan.ply", "--library", folder)
+    assert code == 1
+    assert "Nothing in the library fits" in said
+
+
+def test_mistakes_are_one_sentence(tmp_path: Path, target: zo.Surface) -> None:
+    write_shape(target, tmp_path / "scan.ply")
+    (tmp_path / "empty").mkdir()
+    code, said = run("find", tmp_path / "scan.ply", "--library", tmp_path / "empty", "--json")
+    assert code == 1
+    assert "run `zoomout library` on it" in json.loads(said)["error"]
+    code, said = run("library", tmp_path / "missing", "--json")
+    assert code == 1
+    assert "There is no folder" in json.loads(said)["error"]
+    code, said = run("find", "scan.ply", "--library", "a", "--library", "b", "--index", "c", "--json")
+    assert code == 2

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout library`: prepare a folder of characters for `zoomout find`."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from zoomout_core.batch import FAILED, PARTLY
+from zoomout_core.cli.report import json_option, say
+from zoomout_core.command_options import progress_bar
+from zoomout_core.library.library import INDEX, Library
+from zoomout_core.mesh.blender_files import PROGRAM
+
+
+@click.command()
+@click.argument("folder", type=click.Path())
+@click.option("--index", type=click.Path(file_okay=False), help=f"Folder of the index (default: {INDEX} in FOLDER).")
+@click.option("--blender", metavar="PROGRAM", help=f"Blender's, for .blend and .fbx (default: {PROGRAM}, or blender).")
+@json_option
+def library(folder: str, index: str | None, blender: str | None, as_json: bool) -> None:
+    """Prepare the characters in FOLDER for `zoomout find`.
+
+    Those in folders inside it are prepared, too. Files that are prepared already are skipped unless they changed; an
+    interrupted preparation goes on where it ended. Blender reads .blend and .fbx.
+    """
+    try:
+        with progress_bar():
+            report = Library(folder, index, blender).prepare()
+    except (ValueError, OSError) as error:
+        raise click.ClickException(str(error)) from None
+    for path, sentence in report.failures.items():
+        click.echo(f"{path} was skipped. {sentence}", err=True)
+    lines = [
+        f"{report.assets} assets can be found, {report.new} of them new; {len(report.failures)} files were skipped."
+    ]
+    figures = {
+        "folder": folder,
+        "assets": report.assets,
+        "new": report.new,
+        "failures": [{"file": str(path), "error": sentence} for path, sentence in report.failures.items()],
+    }
+    say(lines, figures, as_json)
+    if report.failures:
+        sys.exit(PARTLY if report.assets else FAILED)

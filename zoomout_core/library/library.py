@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A folder of finished characters, prepared once, in which the best source for a new body is found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from zoomout_core.assets.files import MESHES, inputs_of
+from zoomout_core.library.bodies import bodies_of
+from zoomout_core.library.index import Index, Listed, key_of, look_at
+from zoomout_core.library.search import FoundSources, LibraryAsset, search
+from zoomout_core.mesh.blender_files import ENDINGS, SOURCE, write_surface
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.messages import NO_MEMORY
+from zoomout_core.runtime.outputs import OutputError
+from zoomout_core.runtime.progress import Progress, listening, portion, renaming
+from zoomout_core.runtime.threads import on_one_blas_thread
+
+# The folder of the index in that of the assets.
+INDEX = ".zoomout"
+NOT_PREPARED = "{folder} contains no prepared characters: choose another folder, or run `zoomout library` on it."
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What became of the files of a library.
+
+    Attributes:
+        assets: the number of assets that can be found.
+        new: the number of those that were prepared now; the others were known.
+        failures: why the others were skipped, in one sentence for each file.
+    """
+
+    assets: int
+    new: int
+    failures: dict[Path, str]
+
+
+class Library:
+    """A folder of assets, with those in folders inside it.
+
+    Args:
+        folder: the folder.
+        index: the folder of the index; `.zoomout` in the folder if not given.
+        blender: Blender's program for .blend and .fbx, see `blender_command`.
+
+    Raises:
+        MeshError: there is no such folder.
+
+    Example:
+        >>> library = zo.Library(folder)
+        >>> report = library.prepare()
+        >>> found = library.find(target)
+    """
+
+    def __init__(
+        self, folder: str | PathLike[str], index: str | PathLike[str] | None = None, blender: str | None = None
+    ) -> None:
+        self.folder = Path(folder)
+        if not self.folder.is_dir():
+            raise MeshError("There is no folder {folder}: check the path.", folder=folder)
+        self.index_folder = self.folder / INDEX if index is None else Path(index)
+        self._index, self._blender = Index(self.index_folder), blender
+
+    @on_one_blas_thread
+    def prepare(self, *, progress: Callable[[Progress], object] | None = None) -> Preparation:
+        """Prepare the files that are new or changed.
+
+        Each asset is stored at once, so that a preparation that was interrupted goes on where it ended.
+
+        Args:
+            progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
+
+        Raises:
+            OutputError: the index cannot be written.
+        """
+        known, files = self._index.read_list(), list(self._files())
+        listed: dict[str, Listed] = {}
+        failures: dict[Path, str] = {}
+        new = 0
+        with listening(progress):
+            for number, path in enumerate(files):
+                place, name = f"{number + 1}/{len(files)} ", self._name(path)
+                with portion(number / len(files), (number + 1) / len(files)), renaming(place.__add__):
+                    try:
+                        listed[name], is_new = self._prepare(path, known.get(name))
+                        new += is_new
+                    except OutputError:
+                        raise
+                    except (ValueError, OSError, ImportError) as error:
+                        failures[path] = str(error)
+                    except MemoryError:
+                        failures[path] = NO_MEMORY
+            self._index.write_list(listed)
+        return Preparation(len(listed), new, failures)
+
+    def find(self, target: ShapeLike, *, progress: Callable[[Progress], object] | None = None) -> FoundSources:
+        """Find the assets that fit a target, whatever its pose, orientation and unit.
+
+        Args:
+            target: a surface, a point cloud or the path of a file, see `ShapeLike`.
+            progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
+
+        Returns:
+            The assets that were matched, the best first, or why nothing fits.
+
+        Raises:
+            MeshError: the library is not prepared, or the target cannot be analysed.
+        """
+        return find_source(target, (self,), progress=progress)
+
+    def assets(self) -> Iterator[LibraryAsset]:
+        """The prepared assets whose files still exist."""
+        for name, listed in self._index.read_list().items():
+            path = self.folder / name
+            bodies = self._index.load(listed.key) if path.is_file() else None
+            if bodies is not None:
+                yield LibraryAsset(path, bodies)
+
+    def new_files(self) -> list[Path]:
+        """Files of the folder that are not prepared: those added since `prepare`, and those that it skipped."""
+        known = self._index.read_list()
+        return [path for path in self._files() if self._name(path) not in known]
+
+    def _files(self) -> Iterator[Path]:
+        """The mesh files, sorted, without those in hidden folders."""
+        for folder, folders, files in os.walk(self.folder):
+            folders[:] = sorted(each for each in folders if not each.startswith("."))
+            for name in sorted(files):
+                if Path(name).suffix.lower() in MESHES and not name.startswith("."):
+                    yield Path(folder, name)
+
+    def _name(self, path: Path) -> str:
+        return path.relative_to(self.folder).as_posix()
+
+    def _prepare(self, path: Path, known: Listed | None) -> tuple[Listed, bool]:
+        """The listing of a file, and whether its bodies were computed now.
+
+        Raises:
+            MeshError: its shape cannot be read or analysed.
+            OutputError: its bodies cannot be stored.
+        """
+        inputs = inputs_of(path)
+        seen = look_at(inputs)
+        key = known.key if known is not None and known.seen == seen else key_of(inputs)
+        is_new = self._index.load(key) is None
+        if is_new:
+            self._index.save(key, bodies_of(self._read(path)))
+        return Listed(*seen, key), is_new
+
+    def _read(self, path: Path) -> Surface:
+        """The shape of a file, with its modifiers if Blender reads it."""
+        if path.suffix.lower() not in ENDINGS:
+            return read_surface(path)
+        with TemporaryDirectory(prefix="zoomout-") as folder:
+            surface = Path(folder, "surface.ply")
+            write_surface(path, surface, SOURCE, self._blender)
+            return read_surface(surface)
+
+
+@on_one_blas_thread
+def find_source(
+    target: ShapeLike, libraries: Sequence[Library], *, progress: Callable[[Progress], object] | None = None
+) -> FoundSources:
+    """Find the assets of several libraries that fit a target, see `Library.find`.
+
+    Raises:
+        MeshError: a library is not prepared, or the target cannot be analysed.
+    """
+    assets: dict[Path, LibraryAsset] = {}
+    for library in libraries:
+        found = {asset.path: asset for asset in library.assets()}
+        if not found:
+            raise MeshError(NOT_PREPARED, folder=library.folder)
+        assets |= found
+    with listening(progress):
+        return search(as_surface(target), list(assets.values()))

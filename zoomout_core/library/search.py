@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The search for the assets that fit a target: descriptors choose a few, and matches between bodies rank these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zoomout_core.library.bodies import Body, bodies_of, match_options
+from zoomout_core.library.descriptor import Difference, compare
+from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.scores import SCORES
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.messages import Message, message, probability
+from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.runtime.summary import Summary
+from zoomout_core.tuning import Tuning, tuned
+
+NOTHING_FITS = (
+    "Nothing in the library fits: the nearest asset is '{name}', but {reason}. Add an asset like the target, or choose "
+    "a source by hand."
+)
+NO_ASSETS = "The library has no assets: add files of finished characters, and prepare it again."
+# Why the nearest asset does not fit, by the largest of its differences.
+REASONS = {
+    "spectrum": "its proportions are different",
+    "limbs": "its limbs differ in number or length",
+    "volume": "it is much thicker or thinner",
+    "curvature": "its surface has other forms",
+}
+DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
+UNSURE = "the best map onto it is only {certainty} certain"
+
+
+@dataclass(frozen=True)
+class SearchTuning(Tuning, set_by="library"):
+    """How many assets are matched, and which ones fit."""
+
+    matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
+    beyond: float = tuned(2.5, "1", 1, 100)  # assets this many times as different as the nearest are not matched
+    max_difference: float = tuned(4.0, "1", 0, 1000)  # larger ones are refused without a match
+    max_misfit: float = tuned(0.11, "1", 0, 10)  # of an asset that fits
+    min_certainty: float = tuned(0.5, "probability", 0, 1)  # of the match of an asset that fits
+
+
+SEARCH = SearchTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryAsset:
+    """A prepared file of a library.
+
+    Attributes:
+        path: the file.
+        bodies: what stands for its shape, by kind.
+    """
+
+    path: Path
+    bodies: dict[str, Body]
+
+
+@dataclass(frozen=True)
+class FoundSource:
+    """An asset that a target was matched with.
+
+    Attributes:
+        path: its file.
+        difference: how much its descriptor differs from the target's; 0.2 to 2.7 for the same body in another pose.
+        certainty: the probability, in [0, 1], that the match is right as a whole.
+        misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
+            body in another pose, and above 0.12 for another species.
+    """
+
+    path: Path
+    difference: float
+    certainty: float
+    misfit: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether it may be a source for the target."""
+        return self.misfit <= SEARCH.max_misfit and self.certainty >= SEARCH.min_certainty
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoundSources(Summary):
+    """The result of a search.
+
+    Attributes:
+        ranked: the assets that were matched, those that fit first, by increasing misfit.
+        nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
+        refusal: why nothing fits; empty if the first asset does.
+    """
+
+    ranked: tuple[FoundSource, ...]
+    nearest: Path | None
+    refusal: str
+
+    @property
+    def best(self) -> FoundSource | None:
+        """The asset that fits best; None if nothing does."""
+        return None if self.refusal else self.ranked[0]
+
+    def _summary(self) -> dict[str, str]:
+        rows = {
+            each.path.name: f"fit {1 - each.misfit:.0%}, {probability(each.certainty)} certain" for each in self.ranked
+        }
+        return {"best": self.refusal or self.ranked[0].path.name} | rows
+
+
+def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
+    """Find the assets that fit a target.
+
+    Raises:
+        MeshError: the target cannot be analysed.
+    """
+    if not assets:
+        return FoundSources((), None, message(NO_ASSETS))
+    with portion(0.0, 0.2):
+        bodies = bodies_of(target)
+    compared = [_compare(asset, bodies) for asset in assets]
+    order = np.argsort([each.difference.total for each in compared], kind="stable")
+    nearest = compared[order[0]]
+    limit = min(SEARCH.beyond * nearest.difference.total, SEARCH.max_difference)
+    chosen = [compared[i] for i in order[: SEARCH.matched] if compared[i].difference.total <= limit]
+    found = []
+    for number, each in enumerate(chosen):
+        with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
+            result = match(each.source.surface, each.target.surface, match_options())
+        found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result)))
+    ranked = tuple(sorted(found, key=lambda each: (not each.fits, each.misfit)))
+    return FoundSources(ranked, ranked[0].path if ranked else nearest.path, _refusal(ranked, nearest))
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """An asset, and the pair of bodies by which it is most similar to the target."""
+
+    path: Path
+    source: Body
+    target: Body
+    difference: Difference
+
+
+def _compare(asset: LibraryAsset, targets: Mapping[str, Body]) -> _Compared:
+    pairs = [
+        _Compared(asset.path, source, targets[kind], compare(source.descriptor, targets[kind].descriptor))
+        for kind, source in asset.bodies.items()
+        if kind in targets
+    ]
+    return min(pairs, key=lambda pair: pair.difference.total)
+
+
+def misfit_of(result: MatchResult) -> float:
+    """The weighted geometric mean of the errors by which a match's candidates are ranked."""
+    weights = (
+        SCORES.place + SCORES.facing + SCORES.commutativity + SCORES.frequency + SCORES.distance + SCORES.curvature
+    )
+    return float(np.exp(result.candidates[result.chosen].scores["total"] / weights))
+
+
+def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
+    """Why nothing fits; empty if the first asset does."""
+    if not ranked:
+        largest = max(zip(nearest.difference, nearest.difference._fields, strict=True))[1]
+        return message(NOTHING_FITS, name=nearest.path.name, reason=message(REASONS[largest]))
+    best = ranked[0]
+    if best.fits:
+        return ""
+    if best.misfit > SEARCH.max_misfit:
+        reason: Message = message(DEFORMED, fit=1 - best.misfit)
+    else:
+        reason = message(UNSURE, certainty=probability(best.certainty))
+    return message(NOTHING_FITS, name=best.path.name, reason=reason)
