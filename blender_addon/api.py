@@ -10,6 +10,12 @@ True
 >>> report["written"]["uv_maps"], report["written"]["vertex_groups"]
 (['UVMap'], ['Bone'])
 
+`keep_linked` lets UVs, colours, attributes and weights of the target follow later edits of the source, by a modifier;
+`update_linked` transfers the rest again:
+
+>>> api.keep_linked(context, scan)["UVMap"] > 0.9
+True
+
 Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 
 >>> api.set_landmark(context, hero, number=1, vertex=12)
@@ -76,6 +82,7 @@ from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
+from .services.live_link import keep_linked, update_linked
 from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
@@ -102,6 +109,7 @@ __all__ = [
     "choose_symmetry",
     "detect_symmetry",
     "dress",
+    "keep_linked",
     "landmark_pairs",
     "match_collections",
     "match_objects",
@@ -117,6 +125,7 @@ __all__ = [
     "symmetry_of",
     "transfer_objects",
     "transfer_report",
+    "update_linked",
     "wrap",
 ]
 
