@@ -103,7 +103,7 @@ def transfer_asset(
         received[attribute.name] = carried
         notes += carried.notes
     notes += _note_on_replaced(target, replaced, skin is not None)
-    asset = replace(target, attributes=tuple(received.values()), notes=())
+    asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
     if skin is not None:
@@ -174,11 +174,11 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[
     """The skin of the target, with its rest pose, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):
-        weights = _weights(skin, mapped)
+        weights = skin_weights(skin, mapped)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
         posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
-        weights, pose = _weights(skin, posed.mapped), posed.pose
+        weights, pose = skin_weights(skin, posed.mapped), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
             rest = align(target, pose)
         else:
@@ -191,7 +191,7 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[
     return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), notes
 
 
-def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
+def skin_weights(skin: Skin, mapped: MappedTarget) -> csr_array:
     """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex with some."""
     attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
     weights = csr_array(transfer_along(attribute, mapped).values)
