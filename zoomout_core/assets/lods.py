@@ -139,7 +139,7 @@ def _level(asset: Asset, source: Asset, ratio: float, max_weights: int | None) -
     surface, match = _decimate_surface(source.surface, ratio)
     made = transfer_asset(source, Asset(surface), match, KINDS, "keep shape", max_weights=max_weights)
     level = replace(made.asset, document=asset.document, nodes=())
-    errors = _errors(source, level, match.surface_map)
+    errors = errors_of_level(source, level, match.surface_map)
     return Level(level, match, made.notes, *errors)
 
 
@@ -147,7 +147,7 @@ def _decimate_surface(surface: Surface, ratio: float) -> tuple[Surface, Any]:
     """A surface with a share of the vertices, and the map of its vertices to the surface, as a `Match`."""
     working = surface.working
     points, triangles, merged = decimate(
-        working.vertices, working.oriented_triangles, round(ratio * len(working.vertices))
+        working.vertices, working.oriented_triangles, round(ratio * len(working.vertices)), careful=True
     )
     used, corners = np.unique(triangles, return_inverse=True)
     points = points[used] * working.scale + working.origin
@@ -172,8 +172,14 @@ def _nearest_of_merged(vertices: Floats, points: Floats, used: Integers, merged:
     return np.asarray(member[first_of_each(owner[member], off)])
 
 
-def _errors(source: Asset, level: Asset, found: SurfaceMap) -> tuple[float, float | None, float | None]:
-    """The errors of a `Level`."""
+def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[float, float | None, float | None]:
+    """The errors at rest, in poses, and in poses with all weights of a level, see `Level`.
+
+    Args:
+        source: the asset at rest.
+        level: its level, at rest, with the same joints in the same order.
+        found: the map of its vertices to the asset.
+    """
     vertices = source.surface.vertices[np.unique(source.surface.triangles)]
     extent = float(np.ptp(vertices, axis=0).max())
     at_rest = _mean_distance(vertices, level.surface.vertices, level.surface.triangles) / extent

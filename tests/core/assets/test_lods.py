@@ -18,7 +18,9 @@ from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.lods import make_lods, with_fewer_weights
 from zoomout_core.cli import main
+from zoomout_core.mesh.decimation import DECIMATION
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.tuning import retune
 
 RATIOS = (0.5, 0.2)
 
@@ -61,6 +63,13 @@ def test_levels_move_like_the_mesh(folder: Path) -> None:
     for level in levels:
         assert 0 < level["rest_error"] < 0.002
         assert level["posed_error"] < 1.2 * level["posed_geometry_error"]
+
+
+def test_careful_decimation_reduces_the_error(folder: Path) -> None:
+    source = read_asset(folder / "character.glb")
+    error = make_lods(source, [0.2])[0].rest_error
+    with retune(DECIMATION, aggressiveness=7):
+        assert error < 0.8 * make_lods(source, [0.2])[0].rest_error
 
 
 def test_levels_can_be_updated(folder: Path, tmp_path: Path) -> None:
