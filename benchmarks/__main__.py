@@ -290,6 +290,15 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 
 @main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+def production(json_file: Path | None) -> None:
+    """Live links beside the operator, and levels of detail beside those that Blender makes."""
+    from benchmarks import production as production_table  # it starts Blender
+
+    report(production_table.run(), None, json_file)
+
+
+@main.command()
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def session(json_file: Path | None) -> None:
     """Clicks, seconds and error of several ways from a fresh scene to a target that an animation poses."""
     from benchmarks import session as session_table  # it starts Blender

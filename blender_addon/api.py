@@ -10,6 +10,12 @@ True
 >>> report["written"]["uv_maps"], report["written"]["vertex_groups"]
 (['UVMap'], ['Bone'])
 
+`keep_linked` lets UVs, colours, attributes and weights of the target follow later edits of the source, by a modifier;
+`update_linked` transfers the rest again:
+
+>>> api.keep_linked(context, scan)["UVMap"] > 0.9
+True
+
 Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 
 >>> api.set_landmark(context, hero, number=1, vertex=12)
@@ -80,6 +86,7 @@ from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
 from .services.library import append_source, find_source
+from .services.live_link import keep_linked, update_linked
 from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
@@ -108,6 +115,7 @@ __all__ = [
     "detect_symmetry",
     "dress",
     "find_source",
+    "keep_linked",
     "landmark_pairs",
     "match_collections",
     "match_objects",
@@ -123,6 +131,7 @@ __all__ = [
     "symmetry_of",
     "transfer_objects",
     "transfer_report",
+    "update_linked",
     "wrap",
 ]
 

@@ -58,6 +58,14 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
+from .live_link import (
+    NODE_TYPES,
+    LinkedLayer,
+    check_linkable,
+    link_modifier,
+    remove_link,
+    write_link,
+)
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
@@ -135,6 +143,7 @@ __all__ = [
     "MARKS",
     "MATCH_ATTRIBUTES",
     "MAX_UV_MAPS",
+    "NODE_TYPES",
     "SCULPTED",
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
@@ -148,6 +157,7 @@ __all__ = [
     "HeldPose",
     "JoinedLayer",
     "Layer",
+    "LinkedLayer",
     "MeshFacts",
     "ObjectPair",
     "OutfitBones",
@@ -168,6 +178,7 @@ __all__ = [
     "bind_to_other",
     "bind_worn_copy",
     "can_be_put",
+    "check_linkable",
     "collection_beside",
     "content_hash",
     "content_of",
@@ -184,6 +195,7 @@ __all__ = [
     "is_flat",
     "is_mirrored",
     "join_shape_keys",
+    "link_modifier",
     "locked_groups",
     "move_vertices",
     "moves_by_itself",
@@ -233,6 +245,7 @@ __all__ = [
     "read_weights",
     "read_weights_in_pieces",
     "read_worn",
+    "remove_link",
     "rename_shape_keys",
     "reshape",
     "select_only",
@@ -255,6 +268,7 @@ __all__ = [
     "write_custom_normals",
     "write_divided",
     "write_layer",
+    "write_link",
     "write_marks",
     "write_materials",
     "write_selection",

@@ -28,6 +28,8 @@ MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confiden
 HAS_PARTNER = "zoomout_has_partner"
 # Prefix of the names of the attributes that store a mesh's own symmetry.
 SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"
+# Prefix of the names of the attributes of links; the dot hides them from Blender's lists.
+LINK_ATTRIBUTES = ".zoomout_link_"
 # Attributes that other modules read and write: faces' materials, marks of edges and vertices, and custom normals.
 READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
 # Types of attributes that may be directions or rotations.
@@ -141,13 +143,13 @@ def count_layers(mesh: Mesh) -> dict[Role, int]:
 def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
     """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so.
 
-    Selection and hiding are states of editing, which nobody misses.
+    Selection, hiding and the mesh's own link are left out, which nobody misses.
     """
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
         attribute = mesh.attributes[name]
-        if not (attribute.is_required or name in READ_ELSEWHERE or name.startswith(EDITING_STATES)):
+        if not (attribute.is_required or name in READ_ELSEWHERE or name.startswith((*EDITING_STATES, LINK_ATTRIBUTES))):
             role = roles.get(name, Role.GENERIC)
             yield name, role, _obstacle(attribute, role)
 

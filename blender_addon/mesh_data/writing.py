@@ -16,7 +16,7 @@ from bpy.types import ID, Key, Object
 from .armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
-ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions")
+ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "node_groups")
 
 
 class Writing:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remove stored data of matches, transfers and symmetries from meshes and scenes, and nothing else."""
+"""Remove stored data of matches, transfers, links and symmetries from meshes and scenes, and nothing else."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.messages import message, plural
 
+from .. import mesh_data
 from ..scene.landmarks import landmarks_in_words, remove_landmarks_on
-from ..storage import stored_candidates, stored_match, stored_report, stored_symmetry
+from ..storage import stored_candidates, stored_link, stored_match, stored_report, stored_symmetry
 from ..viewport import preview
 
 
 def clear_match_data(context: Context, objects: Iterable[Object]) -> str:
-    """Remove matches, their candidates, reports and symmetries from meshes, and landmarks from objects.
+    """Remove matches, their candidates, reports, links and symmetries from meshes, and landmarks from objects.
 
     Transferred data stays. A match is stored on the target's mesh, so clearing a source does not remove it.
 
@@ -44,6 +45,9 @@ def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> s
     for mesh in own:
         if mesh.is_editmode:
             raise zo.MeshError("The mesh '{mesh}' is being edited: leave its Edit Mode.", mesh=mesh.name)
+    for obj in objects:
+        if obj.data in own:
+            mesh_data.remove_link(obj)
     cleared = [mesh for mesh in own if _clear_mesh(mesh)]
     landmarks = sum(remove_landmarks_on(scene, objects) for scene in context.blend_data.scenes if not scene.library)
     shown = preview.current()
@@ -62,6 +66,7 @@ def _clear_mesh(mesh: Mesh) -> bool:
     stored_match.remove(mesh)
     stored_candidates.remove(mesh)
     stored_report.remove(mesh)
+    stored_link.remove(mesh)
     stored_symmetry.forget(mesh)
     if (len(mesh.attributes), len(mesh.keys())) == before:
         return False

@@ -128,6 +128,23 @@ def test_a_match_finds_the_true_points(pair):
     assert np.linalg.norm(image - truth, axis=1).mean() < 0.02
 
 
+def test_a_linked_target_follows_the_source(pair):
+    source, target = pair
+    bpy.ops.zoomout.match()
+    assert bpy.ops.zoomout.keep_linked() == {"FINISHED"}
+    for name, element in (("Height", "value"), ("UVMap", "vector"), ("Paint", "color")):
+        before = linked_values(target, name)
+        changed = values(source.data, name) / 2
+        source.data.attributes[name].data.foreach_set(element, changed.ravel())
+        source.data.update()
+        assert np.isclose(linked_values(target, name), before / 2, atol=1e-5).mean() > 0.95
+
+
+def linked_values(target, name):
+    evaluated = target.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return values(evaluated.data, name).copy()
+
+
 def test_a_match_that_is_cancelled_leaves_the_file_as_it_was(pair):
     before = snapshot_file()
     services = importlib.import_module(f"{EXTENSION}.services.match")

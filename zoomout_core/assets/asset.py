@@ -19,6 +19,7 @@ from zoomout_core.transfer.unpose import inverse_skinning
 
 if TYPE_CHECKING:
     from zoomout_core.assets.gltf import Document
+    from zoomout_core.assets.stored_map import StoredMap
 
 # Names of kinds with one attribute each. Texture coordinates and colours are numbered, as there may be several.
 WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"
@@ -86,6 +87,7 @@ class Asset(Summary):
         nodes: the node of the document that each of these meshes is on; empty if the document is that of another mesh,
             so that the whole surface becomes its mesh.
         look: the document that has these materials in full, which may be that of another file.
+        stored_map: the map from the source of its data, if the file stores it, see `update_asset`.
 
     Example:
         >>> zo.Asset(source).attributes
@@ -101,6 +103,7 @@ class Asset(Summary):
     objects: tuple[tuple[str, int], ...] = ()
     nodes: tuple[int, ...] = ()
     look: Document | None = None
+    stored_map: StoredMap | None = None
 
     def _summary(self) -> dict[str, str]:
         return {

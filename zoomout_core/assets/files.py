@@ -29,6 +29,8 @@ from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, re
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply, ".vrm": write_gltf}
+# Formats that can store a map, see `stored_map`.
+GLTF = tuple(ending for ending, writer in WRITERS.items() if writer is write_gltf)
 # Avatars: GLB files with bones and terms of use that only another avatar can provide.
 AVATAR = ".vrm"
 

@@ -27,6 +27,8 @@ COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # glTF's codes for buffers of vertices and of indices.
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+# The attribute of vertices, and the name in the free data of the document, that store the map of an asset.
+PLACE, STORED_MAP = "_ZOOMOUT_PLACE", "zoomout_map"
 # Extensions of glTF for copies of a mesh, for materials to choose from, and for animations of any value.
 INSTANCES, VARIANTS, POINTER = "EXT_mesh_gpu_instancing", "KHR_materials_variants", "KHR_animation_pointer"
 # The extensions of VRM 0 and 1 for avatars.

@@ -21,6 +21,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.assets.gltf import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
+    PLACE,
     VARIANTS,
     VRM_0,
     Buffer,
@@ -319,6 +320,8 @@ def _corner_rows(asset: Asset, positions: Floats, linear: Floats | None, triangl
             of_corner = unit_vectors(np.einsum("cyx,cy->cx", inverse, of_corner))
     of_corner = np.where(np.linalg.norm(of_corner, axis=1, keepdims=True) > 0.5, of_corner, [0, 0, 1])
     rows = {"NORMAL": of_corner}
+    if asset.stored_map is not None:
+        rows[PLACE] = asset.stored_map.rows[surface.corner_vertex]
     for kind, name in ((UV, "TEXCOORD"), (COLOR, "COLOR")):
         found = [attribute for attribute in asset.attributes if attribute.name.startswith(f"{kind} ")]
         for number, attribute in enumerate(sorted(found, key=lambda each: each.name)):

@@ -18,7 +18,8 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf import INSTANCES, Document, morph_target_names
+from zoomout_core.assets.gltf import INSTANCES, PLACE, STORED_MAP, Document, morph_target_names
+from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -50,6 +51,7 @@ class _Mesh:
         keys: names of the morph targets.
         joint: (n, s) numbers of joints in the skin.
         weight: (n, s) weights of these joints.
+        place: (n, 4) rows of a stored map; None without one.
     """
 
     node: int
@@ -62,6 +64,7 @@ class _Mesh:
     keys: tuple[str, ...]
     joint: Integers
     weight: Floats
+    place: Floats | None
 
 
 def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
@@ -95,6 +98,7 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
         objects=tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes),
         nodes=tuple(mesh.node for mesh in meshes),
         look=document,
+        stored_map=_stored_map(document, meshes),
     )
 
 
@@ -102,6 +106,14 @@ def read_gltf_surface(path: Path) -> Surface | None:
     """The surface of `read_gltf` without its data, for `mesh.files`; None without triangles."""
     scene = _read_scene(path)
     return None if scene is None else scene.surface
+
+
+def _stored_map(document: Document, meshes: Sequence[_Mesh]) -> StoredMap | None:
+    """The map that a file stores; None unless all meshes have it."""
+    places = [mesh.place for mesh in meshes if mesh.place is not None]
+    if len(places) < len(meshes):
+        return None
+    return stored_map_from(np.concatenate(places), (document.gltf.asset.extras or {}).get(STORED_MAP))
 
 
 class _Scene(NamedTuple):
@@ -214,6 +226,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
         keys,
         joint[chosen],
         weight[chosen],
+        rows[PLACE][chosen] if PLACE in rows and all(PLACE in each for each in attributes) else None,
     )
 
 

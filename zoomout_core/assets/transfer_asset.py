@@ -56,6 +56,7 @@ def transfer_asset(
     kinds: Collection[str] = KINDS[:-1],
     shape: str = "automatic",
     fill_below: float | None = None,
+    max_weights: int | None = None,
 ) -> TransferredAsset:
     """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
@@ -70,6 +71,7 @@ def transfer_asset(
         kinds: the kinds to transfer, from `KINDS`.
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
+        max_weights: how many joints a vertex may have; as many as on the source, when not given.
 
     Raises:
         MeshError: the source has no data of these kinds, or the map is of other surfaces.
@@ -103,12 +105,12 @@ def transfer_asset(
         received[attribute.name] = carried
         notes += carried.notes
     notes += _note_on_replaced(target, replaced, skin is not None)
-    asset = replace(target, attributes=tuple(received.values()), notes=())
+    asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
-            own, found = _bind(source, skin, mapped, shape)
+            own, found = _bind(source, skin, mapped, shape, max_weights)
         asset = replace(asset, skin=own, document=source.document, nodes=())
         notes += found
     advance(1.0)
@@ -170,15 +172,15 @@ def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) 
     return [message("The target's own {things} were replaced.", things=enumeration(own))] if own else []
 
 
-def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
+def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str, limit: int | None) -> tuple[Skin, list[str]]:
     """The skin of the target, with its rest pose, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):
-        weights = _weights(skin, mapped)
+        weights = skin_weights(skin, mapped, limit)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
         posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
-        weights, pose = _weights(skin, posed.mapped), posed.pose
+        weights, pose = skin_weights(skin, posed.mapped, limit), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
             rest = align(target, pose)
         else:
@@ -191,10 +193,13 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[
     return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), notes
 
 
-def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
-    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex with some."""
+def skin_weights(skin: Skin, mapped: MappedTarget, limit: int | None = None) -> csr_array:
+    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex with some.
+
+    At most `limit` joints have weights at a vertex, see `mix_weights`.
+    """
     attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
-    weights = csr_array(transfer_along(attribute, mapped).values)
+    weights = csr_array(transfer_along(attribute, mapped, limit=limit).values)
     without = np.diff(weights.indptr) == 0
     if without.any():
         places = mapped.target.vertices

@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 
 from zoomout_core.assets.asset import Asset, one_line
-from zoomout_core.assets.gltf import Buffer, library
+from zoomout_core.assets.gltf import STORED_MAP, Buffer, library
 from zoomout_core.assets.gltf_animations import keep_animations, keep_copies
 from zoomout_core.assets.gltf_materials import ImageFiles, full_look, write_materials
 from zoomout_core.assets.gltf_meshes import write_meshes
@@ -44,6 +44,10 @@ def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     document, look = asset.document, full_look(asset)
     made: GLTF2 = gltf.GLTF2(asset=gltf.Asset(version="2.0")) if document is None else deepcopy(document.gltf)
     made.asset.generator = f"ZoomOut Transfer {package_version()}"
+    extras = {name: value for name, value in (made.asset.extras or {}).items() if name != STORED_MAP}
+    if asset.stored_map is not None:
+        extras[STORED_MAP] = asset.stored_map.description
+    made.asset.extras = extras
     made.accessors = []
     buffer = Buffer(made)
     files = ImageFiles(made, buffer, path)

@@ -10,6 +10,8 @@ from zoomout_core.global_options import quiet_option, threads_option
 SUMMARIES = {
     "match": "Find the point on SOURCE for each vertex of TARGET.",
     "transfer": "Transfer the data of SOURCE to other meshes.",
+    "lods": "Write levels of detail of MESH, with all of its data.",
+    "update": "Transfer changes of a source to files made from it.",
     "landmarks": "Place the landmarks of TEMPLATE on other meshes.",
     "collection": "Match many shapes, and make their maps agree.",
     "outfits": "Dress avatars in what others wear.",

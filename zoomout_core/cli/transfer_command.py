@@ -14,6 +14,7 @@ import click
 
 from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import (
+    GLTF,
     MESHES,
     WRITERS,
     check_avatar,
@@ -26,6 +27,7 @@ from zoomout_core.assets.files import (
 )
 from zoomout_core.assets.key_names import rename_keys
 from zoomout_core.assets.part_names import name_parts
+from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset
 from zoomout_core.batch import (
     Job,
@@ -78,6 +80,12 @@ MATCHED = 0.8
     help="Rename the morph targets to a convention of expression keys, add those that are sums of others, and list "
     "those that are missing.",
 )
+@click.option(
+    "--keep-map",
+    is_flag=True,
+    help="Store the map in the glTF file, 16 bytes for each vertex, so that `zoomout update` can carry later changes "
+    "of SOURCE to it.",
+)
 @folders_option
 @json_option
 @match_options
@@ -90,6 +98,7 @@ def transfer(
     kinds: str,
     shape: str,
     key_names: str | None,
+    keep_map: bool,
     candidate: int,
     force: bool,
     folders: tuple[str, ...],
@@ -122,17 +131,23 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         arguments, asset = start_arguments(**options), read_asset(source, folders)
-        choices = candidate, force, wanted, shape.replace("-", " "), key_names, arguments
+        choices = candidate, force, wanted, shape.replace("-", " "), key_names, keep_map, arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
         if key_names and (SHAPE_KEYS not in wanted or asset.find(SHAPE_KEYS) is None):
             raise MeshError(
                 f"--key-names has no morph targets of {source} to rename: leave it out, or choose a source and --kinds "
                 "with shape-keys."
             )
+        if keep_map and (key_names or jobs[0].output.suffix.lower() not in GLTF):
+            raise OptionError(
+                "--keep-map needs an output in glTF with the key names of SOURCE: leave out --key-names, and write "
+                f"{' or '.join(GLTF)} files."
+            )
         given = {
             "kinds": wanted,
             "shape": shape,
             "key_names": key_names,
+            "keep_map": keep_map,
             "candidate": candidate,
             "force": force,
             "folders": folders,
@@ -184,6 +199,7 @@ def _run_job(
     kinds: list[str],
     shape: str,
     key_names: str | None,
+    stores_map: bool,
     arguments: dict[str, Any],
     job: Job,
     report: dict[str, Any],
@@ -205,6 +221,8 @@ def _run_job(
         with portion(MATCHED, 1.0):
             made = transfer_asset(source, target, result, kinds, shape)
         written, named = made.asset, list[str]()
+        if stores_map:
+            written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(kinds)))
         if key_names:
             written, keys, named = rename_keys(made.asset, key_names)
             report["key_names"] = asdict(keys)

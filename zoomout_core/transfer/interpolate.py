@@ -19,6 +19,7 @@ from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_surface
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.picks import Picks
 from zoomout_core.transfer.potts import elect_for_faces, tally
 
 
@@ -45,16 +46,20 @@ def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     A corner takes the side of its face, and the nearest value on that side. Filled in values do not jump: they continue
     the means of the corners at each vertex around them.
     """
-    values = _floats(attribute)
-    target, corners_of = mapped.target, mapped.source.triangle_corners
+    picks = pick_corners(attribute, mapped)
+    return _fill(attribute, mapped, picks.mix(_floats(attribute)), mapped.target.corner_vertex)
+
+
+def pick_corners(attribute: Attribute, mapped: MappedTarget) -> Picks:
+    """The corners of the source between which `mix_corners` interpolates."""
+    values, target = _floats(attribute), mapped.target
     triangle = mapped.surface_map.triangle[target.corner_vertex]
     barycentric = mapped.surface_map.barycentric[target.corner_vertex]
     cut = cut_surface(mapped.source, values.reshape(len(values), -1))
     near = np.flatnonzero(mapped.near_border(cut)[target.corner_face])
     start, _ = mapped.nudge(near)
     triangle[near], barycentric[near], _ = cut.walk(start, mapped.points[target.corner_vertex[near]])
-    mixed = np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]])
-    return _fill(attribute, mapped, mixed, target.corner_vertex)
+    return Picks(mapped.source.triangle_corners[triangle], barycentric)
 
 
 MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
@@ -62,18 +67,24 @@ MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corn
 
 def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Vote on labels at vertices: the one with the largest barycentric weight."""
-    code, distinct = _encode(attribute)
-    winner = _heaviest(
-        code[mapped.surface_map.source_triangles[mapped.surface_map.triangle]], mapped.surface_map.barycentric
-    )
-    return replace(attribute, values=distinct[winner])
+    return replace(attribute, values=np.asarray(attribute.values)[elect_points(attribute, mapped)])
+
+
+def elect_points(attribute: Attribute, mapped: MappedTarget) -> Integers:
+    """(n_t,) the vertex of the source whose label `vote_points` takes."""
+    corners = mapped.surface_map.source_triangles[mapped.surface_map.triangle]
+    return _heaviest(corners, _encode(attribute)[0], mapped.surface_map.barycentric)
 
 
 def vote_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Vote on labels at face corners, read slightly inside the face."""
-    code, distinct = _encode(attribute)
+    return replace(attribute, values=np.asarray(attribute.values)[elect_corners(attribute, mapped)])
+
+
+def elect_corners(attribute: Attribute, mapped: MappedTarget) -> Integers:
+    """(c_t,) the corner of the source whose label `vote_corners` takes."""
     triangle, barycentric = mapped.nudge(np.arange(len(mapped.target.corner_vertex)))
-    return replace(attribute, values=distinct[_heaviest(code[mapped.source.triangle_corners[triangle]], barycentric)])
+    return _heaviest(mapped.source.triangle_corners[triangle], _encode(attribute)[0], barycentric)
 
 
 def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -129,7 +140,8 @@ def _encode(attribute: Attribute) -> tuple[Integers, NDArray[Any]]:
     return code.reshape(-1), distinct
 
 
-def _heaviest(code: Integers, weight: Floats) -> Integers:
-    """(q,) the code of three (q, 3) with the largest weight, summed over equal codes."""
-    votes = ((code[:, :, None] == code[:, None, :]) * weight[:, None, :]).sum(axis=2)
-    return code[np.arange(len(code)), np.argmax(votes, axis=1)]
+def _heaviest(elements: Integers, code: Integers, weight: Floats) -> Integers:
+    """(q,) the element of three (q, 3) whose code has the largest weight (q, 3), summed over equal codes."""
+    codes = code[elements]
+    votes = ((codes[:, :, None] == codes[:, None, :]) * weight[:, None, :]).sum(axis=2)
+    return np.asarray(elements[np.arange(len(elements)), np.argmax(votes, axis=1)])

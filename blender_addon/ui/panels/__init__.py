@@ -8,6 +8,7 @@ from .dress import ZOOMOUT_PT_dress
 from .expressions import ZOOMOUT_PT_expressions
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .library import ZOOMOUT_PT_library
+from .live_link import ZOOMOUT_PT_live_link
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
@@ -27,6 +28,7 @@ CLASSES = (
     ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
+    ZOOMOUT_PT_live_link,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,

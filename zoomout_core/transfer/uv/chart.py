@@ -31,8 +31,13 @@ class Chart:
         """(q, 2) UVs at points of the source."""
         return np.einsum("qc,qcx->qx", barycentric, self.uv[self.cut.surface.triangle_corners[triangle]])
 
-    def beyond(self, triangle: Integers, barycentric: Floats, points: Floats) -> Floats:
-        """(q, 2) UVs at points (q, 3) beyond an island, continued from the triangle closest to each."""
+    def beyond(self, triangle: Integers, barycentric: Floats, points: Floats) -> tuple[Floats, Floats]:
+        """Continue UVs to points (q, 3) beyond an island, from the triangle closest to each.
+
+        Returns:
+            (q, 2) UVs, kept within the tile of their island, and (q, 3) barycentric coordinates that give them if they
+            are within it.
+        """
         surface = self.cut.surface
         a, b, c = (surface.vertices[surface.triangles[triangle, i]] for i in range(3))
         uv_a, uv_b, uv_c = (self.uv[surface.triangle_corners[triangle, i]] for i in range(3))
@@ -47,8 +52,10 @@ class Chart:
         island = self.cut.triangle_island[triangle]
         longest = MAX_SLOPE * self.density[island] * np.linalg.norm(offset, axis=1)
         length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1, np.divide(longest, length, out=np.ones_like(length), where=length > 0))[:, None]
-        return np.clip(self.at(triangle, barycentric) + step, self.lower[island], self.upper[island])
+        shortened = np.minimum(1, np.divide(longest, length, out=np.ones_like(length), where=length > 0))[:, None]
+        continued = barycentric + shortened * np.stack([-along_ab - along_ac, along_ab, along_ac], axis=1)
+        uv = self.at(triangle, barycentric) + shortened * step
+        return np.clip(uv, self.lower[island], self.upper[island]), continued
 
 
 def chart_of(source: Surface, uv: Floats) -> Chart:

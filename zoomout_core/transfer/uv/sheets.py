@@ -34,7 +34,9 @@ class Sheets:
     candidates: Candidates  # the k candidates
     seed: Integers  # (k,) a triangle of the source on each
     row: Integers  # (k,) where the corners of each begin in the rows
-    uv: Floats  # (rows, 2) UVs of each corner of each candidate's face
+    triangle: Integers  # (rows,) the triangle of the source in which each corner of each candidate's face is read
+    weights: Floats  # (rows, 3) barycentric coordinates in it, outside the triangle where UVs are continued
+    uv: Floats  # (rows, 2) UVs there
     gap: Floats  # (rows,) distance in space of the corner beyond the sheet's border
 
     @cached_property
@@ -78,8 +80,8 @@ def _read(
     triangle[walked], barycentric[walked], gap[walked] = cut.walk(entered, points)
     uv = chart.at(triangle, barycentric)
     over = np.flatnonzero(gap > 0)
-    uv[over] = chart.beyond(triangle[over], barycentric[over], mapped.points[vertex[over]])
-    return Sheets(candidates, seed, group_starts(candidate), uv, gap)
+    uv[over], barycentric[over] = chart.beyond(triangle[over], barycentric[over], mapped.points[vertex[over]])
+    return Sheets(candidates, seed, group_starts(candidate), triangle, barycentric, uv, gap)
 
 
 def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tuple[Integers, Integers, Floats, Floats]:

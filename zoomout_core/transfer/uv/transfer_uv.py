@@ -20,6 +20,7 @@ from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE
 from zoomout_core.transfer.groups import first_of_each, label_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.picks import Picks
 from zoomout_core.transfer.potts import elect_for_faces
 from zoomout_core.transfer.uv.chart import Chart, chart_of
 from zoomout_core.transfer.uv.faults import fault_notes
@@ -33,6 +34,20 @@ UV_TOLERANCE = 0.25
 
 def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Transfer UVs (c, 2) at face corners."""
+    chart, sheets, chosen, row = _choose_rows(attribute, mapped)
+    uv = sheets.uv[row]
+    notes = fault_notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
+    return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
+
+
+def pick_uv(attribute: Attribute, mapped: MappedTarget) -> Picks:
+    """The corners of the source from which `transfer_uv` mixes each UV, apart from its clipping to a tile."""
+    _, sheets, _, row = _choose_rows(attribute, mapped)
+    return Picks(mapped.source.triangle_corners[sheets.triangle[row]], sheets.weights[row])
+
+
+def _choose_rows(attribute: Attribute, mapped: MappedTarget) -> tuple[Chart, Sheets, Integers, Integers]:
+    """The source's chart, the sheets, (f,) the candidate of each face, and (c,) the row of each corner's UV."""
     target = mapped.target
     chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
     sheets = sheets_of(chart, mapped)
@@ -41,9 +56,7 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     row = sheets.rows(of_corner, np.arange(len(of_corner)), target)
     first, second = mapped.adjacent
     agree = _agree(sheets, chart, target, of_corner[first[:, 0]], of_corner[second[:, 0]], first, second)
-    uv = _share_corners(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
-    notes = fault_notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
-    return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
+    return chart, sheets, chosen, row[_share_corners(sheets.uv[row], sheets.gap[row], first[agree], second[agree])]
 
 
 def _agree(
@@ -60,8 +73,8 @@ def _agree(
     return agree
 
 
-def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
-    """(c, 2) UVs, where joined corners that are equal, or beyond a border, share the value of the nearest of them."""
+def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Integers:
+    """(c,) the corner whose UV (c, 2) each takes: joined ones that are equal, or beyond a border, share the nearest."""
     group = label_groups(len(uv), first.ravel(), second.ravel())
     nearest = np.empty(group.max() + 1, dtype=np.int64)
     nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each group, which is the nearest if it has no gap
@@ -72,4 +85,4 @@ def _share_corners(uv: Floats, gap: Floats, first: Integers, second: Integers) -
     rounding = SAME_CORNER * float(np.ptp(uv, axis=0).max())
     off = np.abs(uv - of_nearest)
     taken = (gap > 0) | (np.maximum(off[:, 0], off[:, 1]) <= rounding)
-    return np.where(taken[:, None], of_nearest, uv)
+    return np.where(taken, nearest[group], np.arange(len(uv)))

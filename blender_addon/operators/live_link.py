@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Link the active and other selected meshes to their sources, and update what a modifier cannot write."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from bpy.types import Context
+
+from zoomout_core.messages import enumeration
+
+from ..jobs import Work
+from ..properties.settings import take_settings
+from ..properties.transfer import BlendOptions, TransferOptions
+from ..scene.selection import chosen_targets, match_source
+from ..services.live_link import prepare_link, prepare_update, summary
+from ..services.targets import Write, each_target
+from ..storage import stored_link
+from ..translations import translated
+from ..viewport import preview
+from .matched import MatchedOperator
+
+
+class LinkOperator(MatchedOperator):
+    """The base of operators on the links of the active and other selected meshes."""
+
+    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
+        """Prepare the link of a target."""
+        raise NotImplementedError
+
+    def targets(self, context: Context) -> list[str]:
+        """The names of the targets."""
+        source = context.scene.objects.get(match_source(context, context.active_object))
+        return [obj.name for obj in chosen_targets(context, source) if match_source(context, obj)]
+
+    async def work(self, context: Context) -> str:
+        outcome = await each_target(self.targets(context), partial(self.prepare, context))
+        preview.clear()  # it would hide the result
+        self.report_failed(outcome)
+        return enumeration((summary(name, shares) for name, shares in outcome.done.items()), "; ")
+
+
+class ZOOMOUT_OT_keep_linked(TransferOptions, BlendOptions, LinkOperator):
+    bl_idname = "zoomout.keep_linked"
+    bl_label = "Keep Linked"
+    bl_description = (
+        "Transfer the chosen data, and add a modifier by which UVs, colors, attributes and vertex groups of the active "
+        "mesh, and of the other selected ones, follow later edits of the source"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
+        take_settings(self, context.scene.zoomout)
+        return prepare_link(context, target, self.data(), self.settings())
+
+
+class ZOOMOUT_OT_update_linked(LinkOperator):
+    bl_idname = "zoomout.update_linked"
+    bl_label = "Update Linked"
+    bl_description = (
+        "Transfer all data of the linked meshes again, as it was chosen for Keep Linked: shape keys, materials, seams "
+        "and custom normals, which no modifier can write, and new layers of the source"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active object is linked."""
+        if not super().poll(context):
+            return False
+        if stored_link.description(context.active_object.data) is None:
+            cls.poll_message_set(translated("Link this mesh first, with Keep Linked"))
+            return False
+        return True
+
+    def targets(self, context: Context) -> list[str]:
+        objects = context.scene.objects
+        return [name for name in super().targets(context) if stored_link.description(objects[name].data) is not None]
+
+    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
+        return prepare_update(context, target)
+
+
+# In the order of registration.
+CLASSES = (ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The subpanel of links, by which targets follow edits of their source."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from zoomout_core.messages import message
+
+from ...operators.live_link import ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked
+from ...operators.match import ZOOMOUT_OT_match
+from ...scene.selection import match_source
+from ...services.live_link import has_older_match
+from ...services.preflight import stale
+from ...storage import stored_link
+from .sidebar import SidebarPanel, sentences
+from .transfer import ZOOMOUT_PT_transfer
+
+
+class ZOOMOUT_PT_live_link(SidebarPanel, Panel):
+    bl_label = "Live Link"
+    bl_parent_id = ZOOMOUT_PT_transfer.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 5
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active mesh was matched."""
+        return bool(match_source(context, context.active_object))
+
+    def draw(self, context: Context) -> None:
+        layout, target = self.layout, context.active_object
+        layout.operator(ZOOMOUT_OT_keep_linked.bl_idname, icon="LINKED")
+        linked = stored_link.description(target.data)
+        if linked is None:
+            return
+        if reason := stale(context, target):
+            sentences(context, layout, [reason], "ERROR")
+            layout.operator(ZOOMOUT_OT_match.bl_idname, text="Match Again")
+        elif has_older_match(target):
+            sentences(context, layout, ["The mesh was matched again: update the link."], "INFO")
+        layout.operator(ZOOMOUT_OT_update_linked.bl_idname, icon="FILE_REFRESH")
+        follows = [
+            message("{layer}: {share:.0%} follows '{source}'", layer=name, share=share, source=linked["source"])
+            for name, share in linked["layers"].items()
+        ]
+        sentences(context, layout, follows, "DOT")

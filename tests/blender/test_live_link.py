@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A linked target follows edits of its source, as another transfer would change it, and nothing else."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    ELEMENTS,
+    activate,
+    add_attribute,
+    add_uv_map,
+    decimate,
+    delete_vertex,
+    ellipsoid,
+    positions,
+    set_weights,
+    snapshot_file,
+    values,
+)
+from true_match import keep_true_match
+
+import zoomout_core as zo
+from blender_addon.adapters import Settings
+from blender_addon.mesh_data import link_modifier, read_weights
+from blender_addon.services import live_link as service
+from blender_addon.services.live_link import has_older_match, keep_linked, update_linked
+from blender_addon.services.transfer import transfer_objects
+from blender_addon.storage import stored_link
+
+FLOATS = ("FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR")
+LABELS = ("INT", "INT8", "BOOLEAN")
+# The halves of an atlas of two islands, by the sign of x.
+ISLANDS = np.array([[0.1, 0.1], [0.6, 0.5]])
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source", 4)
+
+
+@pytest.fixture
+def target(source):
+    obj = decimate("Target", 4)
+    keep_true_match(obj)
+    activate(obj, source)
+    return obj
+
+
+def add_layers(mesh, seed):
+    """A layer of each kind, or other values of it: smooth numbers, labels of halves, and UVs of two islands."""
+    random = np.random.default_rng(seed)
+    corner_vertex = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corner_vertex)
+    face = np.repeat(np.arange(len(mesh.polygons)), 3)
+    points = positions(mesh)
+    side = (points[corner_vertex[::3], 0] > 0).astype(int)
+    uv = ISLANDS[side[face]] + points[corner_vertex, 1:] @ random.normal(size=(2, 2)) * 0.05
+    layers = {("UVMap", "FLOAT2", "CORNER"): uv}
+    for kind in FLOATS:
+        width = ELEMENTS[kind][1]
+        smooth = np.abs(np.tanh(points @ random.normal(size=(3, width))))
+        layers[f"point {kind}", kind, "POINT"] = smooth
+        if kind != "FLOAT2":  # would be a UV map
+            layers[f"corner {kind}", kind, "CORNER"] = smooth[corner_vertex] + 0.3 * side[face, None]
+    of_side = random.permutation(2)[side]
+    for kind in LABELS:
+        layers[f"face {kind}", kind, "FACE"] = of_side
+        layers[f"corner {kind}", kind, "CORNER"] = of_side[face]
+        layers[f"point {kind}", kind, "POINT"] = points[:, 0] > random.uniform(-0.1, 0.1)
+    for (name, kind, domain), array in layers.items():
+        if name in mesh.attributes:
+            element, _, dtype = ELEMENTS[kind]
+            mesh.attributes[name].data.foreach_set(element, np.ascontiguousarray(array, dtype).ravel())
+        else:
+            add_attribute(mesh, name, kind, domain, array)
+    mesh.update()
+    return {name for name, _, _ in layers}
+
+
+def visible(obj):
+    """The values of all layers, and weights (n, groups), after modifiers."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    evaluated = obj.evaluated_get(depsgraph)
+    mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+    found = {layer.name: values(mesh, layer.name).astype(float) for layer in mesh.attributes if _is_shown(layer)}
+    weights = read_weights(evaluated, mesh)
+    found |= {name: weights.values[:, [number]].toarray()[:, 0] for number, name in enumerate(weights.labels)}
+    evaluated.to_mesh_clear()
+    return found
+
+
+def _is_shown(layer):
+    return layer.data_type in ELEMENTS and not layer.name.startswith(".")
+
+
+def differences(one, other):
+    """The largest difference of each layer."""
+    return {name: np.abs(one[name] - other[name]).max() for name in one}
+
+
+def test_a_linked_target_follows_all_kinds_of_layers_as_a_transfer_writes_them(source, target):
+    names = add_layers(source.data, 0)
+    set_weights(source, "Left", np.clip(positions(source.data)[:, 0] + 0.5, 0, 1))
+    shares = keep_linked(bpy.context, target)
+    assert shares.keys() >= names | {"Left"}
+    assert min(shares.values()) > 0.99
+    linked = visible(target)
+    modifier = link_modifier(target)
+    modifier.show_viewport = False
+    assert max(differences(linked, visible(target)).values()) < 1e-5
+
+    add_layers(source.data, 1)
+    source.vertex_groups["Left"].add(range(300), 0.25, "REPLACE")
+    modifier.show_viewport = True
+    followed = visible(target)
+    modifier.show_viewport = False
+    transfer_objects(bpy.context, source, target)
+    written = visible(target)
+    for name in names | {"Left"}:
+        assert np.abs(followed[name] - linked[name]).max() > 0.01, name
+        differ = np.abs(followed[name] - written[name]).reshape(len(written[name]), -1).max(axis=1) > 1e-5
+        # A transfer elects labels and islands anew, at their borders.
+        elected = name.endswith((*LABELS, "UVMap"))
+        assert differ.mean() <= (0.05 if elected else 1 - shares[name]), name
+
+
+def test_faces_at_a_seam_follow_their_own_island(source, target):
+    """Moving one island moves the UVs of whole faces, never a part of their corners."""
+    add_layers(source.data, 0)
+    keep_linked(bpy.context, target)
+    before = visible(target)["UVMap"]
+    uv = values(source.data, "UVMap")
+    add = np.where(uv[:, :1] > 0.35, 0.125, 0)
+    source.data.attributes["UVMap"].data.foreach_set("vector", (uv + add).astype(np.float32).ravel())
+    source.data.update()
+    moved = np.abs(visible(target)["UVMap"] - before).max(axis=1).reshape(-1, 3)
+    np.testing.assert_allclose(moved, moved[:, :1].repeat(3, axis=1), atol=1e-6)
+    assert {0.0, 0.125} == set(np.round(moved, 5).ravel().tolist())
+
+
+def test_doubtful_vertices_keep_what_was_filled_in(source, target):
+    keep_true_match(target, doubtful=50)
+    add_attribute(source.data, "heat", "FLOAT", "POINT", positions(source.data)[:, 0])
+    shares = keep_linked(bpy.context, target, ["attributes"], Settings(fill_below=0.5))
+    assert abs(shares["heat"] - (1 - 50 / len(target.data.vertices))) < 0.01
+    before = visible(target)["heat"]
+    source.data.attributes["heat"].data.foreach_set("value", np.full(len(source.data.vertices), 9, np.float32))
+    source.data.update()
+    after = visible(target)["heat"]
+    np.testing.assert_array_equal(after[:50], before[:50])
+    np.testing.assert_allclose(after[60:], 9, rtol=1e-6)
+
+
+@pytest.mark.parametrize("edited", ["Source", "Target"])
+def test_a_mesh_with_other_vertices_stops_the_link_until_the_next_match(source, target, edited):
+    add_attribute(source.data, "heat", "FLOAT", "POINT", positions(source.data)[:, 0])
+    keep_linked(bpy.context, target, ["attributes"])
+    delete_vertex(bpy.data.objects[edited])
+    source.data.attributes["heat"].data.foreach_set("value", np.full(len(source.data.vertices), 9, np.float32))
+    source.data.update()
+    assert visible(target)["heat"].max() < 2
+    with pytest.raises(zo.MeshError, match=f"'{edited}' was edited .*match again"):
+        update_linked(bpy.context, target)
+    keep_true_match(target)
+    assert has_older_match(target)
+    update_linked(bpy.context, target)
+    assert not has_older_match(target)
+    np.testing.assert_allclose(visible(target)["heat"], 9, rtol=1e-6)
+
+
+def test_a_layer_that_the_source_loses_stays_on_the_target(source, target):
+    add_uv_map(source.data, "UVMap")
+    keep_linked(bpy.context, target, ["uv_maps"])
+    before = visible(target)["UVMap"]
+    source.data.uv_layers.remove(source.data.uv_layers["UVMap"])
+    np.testing.assert_array_equal(visible(target)["UVMap"], before)
+
+
+def test_modifiers_below_use_the_linked_weights(source, target):
+    """The modifier is the first, and writes vertex groups."""
+    right = positions(source.data)[:, 0] > 0.8
+    set_weights(source, "Bone", right)
+    displace = target.modifiers.new("Displace", "DISPLACE")
+    keep_linked(bpy.context, target, ["vertex_groups"])
+    displace.vertex_group = "Bone"
+    assert target.modifiers[0] == link_modifier(target)
+    still = positions(target.data)[:, 0] < 0.4
+    assert np.abs(visible(target)["position"] - positions(target.data))[still].max() < 1e-6
+    source.vertex_groups["Bone"].add(np.flatnonzero(~right).tolist(), 1.0, "REPLACE")
+    source.data.update()
+    assert np.linalg.norm(visible(target)["position"] - positions(target.data), axis=1).min() > 0.1
+
+
+def test_what_no_modifier_can_write_follows_with_an_update(source, target):
+    source.shape_key_add(name="Basis")
+    key = source.shape_key_add(name="Smile")
+    set_weights(source, "Old", np.ones(len(source.data.vertices)))
+    keep_linked(bpy.context, target, ["shape_keys", "vertex_groups"])
+    key.points[0].co.z += 0.5
+    set_weights(source, "New", np.ones(len(source.data.vertices)))
+    shares = update_linked(bpy.context, target)
+    moved = np.array([point.co.z for point in target.data.shape_keys.key_blocks["Smile"].points])
+    assert np.abs(moved - positions(target.data)[:, 2]).max() > 0.01
+    assert shares["New"] == 1  # with the data that was chosen for Keep Linked
+
+
+def test_a_link_survives_saving_appending_and_linking(source, target, tmp_path):
+    add_uv_map(source.data, "UVMap")
+    keep_linked(bpy.context, target, ["uv_maps"])
+    path = str(tmp_path / "linked.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    check_follows(bpy.data.objects["Source"], bpy.data.objects["Target"])
+    assert stored_link.description(bpy.data.objects["Target"].data)["source"] == "Source"
+    for linked in (False, True):
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        with bpy.data.libraries.load(path, link=linked) as (_, into):
+            into.objects = ["Target"]
+        (target,) = into.objects
+        bpy.context.scene.collection.objects.link(target)
+        source = link_modifier(target).node_group.nodes["Object Info"].inputs["Object"].default_value
+        assert source.name == "Source"
+        if not linked:
+            bpy.context.scene.collection.objects.link(source)
+            check_follows(source, target)
+    assert link_modifier(target).node_group.library is not None
+    assert "UVMap" in visible(target)
+
+
+def check_follows(source, target):
+    before = visible(target)["UVMap"]
+    uv = values(source.data, "UVMap") + np.float32(0.25)
+    source.data.attributes["UVMap"].data.foreach_set("vector", uv.ravel())
+    source.data.update()
+    np.testing.assert_allclose(visible(target)["UVMap"], before + 0.25, atol=1e-5)
+
+
+def test_operators_link_and_update_the_selected_targets(source, target):
+    other = decimate("Other", 4)
+    keep_true_match(other)
+    add_uv_map(source.data, "UVMap")
+    activate(target, source, other)
+    assert not bpy.ops.zoomout.update_linked.poll()
+    assert bpy.ops.zoomout.keep_linked() == {"FINISHED"}
+    assert bpy.ops.zoomout.update_linked() == {"FINISHED"}
+    for obj in (target, other):
+        assert link_modifier(obj) is not None
+        assert len(obj.modifiers) == 1
+        check_follows(source, obj)
+    assert len([tree for tree in bpy.data.node_groups if "Link" in tree.name]) == 2
+    assert link_modifier(source) is None
+
+
+def test_linking_again_leaves_nothing_of_the_link_before(source, target):
+    add_uv_map(source.data, "UVMap")
+    keep_linked(bpy.context, target, ["uv_maps"])
+    before = snapshot_file()
+    keep_linked(bpy.context, target, ["uv_maps"])
+    assert snapshot_file() == before
+
+
+def test_clearing_removes_the_link_and_keeps_the_values(source, target):
+    add_uv_map(source.data, "UVMap")
+    transfer_objects(bpy.context, source, target, ["uv_maps"])
+    keep_linked(bpy.context, target, ["uv_maps"])
+    uv = values(target.data, "UVMap").copy()
+    assert bpy.ops.zoomout.clear_match_data() == {"FINISHED"}
+    assert not target.modifiers
+    assert not bpy.data.node_groups
+    assert stored_link.description(target.data) is None
+    assert not any("zoomout" in layer.name for layer in target.data.attributes)
+    np.testing.assert_array_equal(values(target.data, "UVMap"), uv)
+
+
+def test_what_cannot_be_linked_is_refused_before_anything_is_written(source, target):
+    add_uv_map(source.data, "UVMap")
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="Factor to 1"):
+        keep_linked(bpy.context, target, settings=Settings(factor=0.5))
+    with pytest.raises(zo.MeshError, match="'Target' is not linked"):
+        update_linked(bpy.context, target)
+    source.modifiers.new("Subdivision", "SUBSURF")
+    with pytest.raises(zo.MeshError, match="added after the match: match again"):
+        keep_linked(bpy.context, target)
+    source.modifiers.clear()
+    assert snapshot_file() == before
+
+
+def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, monkeypatch):
+    add_uv_map(source.data, "UVMap")
+    before = snapshot_file()
+
+    def fail(*_):
+        raise RuntimeError("as if Blender lacked a node")
+
+    monkeypatch.setattr(service.mesh_data.live_link, "_store_mixture", fail)
+    with pytest.raises(RuntimeError):
+        keep_linked(bpy.context, target, ["uv_maps"])
+    assert snapshot_file() == before

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Levels of detail have the data of the mesh itself, and move like it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from creatures import creature
+from scipy.sparse import csr_array
+from skinned_tubes import LENGTH, write_tube
+
+import zoomout_core as zo
+from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.lods import make_lods, with_fewer_weights
+from zoomout_core.cli import main
+from zoomout_core.mesh.decimation import DECIMATION
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.tuning import retune
+
+RATIOS = (0.5, 0.2)
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, list(map(str, arguments)))
+    return result.exit_code, result.stdout + (result.stderr if result.exit_code else "")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sample character, `character.glb`, and its levels in `levels`."""
+    path = tmp_path_factory.mktemp("lods")
+    assert run("sample", path)[0] == 0
+    options = "-o", path / "levels", "--ratios", "0.5,0.2", "--max-weights", 2, "--keep-map", "--json"
+    code, said = run("lods", path / "character.glb", *options)
+    assert code == 0, said
+    (path / "report.json").write_text(said[: said.rindex("}") + 1])
+    return path
+
+
+def test_levels_have_all_data_and_the_shares_of_vertices(folder: Path) -> None:
+    source = read_asset(folder / "character.glb")
+    for number, ratio in enumerate((1.0, *RATIOS)):
+        level = read_asset(folder / "levels" / f"character_LOD{number}.glb")
+        assert {each.name for each in level.attributes} == {each.name for each in source.attributes}
+        assert level.skin is not None
+        assert source.skin is not None
+        assert level.skin.names == source.skin.names
+        assert [each.name for each in level.materials] == [each.name for each in source.materials]
+        assert abs(len(level.surface.working.vertices) / len(source.surface.working.vertices) - ratio) < 0.02
+        assert np.diff(level.skin.weights.indptr).max() <= 2
+        assert level.document is not None
+        assert all(each.name.endswith(f"_LOD{number}") for each in level.document.gltf.meshes)
+
+
+def test_levels_move_like_the_mesh(folder: Path) -> None:
+    first, *levels = json.loads((folder / "report.json").read_text())["levels"]
+    assert "rest_error" not in first
+    for level in levels:
+        assert 0 < level["rest_error"] < 0.002
+        assert level["posed_error"] < 1.2 * level["posed_geometry_error"]
+
+
+def test_careful_decimation_reduces_the_error(folder: Path) -> None:
+    source = read_asset(folder / "character.glb")
+    error = make_lods(source, [0.2])[0].rest_error
+    with retune(DECIMATION, aggressiveness=7):
+        assert error < 0.8 * make_lods(source, [0.2])[0].rest_error
+
+
+def test_levels_can_be_updated(folder: Path, tmp_path: Path) -> None:
+    level = read_asset(folder / "levels" / "character_LOD2.glb")
+    source = read_asset(folder / "character.glb")
+    assert level.stored_map is not None
+    assert level.skin is not None
+    assert source.skin is not None
+    places = level.stored_map.on(source.surface).surface_map.interpolate(source.skin.rest)
+    assert np.linalg.norm(places - level.skin.rest, axis=1).max() < 0.02 * np.ptp(source.skin.rest, axis=0).max()
+
+
+def test_a_level_takes_nothing_from_another_layer() -> None:
+    """A shell just outside another one, whose vertices have the other colour."""
+    inner = creature(2000).surface
+    normals = inner.vertices / np.linalg.norm(inner.vertices, axis=1)[:, None]
+    outer = inner.vertices + 0.004 * normals * np.ptp(inner.vertices, axis=0).max()
+    count = len(inner.vertices)
+    both = zo.Surface(
+        np.concatenate([inner.vertices, outer]), np.concatenate([inner.triangles, inner.triangles + count])
+    )
+    colors = np.repeat([[1.0, 0, 0, 1], [0, 0, 1.0, 1]], count, axis=0)
+    asset = Asset(both, (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),))
+    (level,) = make_lods(asset, [0.25])
+    color = level.asset.find("color 0")
+    assert color is not None
+    red = np.round(color.values[:, 0], 6)
+    assert set(red) == {0.0, 1.0}
+    triangles = level.asset.surface.triangles
+    assert (red[triangles] == red[triangles][:, :1]).all()
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.7])
+def test_keys_stay_alive_and_posed_files_are_taken_to_rest(tmp_path: Path, bend: float) -> None:
+    write_tube(tmp_path / "tube.glb", bend=bend)
+    source = read_asset(tmp_path / "tube.glb")
+    (made,) = make_lods(source, [0.6])
+    write_asset(made.asset, tmp_path / "level.glb")
+    level = read_asset(tmp_path / "level.glb")
+    assert level.skin is not None
+    assert source.skin is not None
+    assert np.abs(level.skin.rest.max(axis=0) - source.skin.rest.max(axis=0)).max() < 0.05
+    keys = level.find(SHAPE_KEYS)
+    assert keys is not None
+    expected = np.clip(level.skin.rest[:, 1] / LENGTH, 0, 1)
+    moved = np.einsum("nxy,ny->nx", level.skin.linear, np.asarray(keys.values)[:, 0])
+    assert np.abs(moved[:, 0] - expected).mean() < 0.03
+    assert np.abs(moved[:, 1:]).mean() < 0.03
+
+
+def test_fewer_weights_keep_the_largest_and_their_sum() -> None:
+    surface = creature(300).surface
+    random = np.random.default_rng(0)
+    weights = random.random((len(surface.vertices), 5))
+    weights /= weights.sum(axis=1, keepdims=True)
+    bones = np.tile(np.eye(4), (5, 1, 1))
+    skin = skin_of(csr_array(weights), bones, surface)
+    limited = with_fewer_weights(Asset(surface, skin=skin), 3).skin
+    assert limited is not None
+    assert np.diff(limited.weights.indptr).max() <= 3
+    np.testing.assert_allclose(limited.weights.sum(axis=1), 1)
+    np.testing.assert_array_equal(skin.weights.toarray(), weights)
+
+
+def skin_of(weights: csr_array, bones: np.ndarray, surface: zo.Surface) -> Skin:
+    count = len(bones)
+    linear = np.tile(np.eye(3), (len(surface.vertices), 1, 1))
+    names = tuple(f"bone {number}" for number in range(count))
+    return Skin(np.arange(count), names, np.arange(count) - 1, bones, bones, surface.vertices, linear, weights)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "sentence"),
+    [
+        (("--ratios", "half"), 2, "--ratios is 'half': give shares such as 0.5,0.25,0.1"),
+        (("--ratios", "1.5"), 1, "A level with 1.5 of"),
+        (("--ratios", "0.0001"), 1, "cannot be made"),
+        (("--format", "ply", "--keep-map"), 2, "--keep-map needs files in glTF"),
+    ],
+)
+def test_what_cannot_be_made_is_said_in_a_sentence(
+    folder: Path, tmp_path: Path, options: tuple[str, ...], code: int, sentence: str
+) -> None:
+    ended, said = run("lods", folder / "character.glb", "-o", tmp_path / "out", *options)
+    assert ended == code
+    assert sentence in said
+    assert not (tmp_path / "out").exists()

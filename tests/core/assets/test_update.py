@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`zoomout update` carries what changed on a source to what was transferred from it, and nothing else."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from creatures import creature
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.assets.asset import SHAPE_KEYS, Asset
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.stored_map import digest_of, same_triangles
+from zoomout_core.assets.update_asset import changed_kinds
+from zoomout_core.cli import main
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+pytestmark = pytest.mark.usefixtures("remember_matches")
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, list(map(str, arguments)))
+    return result.exit_code, result.stdout + (result.stderr if result.exit_code else "")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a sample character, `old.glb`, and `scan.glb`, transferred from it with its map."""
+    folder = tmp_path_factory.mktemp("update")
+    assert run("sample", folder)[0] == 0
+    character = next(folder.glob("*.glb"))
+    character.rename(folder / "old.glb")
+    code, said = run(
+        "transfer", folder / "old.glb", folder / "scan.ply", "-o", folder / "scan.glb", "--keep-map", "--cache", "off"
+    )
+    assert code == 0, said
+    return folder
+
+
+def edit(old: Asset) -> Asset:
+    """The same character with a higher atlas, one more key, and weights of one joint given to another."""
+    attributes = []
+    for each in old.attributes:
+        if each.name == "uv 0":
+            each = replace(each, values=np.asarray(each.values) * 0.5 + 0.25)
+        attributes.append(each)
+    keys = old.find(SHAPE_KEYS)
+    lift = np.tile([0.0, 0.0, 0.1], (len(old.surface.vertices), 1, 1))
+    if keys is None:
+        attributes.append(Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, lift, ("lift",)))
+    else:
+        values = np.concatenate([keys.values, lift], axis=1)
+        attributes = [each for each in attributes if each is not keys]
+        attributes.append(replace(keys, values=values, labels=(*keys.labels, "lift")))
+    assert old.skin is not None
+    weights = csr_array(old.skin.weights).tolil()
+    weights[:, [1]] = weights[:, [1]] + weights[:, [2]]
+    weights[:, [2]] = 0
+    return replace(old, attributes=tuple(attributes), skin=replace(old.skin, weights=csr_array(weights)))
+
+
+def test_changes_arrive_as_a_new_transfer_brings_them_and_the_rest_stays(made: Path, tmp_path: Path) -> None:
+    old = read_asset(made / "old.glb")
+    write_asset(edit(old), tmp_path / "new.glb")
+    code, said = run(
+        "update", made / "old.glb", tmp_path / "new.glb", made / "scan.glb", "-o", tmp_path / "scan.glb", "--json"
+    )
+    assert code == 0, said
+    report = json.loads(said)
+    assert report["changed"] == ["uv", "shape keys", "weights"]
+    assert report["targets"][0]["transferred"] == ["uv 0", "shape keys", "skin weights"]
+
+    before, after = read_asset(made / "scan.glb"), read_asset(tmp_path / "scan.glb")
+    assert before.skin is not None
+    assert after.skin is not None
+    order = same_order(before, after)
+    np.testing.assert_allclose(after.skin.rest[order], before.skin.rest, atol=1e-6)
+    first, second = before.skin.weights.toarray(), after.skin.weights.toarray()[order]
+    # Where a vertex had as many joints as it may have, one more fits now.
+    assert np.abs(second[:, 1] - first[:, 1] - first[:, 2]).mean() < 0.01
+    assert second[:, 2].max() < 1e-6
+    keys = after.find(SHAPE_KEYS)
+    assert keys is not None
+    assert "lift" in keys.labels
+    lift = np.asarray(keys.values)[:, keys.labels.index("lift")]
+    assert np.linalg.norm(lift, axis=1).mean() > 0.05
+    uvs = [asset.find("uv 0") for asset in (before, after)]
+    low, high = [np.sort(np.asarray(uv.values), axis=0) for uv in uvs if uv is not None]
+    assert np.abs(np.median(high, axis=0) - (np.median(low, axis=0) * 0.5 + 0.25)).max() < 0.02
+    # It can be updated again, from the new source.
+    assert after.stored_map is not None
+    assert after.stored_map.source == digest_of(read_asset(tmp_path / "new.glb").surface)
+
+
+def same_order(before: Asset, after: Asset) -> np.ndarray:
+    """(n,) the vertex of the second asset at the rest place of each of the first."""
+    assert before.skin is not None
+    assert after.skin is not None
+    distance = np.linalg.norm(before.skin.rest[:, None] - after.skin.rest[None], axis=2)
+    assert distance.min(axis=1).max() < 1e-5
+    return np.argmin(distance, axis=1)
+
+
+def test_the_map_survives_the_file(made: Path) -> None:
+    old, scan = read_asset(made / "old.glb"), read_asset(made / "scan.glb")
+    stored = scan.stored_map
+    assert stored is not None
+    assert stored.source == digest_of(old.surface)
+    assert len(stored.triangle) == len(scan.surface.vertices)
+    assert old.skin is not None
+    assert scan.skin is not None
+    rest = old.surface.with_vertices(old.skin.rest)
+    places = stored.on(rest).surface_map.interpolate(rest.vertices)
+    assert np.linalg.norm(places - scan.skin.rest, axis=1).mean() < 0.05 * np.sqrt(rest.area)
+
+
+def test_triangles_are_found_in_another_order_and_with_split_vertices() -> None:
+    surface = creature(300).surface
+    random = np.random.default_rng(0)
+    order, shift = random.permutation(len(surface.triangles)), random.integers(0, 3, len(surface.triangles))
+    corners = surface.triangles[order][np.arange(len(order))[:, None], (np.arange(3) + shift[:, None]) % 3]
+    split = zo.Surface(surface.vertices[corners.ravel()], np.arange(corners.size).reshape(-1, 3))
+    triangle, position = same_triangles(surface, split)
+    np.testing.assert_array_equal(order[triangle], np.arange(len(order)))
+    there = split.vertices[np.take_along_axis(split.triangles[triangle], position, axis=1)]
+    np.testing.assert_array_equal(there, surface.vertices[surface.triangles])
+
+
+def test_what_did_not_change_is_not_transferred(made: Path, tmp_path: Path) -> None:
+    old = read_asset(made / "old.glb")
+    assert changed_kinds(old, old, ["uv", "materials", "weights", "shape keys", "color"]) == []
+    code, said = run("update", made / "old.glb", made / "old.glb", made / "scan.glb", "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "there is nothing to update" in said
+
+
+def test_what_cannot_be_updated_is_said_in_a_sentence(made: Path, tmp_path: Path) -> None:
+    old = read_asset(made / "old.glb")
+    write_asset(edit(old), tmp_path / "new.glb")
+    code, said = run("update", made / "old.glb", tmp_path / "new.glb", made / "old.glb", "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "stores no map of its source" in said
+    assert old.skin is not None
+    taller = old.skin.rest * np.where(old.skin.rest[:, [1]] > 0.5, [1, 1.2, 1], 1)
+    for name, asset in (("taller", old), ("edited", edit(old))):
+        assert asset.skin is not None
+        write_asset(replace(asset, skin=replace(asset.skin, rest=taller)), tmp_path / f"{name}.glb")
+    sources = tmp_path / "taller.glb", tmp_path / "edited.glb"
+    code, said = run("update", *sources, made / "scan.glb", "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "is of another source" in said
+    code, said = run("update", made / "old.glb", sources[1], made / "scan.glb", "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "The shape of the source was edited" in said
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_a_map_is_stored_in_gltf_only(made: Path, tmp_path: Path) -> None:
+    code, said = run("transfer", made / "old.glb", made / "scan.ply", "-o", tmp_path / "out.ply", "--keep-map")
+    assert code == 2
+    assert "--keep-map needs an output in glTF" in said

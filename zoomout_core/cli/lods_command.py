@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout lods`: levels of detail with all data of a mesh."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import GLTF, WRITERS, check_avatar, inputs_of, read_asset, write_asset
+from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights, with_level_names
+from zoomout_core.assets.stored_map import stored_map_of
+from zoomout_core.assets.transfer_asset import KINDS
+from zoomout_core.batch import is_folder
+from zoomout_core.cli.report import json_option
+from zoomout_core.command_options import OptionError, folders_option, progress_bar, tell
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import sentences
+from zoomout_core.runtime.outputs import check_output
+
+RATIOS = "0.5,0.25,0.1"
+
+
+@click.command()
+@click.argument("mesh", metavar="MESH", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(), help="The folder to write the levels to.")
+@click.option(
+    "--ratios",
+    default=RATIOS,
+    show_default=True,
+    metavar="SHARE,SHARE",
+    help="The share of vertices that each level keeps.",
+)
+@click.option("--max-weights", type=click.IntRange(min=1), help="Largest number of joints of a vertex, in all levels.")
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice([ending[1:] for ending in WRITERS]),
+    default="glb",
+    show_default=True,
+    help="Format of the files.",
+)
+@click.option(
+    "--keep-map", is_flag=True, help="Store the maps to MESH, so that `zoomout update` can update the levels."
+)
+@folders_option
+@json_option
+def lods(
+    mesh: str,
+    output: str,
+    ratios: str,
+    max_weights: int | None,
+    ending: str,
+    keep_map: bool,
+    folders: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write levels of detail of MESH, with all of its data.
+
+    MESH is decimated to each share of its vertices. Each level receives texture coordinates, colours, materials, morph
+    targets, normals and skin weights from MESH itself, not from the level before, and keeps its joints and animations.
+    The files are named after MESH, with _LOD0 for MESH itself, then _LOD1 and so on.
+    """
+    try:
+        shares, folder = _read_ratios(ratios), Path(output)
+        if not is_folder(output):
+            raise MeshError(f"{output} is a file, but there are {len(shares) + 1} levels: give a folder.")
+        if keep_map and f".{ending}" not in GLTF:
+            raise OptionError(f"--keep-map needs files in glTF: choose --format {' or '.join(e[1:] for e in GLTF)}.")
+        paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(len(shares) + 1)]
+        inputs = inputs_of(mesh, folders=folders)
+        check_output(paths[0] if folder.is_dir() else folder, inputs)
+        asset = read_asset(mesh, folders)
+        check_avatar(asset, paths[0])
+        with progress_bar():
+            levels = make_lods(asset, shares, max_weights)
+        first = asset if max_weights is None else with_fewer_weights(asset, max_weights)
+        assets = [first, *(_with_map(level, asset) if keep_map else level.asset for level in levels)]
+        folder.mkdir(exist_ok=True)
+        rows = []
+        for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
+            left_out = write_asset(with_level_names(each, number), path, inputs)
+            notes = [*(levels[number - 1].notes if number else asset.notes), *left_out]
+            rows.append(_figures(path, each, levels[number - 1] if number else None, notes))
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if as_json:
+        click.echo(json.dumps({"mesh": mesh, "levels": rows}, indent=1))
+        return
+    for row in rows:
+        tell(_line(row))
+
+
+def _read_ratios(text: str) -> list[float]:
+    """The shares of an option.
+
+    Raises:
+        OptionError: they are no numbers.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise OptionError(f"--ratios is {text!r}: give shares such as {RATIOS}, separated by commas.") from None
+
+
+def _with_map(level: Level, asset: Asset) -> Asset:
+    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, KINDS))
+
+
+def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) -> dict[str, Any]:
+    """The figures of a level, or of the mesh itself, in values that JSON can store."""
+    figures = {
+        "output": str(path),
+        "vertices": len(asset.surface.vertices),
+        "triangles": len(asset.surface.triangles),
+        "notes": notes,
+    }
+    if level is not None:
+        figures |= {
+            "rest_error": level.rest_error,
+            "posed_error": level.posed_error,
+            "posed_geometry_error": level.posed_geometry_error,
+        }
+    return figures
+
+
+def _line(row: dict[str, Any]) -> str:
+    """The figures of a level in a line."""
+    line = f"{row['output']}: {row['vertices']:,} vertices, {row['triangles']:,} triangles"
+    if "rest_error" in row:
+        line += f", mean error {row['rest_error']:.3%} of the extent at rest"
+    if row.get("posed_error") is not None:
+        line += f", {row['posed_error']:.3%} in poses ({row['posed_geometry_error']:.3%} with all weights)"
+    return sentences(f"{line}.", *row["notes"])

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `zoomout update`: transfer changes of a source to files made from it, without a match."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import GLTF, check_format, check_siblings, inputs_of, read_asset, write_asset
+from zoomout_core.assets.transfer_asset import KINDS
+from zoomout_core.assets.update_asset import changed_kinds, update_asset
+from zoomout_core.batch import Job, check_inputs_stay, end_with_code, plan, run_batch, say_outcomes
+from zoomout_core.cli.report import json_option
+from zoomout_core.command_options import folders_option, in_place_option
+from zoomout_core.mesh.surface import MeshError
+
+
+@click.command()
+@click.argument("old", metavar="OLD", type=click.Path())
+@click.argument("new", metavar="NEW", type=click.Path())
+@click.argument("derived", metavar="DERIVED...", nargs=-1, required=True, type=click.Path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(),
+    help="The file to write for a single DERIVED file (glb, gltf, vrm); or a folder, for any number.",
+)
+@in_place_option
+@folders_option
+@json_option
+def update(
+    old: str,
+    new: str,
+    derived: tuple[str, ...],
+    output: str,
+    in_place: bool,
+    folders: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Transfer changes of a source to files made from it.
+
+    OLD is the source of `zoomout transfer --keep-map`, NEW the same shape with repainted weights, new or changed morph
+    targets, other texture coordinates, colours or materials, and DERIVED are the files that were written. Only what
+    differs between OLD and NEW is transferred, along the map that each file stores; all else stays, with edits of its
+    own. Vertices may be split or ordered differently in NEW.
+    """
+    try:
+        jobs = _plan(new, derived, output, in_place)
+        files = [old, new, *(str(job.target) for job in jobs)]
+        inputs = [] if in_place else inputs_of(*files, folders=folders)
+        check_inputs_stay(jobs, output, inputs)
+        for job in jobs:
+            check_siblings(job.output, inputs)
+        before, now = read_asset(old, folders), read_asset(new, folders)
+        changed = changed_kinds(before, now, KINDS)
+        if not changed:
+            raise MeshError(f"{new} has the same data as {old} where their shapes agree: there is nothing to update.")
+        run = partial(_run_job, before, now, folders, inputs)
+        outcomes, figures = run_batch(new, jobs, run, {"old": old, "folders": folders}, output)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if as_json:
+        click.echo(json.dumps({**figures, "changed": changed}, indent=1))
+        end_with_code(outcomes)
+    else:
+        say_outcomes(outcomes, output)
+
+
+def _plan(new: str, derived: Sequence[str], output: str, in_place: bool) -> list[Job]:
+    """Plan the outputs, which keep the formats of the files."""
+    jobs = plan(new, derived, output, ".glb", GLTF, check_format, in_place)
+    if len(jobs) == 1 and Path(output).suffix:
+        return jobs
+    return [replace(job, output=job.output.with_suffix(job.target.suffix)) for job in jobs]
+
+
+def _run_job(
+    before: Asset, now: Asset, folders: Sequence[str], inputs: Sequence[Path], job: Job, report: dict[str, Any]
+) -> list[str]:
+    """Update one file; returns the lines of its outcome, and fills in its report."""
+    derived = read_asset(job.target, folders)
+    try:
+        made = update_asset(before, now, derived)
+    except MeshError as error:
+        raise MeshError("{name}: {reason}", name=str(job.target), reason=error) from error
+    job.output.parent.mkdir(exist_ok=True)
+    left_out = write_asset(made.asset, job.output, inputs)
+    report |= {"transferred": list(made.received), "notes": [*derived.notes, *made.notes, *left_out]}
+    done = f"Updated: {', '.join(made.received)}." if made.received else "Nothing of its data has changed."
+    return [done, *report["notes"]]
