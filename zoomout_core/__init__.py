@@ -66,6 +66,7 @@ if TYPE_CHECKING:
         dress,
         follow_keys,
         move_joints,
+        move_rig,
         transfer,
         wrap,
     )
@@ -127,6 +128,7 @@ __all__ = [
     "mirror_candidate",
     "missing_key_names",
     "move_joints",
+    "move_rig",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
@@ -202,6 +204,7 @@ _HOMES = {
         "dress",
         "follow_keys",
         "move_joints",
+        "move_rig",
         "transfer",
         "wrap",
     ),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
@@ -18,6 +18,23 @@ Arrays = dict[str, np.ndarray]
 # The bodies that garments are made for, and the prefix of a man's.
 WOMAN, MAN = MADE_FOR = "woman", "man"
 OF_MAN = "male_"
+
+
+@dataclass(frozen=True, eq=False)
+class Bones:
+    """The bones of a body at rest.
+
+    Attributes:
+        names: (b,) their names.
+        parents: (b,) the number of each bone's parent, -1 for none.
+        heads: (b, 3) the joints about which they turn.
+        tails: (b, 3) their other ends.
+    """
+
+    names: tuple[str, ...]
+    parents: Integers
+    heads: Floats
+    tails: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +46,14 @@ class Body:
         weights: (n, b) weights of its bones.
         keys: (n, 3) offsets of its keys, by name.
         poses: for each pose (b, 3, 4) transforms of its bones.
+        bones: the bones at rest.
     """
 
     surface: Surface
     weights: Floats
     keys: dict[str, Floats]
     poses: list[Floats]
+    bones: Bones
 
     def in_pose(self, number: int, points: Floats, weights: Floats) -> Floats:
         """(n, 3) points with weights (n, b), in a pose, by linear blend skinning."""
@@ -75,6 +94,11 @@ class Wardrobe:
         )
         self.topologies = self._bodies["topologies"].tolist()
 
+    @property
+    def builds(self) -> tuple[str, ...]:
+        """The names of all builds."""
+        return tuple(self._builds)
+
     def pairs(self) -> Iterator[tuple[str, str]]:
         """Builds with garments made for them, each with all others, strict ones first."""
         others = [build for build in self._builds if build not in MADE_FOR]
@@ -90,7 +114,10 @@ class Wardrobe:
         surface = _surface(vertices, data, prefix)
         weights = _weights(data, len(vertices), len(data["bone_names"]), prefix)
         heads = data["heads"][number].astype(np.float64)
-        return Body(surface, weights, keys, [self._transforms(each, heads) for each in data["poses"]])
+        names = data["bone_names"].tolist()
+        parents = np.array([names.index(name) if name else -1 for name in data["bone_parents"].tolist()])
+        bones = Bones(tuple(names), parents, heads, data["tails"][number].astype(np.float64))
+        return Body(surface, weights, keys, [self.pose(each, heads) for each in range(len(data["poses"]))], bones)
 
     def garments(self, made_for: str, build: str) -> dict[str, Garment]:
         """The garments made for a body, refitted to another build, by name."""
@@ -120,8 +147,9 @@ class Wardrobe:
         surface = _surface(vertices[0], data)
         return Garment(surface, vertices[1], weights[:, : len(bones)], keys, *joints)
 
-    def _transforms(self, rotations: np.ndarray, heads: Floats) -> Floats:
-        """(b, 3, 4) transforms of bones that rotate by (b, 3, 3) about their heads (b, 3), in world axes."""
+    def pose(self, number: int, heads: Floats) -> Floats:
+        """(b, 3, 4) transforms of bones in a pose, in which they rotate about their heads (b, 3) in world axes."""
+        rotations = self._bodies["poses"][number]
         names = self._bodies["bone_names"].tolist()
         above = dict(zip(names, self._bodies["bone_parents"].tolist(), strict=True))
         found: dict[str, Floats] = {}
