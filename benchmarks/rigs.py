@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.outfits.clothes import MADE_FOR, Body, Bones, Wardrobe
+from benchmarks.outfits.clothes import MADE_FOR, Body, Wardrobe
 from benchmarks.tables import NOT_SHOWN, Record, Tables, over
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rig import place_joints
+from zoomout_core.transfer.rig import joints_of_bones, place_joints
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
 # Builds on which the numbers of `RigTuning` were set; the others judge them.
@@ -112,7 +112,7 @@ def _cases(folder: Path, pairs: int | None) -> Iterator[_Case]:
 def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, float]]:
     """The heads of the bones in the target by each method, and its seconds of processor time without the match."""
     source, bones = case.source.surface, case.source.bones
-    joints, parents = joints_of(bones)
+    joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
     begin = process_time()
     moved = zo.move_rig(match, source, case.target.surface, joints, parents).positions
     yield PRODUCT, moved[: len(bones.names)], process_time() - begin
@@ -122,13 +122,6 @@ def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, 
     begin = process_time()
     yield AROUND, _around(case, match, bones.heads), process_time() - begin
     yield BOX, _in_box(bones.heads, source.vertices, case.target.surface.vertices), 0.0
-
-
-def joints_of(bones: Bones) -> tuple[Floats, Integers]:
-    """Heads and tails of bones as joints (2 b, 3), and the parent of each: see `zo.move_rig`."""
-    count = len(bones.names)
-    above = np.where(bones.parents < 0, -1, count + bones.parents)
-    return np.concatenate([bones.heads, bones.tails]), np.concatenate([above, np.arange(count)])
 
 
 def _around(case: _Case, match: zo.MatchResult, joints: Floats) -> Floats:

@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import rigs
-from benchmarks.outfits.clothes import Bones
 from benchmarks.tables import NOT_SHOWN
-
-
-def test_heads_hang_from_tails() -> None:
-    heads, tails = np.zeros((2, 3)), np.ones((2, 3))
-    joints, parents = rigs.joints_of(Bones(("hip", "knee"), np.array([-1, 0]), heads, tails))
-    np.testing.assert_array_equal(joints, [*heads, *tails])
-    assert parents.tolist() == [-1, 2, 0, 1]
 
 
 def test_rows_join_the_errors_of_all_pairs() -> None:

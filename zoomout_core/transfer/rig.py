@@ -70,8 +70,7 @@ def move_rig(
         result: the match, or only its map.
         source: the surface that the rig belongs to, in its rest pose.
         target: the surface that receives the rig, in the same pose.
-        joints: (j, 3) joints of the source. For bones with heads and tails give both: a head's parent is the tail of
-            the bone above, a tail's parent is its head. Joints at the same place stay together.
+        joints: (j, 3) joints of the source; those at the same place stay together.
         parents: (j,) the number of each joint's parent, -1 for none.
 
     Returns:
@@ -90,6 +89,16 @@ def move_rig(
     source, target = as_surface(source), as_surface(target)
     places, above = check_joints(joints, parents)
     return place_joints(source, shape_of_source(result, source, target), places, above)
+
+
+def joints_of_bones(heads: Floats, tails: Floats, parents: Integers) -> tuple[Floats, Integers]:
+    """Heads and tails (b, 3) of bones with parents (b,) as joints (2 b, 3), heads first, and the parents of these.
+
+    A head hangs from the tail of the bone above, and a tail from its own head.
+    """
+    count = len(heads)
+    above = np.where(parents < 0, -1, count + parents)
+    return np.concatenate([heads, tails]), np.concatenate([above, np.arange(count)])
 
 
 def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integers]:

@@ -9,7 +9,7 @@ from bent_tube import tube
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.transfer.rig import RIG, place_joints
+from zoomout_core.transfer.rig import RIG, joints_of_bones, place_joints
 from zoomout_core.tuning import retune
 
 LEG = tube(around=12, along=81)
@@ -154,6 +154,13 @@ def test_a_chain_along_a_line_is_not_mirrored_end_to_end() -> None:
     joints, parents = np.array([[0, 0, z] for z in (1.0, 3.0, 5.0)]), np.array([-1, 0, 1])
     moved = place_joints(LEG, bulge(LEG.vertices, 5, 0.1), joints, parents)
     assert moved.positions[2, 2] - moved.positions[1, 2] > moved.positions[1, 2] - moved.positions[0, 2] + 0.02
+
+
+def test_heads_hang_from_tails() -> None:
+    heads, tails = np.zeros((2, 3)), np.ones((2, 3))
+    joints, parents = joints_of_bones(heads, tails, np.array([-1, 0]))
+    np.testing.assert_array_equal(joints, [*heads, *tails])
+    assert parents.tolist() == [-1, 2, 0, 1]
 
 
 @pytest.mark.parametrize(
