@@ -112,12 +112,13 @@ def _cases(folder: Path, pairs: int | None) -> Iterator[_Case]:
 def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, float]]:
     """The heads of the bones in the target by each method, and its seconds of processor time without the match."""
     source, bones = case.source.surface, case.source.bones
+    unit = float(np.sqrt(source.area))
     joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
     begin = process_time()
     moved = zo.move_rig(match, source, case.target.surface, joints, parents).positions
     yield PRODUCT, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
-    moved = place_joints(source, case.same.surface.vertices, joints, parents).positions
+    moved = place_joints(source.vertices, case.same.surface.vertices, unit, joints, parents).positions
     yield BY_TRUE_MAP, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
     yield AROUND, _around(case, match, bones.heads), process_time() - begin
@@ -181,6 +182,9 @@ def _mean_distance(found: Floats, truth: Floats, areas: Floats) -> float:
 
 
 def _spread(name: str, errors: Floats) -> dict[str, float]:
+    """The median and the 95th percentile; nothing without errors."""
+    if not len(errors):
+        return {}
     return {f"{name}median": float(np.median(errors)), f"{name}95 %": float(np.percentile(errors, 95))}
 
 

@@ -60,7 +60,7 @@ from .layers import (
 )
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
-from .moved_rig import RigBones, child_of_constraints, copy_rig, read_rig_bones, remove_rig
+from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones, remove_rig
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
 from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
@@ -166,6 +166,7 @@ __all__ = [
     "armatures_of",
     "attach_strands",
     "base_mesh",
+    "bends_at_rest",
     "bind_like",
     "bind_to_other",
     "bind_worn_copy",

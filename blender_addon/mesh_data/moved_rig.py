@@ -14,7 +14,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.types import ArmatureEditBones, Constraint, Context, KinematicConstraint, Object
+from bpy.types import ArmatureEditBones, Constraint, Context, KinematicConstraint, Object, PoseBone
 from mathutils import Matrix, Vector
 
 import zoomout_core as zo
@@ -23,6 +23,14 @@ from zoomout_core.arrays import Floats, Integers
 from .armatures import ROUNDING
 from .matrices import transform_points, world_matrix
 from .outfit_bones import edit_bones
+
+# The lengths in constraints that fit the rest position, by type, and those that are in the unit of the world.
+LENGTHS = {"STRETCH_TO": "rest_length", "LIMIT_DISTANCE": "distance"}
+IN_WORLD = ("LIMIT_DISTANCE",)
+
+
+# Angles in degrees: above the first, constraints visibly turn a bone at rest; below the second, a bone is at rest.
+MAX_TURN, STILL = 5.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +101,9 @@ def copy_rig(context: Context, armature: Object, beside: Object, bones: RigBones
         _place(edited, bones, np.linalg.inv(wanted))
         for pole in poles:
             _place_pole(edited, pole, before, ends)
-    for constraint in _constraints(made):
-        if constraint.type == "STRETCH_TO":
-            constraint.rest_length = 0  # Blender measures it anew
+    for bone in made.pose.bones:
+        for constraint in bone.constraints:
+            _adjust_length(armature, made, bone.name, constraint)
     context.view_layer.update()
     return made
 
@@ -114,6 +122,23 @@ def child_of_constraints(armature: Object) -> tuple[str, ...]:
         for bone in armature.pose.bones
         if any(each.type == "CHILD_OF" and each.inverse_matrix != Matrix() for each in bone.constraints)
     )
+
+
+def bends_at_rest(armature: Object, made: Object) -> dict[str, float]:
+    """The deforming bones of a copy that constraints turn at rest although they do not on the original, in degrees.
+
+    Bones that the original has turned at present do not count.
+    """
+    before, after = (
+        {bone.name: _turn(bone) for bone in each.pose.bones if bone.bone.use_deform} for each in (armature, made)
+    )
+    return {name: angle for name, angle in after.items() if angle > MAX_TURN and before[name] < STILL}
+
+
+def _turn(bone: PoseBone) -> float:
+    """The angle between a bone and its rest position, in degrees."""
+    turn = bone.bone.matrix_local.to_quaternion().rotation_difference(bone.matrix.to_quaternion())
+    return float(np.degrees(abs(turn.angle)))
 
 
 def _place(edited: ArmatureEditBones, bones: RigBones, to_local: Floats) -> None:
@@ -171,6 +196,25 @@ def _frame(start: Vector, end: Vector, side: Vector) -> Matrix:
 def _constraints(armature: Object) -> Iterator[Constraint]:
     """The constraints of an armature and of its bones."""
     yield from chain(armature.constraints, *(bone.constraints for bone in armature.pose.bones))
+
+
+def _adjust_length(armature: Object, made: Object, name: str, constraint: Constraint) -> None:
+    """Scale the length in a constraint of a copy's bone with the distance at rest from the bone that it refers to."""
+    if constraint.type not in LENGTHS or constraint.target != made:
+        return
+    before, after = (_distance(each, name, constraint) for each in (armature, made))
+    if before > 0:
+        of_object = made.matrix_world.median_scale / armature.matrix_world.median_scale
+        growth = after / before * (of_object if constraint.type in IN_WORLD else 1)
+        setattr(constraint, LENGTHS[constraint.type], growth * getattr(constraint, LENGTHS[constraint.type]))
+
+
+def _distance(armature: Object, name: str, constraint: Constraint) -> float:
+    """The distance at rest from a bone to the one that its constraint refers to, in the armature's space; 0 without."""
+    bone, goal = armature.data.bones[name], armature.data.bones.get(constraint.subtarget)
+    if goal is None:
+        return 0.0
+    return (goal.head_local.lerp(goal.tail_local, constraint.head_tail) - bone.head_local).length
 
 
 def _redirect(armature: Object, made: Object) -> None:

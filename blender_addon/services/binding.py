@@ -21,7 +21,7 @@ from zoomout_core.messages import Message, message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
-from zoomout_core.transfer.rig import joints_of_bones
+from zoomout_core.transfer.rig import follow_longer_bones, joints_of_bones
 from zoomout_core.transfer.skinning import skinning_matrices
 from zoomout_core.transfer.stretch import check_weights, distinct_poses, extreme_poses, poses_about
 from zoomout_core.transfer.unpose import Rest, unpose
@@ -264,7 +264,9 @@ def _move_bones(bones: RigBones, posed: PosedTarget, rest: zo.Surface, target: z
     joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
     moved = zo.move_rig(posed.mapped, rest, target, joints, parents)
     heads, tails = np.split(moved.positions, 2)
-    upright = np.einsum("bxy,by->bx", moved.rotations[: len(heads)], bones.upright)
+    rotations = moved.rotations[: len(heads)]
+    heads, tails, rotations = follow_longer_bones(bones.heads, bones.tails, heads, tails, rotations)
+    upright = np.einsum("bxy,by->bx", rotations, bones.upright)
     return replace(bones, heads=heads, tails=tails, upright=upright)
 
 
@@ -351,8 +353,8 @@ def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: 
     return posed
 
 
-def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
-    """Bind the target, after its vertex groups were written."""
+def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
+    """Bind the target, after its vertex groups were written; returns sentences for the user."""
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
     place, armature = mesh_data.place_beside(source, target), None
     if bound.rig is not None:
@@ -371,6 +373,23 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
     context.view_layer.update()
     if bound.shape == "rest_pose":
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
+    return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
+
+
+def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
+    """A warning about bones that do not fit the constraints of a moved rig."""
+    if not turned:
+        return []
+    worst = max(turned, key=lambda name: turned[name])
+    return [
+        warning(
+            "At rest, constraints turn {count} deforming bones of the copy, '{bone}' by {angle:.0f}°: move control "
+            "bones that no longer fit in Edit Mode.",
+            count=len(turned),
+            bone=worst,
+            angle=turned[worst],
+        )
+    ]
 
 
 def hide_sources(context: Context, reports: Iterable[Mapping[str, Any]]) -> None:

@@ -232,7 +232,7 @@ async def prepare_transfer(
                 if one.kind != "shape":
                     one.write(target)
             if bound is not None:
-                write_bound(context, pair, bound)
+                remarks.notes.extend(write_bound(context, pair, bound))
                 bind_worn()
             for one in adapters:
                 if one.kind == "shape":  # it is placed at the source, as a bound target is

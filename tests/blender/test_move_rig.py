@@ -11,7 +11,7 @@ from scenes import activate, link, snapshot
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import api
+from blender_addon import api, mesh_data
 from blender_addon.mesh_data import read_rig_bones
 
 # The build of the target: longer and thinner.
@@ -27,6 +27,13 @@ def other_build(place=None):
     bpy.context.view_layer.update()
     keep_true_match(target, still.vertices)
     return target, still.vertices * BUILD
+
+
+def match_anew(target, at_rest):
+    """Store the true match of a target that was changed."""
+    target.data.update()
+    bpy.context.view_layer.update()
+    keep_true_match(target, at_rest)
 
 
 def move(source, target, **binding):
@@ -193,6 +200,43 @@ def test_bones_at_one_place_stay_together():
     _, made = move(source, target, shape="keep_shape")
     bones = made.data.bones
     np.testing.assert_allclose(bones["Twist"].head_local, bones["Middle"].head_local, atol=1e-5)
+
+
+def test_bones_along_a_longer_one_stay_along_it():
+    source, armature = source_and_rig()
+    add_bone(armature, "Half", (0, 0, 3), (0, 0, 3.5), "Middle")
+    target, still = other_build()
+    bent = still + np.outer(0.1 * np.sin(2 * still[:, 2]), [1, 0, 0])
+    target.data.vertices.foreach_set("co", bent.ravel())
+    match_anew(target, still / BUILD)
+    _, made = move(source, target, shape="keep_shape")
+    middle, half = made.data.bones["Middle"], made.data.bones["Half"]
+    direction = (middle.tail_local - middle.head_local).normalized()
+    assert (half.tail_local - half.head_local).normalized().dot(direction) > 0.99999
+    assert (half.head_local - middle.head_local).cross(direction).length < 1e-4
+    assert half.length / middle.length == pytest.approx(0.25, abs=1e-4)
+
+
+def test_lengths_in_constraints_scale_with_the_build():
+    source, armature = source_and_rig()
+    limit = armature.pose.bones["Upper"].constraints.new("LIMIT_DISTANCE")
+    limit.target, limit.subtarget, limit.distance = armature, "Lower", 4.5
+    target, _ = other_build()
+    _, made = move(source, target, shape="keep_shape")
+    assert made.pose.bones["Upper"].constraints[0].distance == pytest.approx(1.5 * 4.5, rel=0.05)
+
+
+def test_bones_that_constraints_turn_at_rest_are_noted():
+    source, armature = source_and_rig()
+    goal = link("Goal", None)
+    goal.location = (0, 0, 12)
+    look = armature.pose.bones["Upper"].constraints.new("DAMPED_TRACK")
+    look.target = goal
+    target, _ = other_build(Matrix.Translation((0, 5, 0)))
+    report, made = move(source, target, shape="keep_shape")
+    (note,) = [str(note) for note in report["notes"] if "At rest, constraints turn" in str(note)]
+    assert "'Upper'" in note
+    assert set(mesh_data.bends_at_rest(armature, made)) == {"Upper"}
 
 
 def test_what_cannot_be_moved_is_refused_and_nothing_is_written():

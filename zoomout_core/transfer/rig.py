@@ -22,10 +22,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.dress import shape_of_source
-from zoomout_core.transfer.dressing.joints import MovedJoints, motions_of_joints
-from zoomout_core.transfer.rules import Match
+from zoomout_core.transfer.dressing.joints import MovedJoints, motions_around
+from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -40,12 +39,15 @@ class RigTuning(Tuning, set_by="rigs"):
         shallow: the depth of joints closer to the surface than this.
         symmetric: largest distance of a joint from the mirror image of its partner, relative to the root mean square
             distance of joints from their mean, for both to count as symmetric.
+        coarse: number of vertices below which a target is too coarse to give the source its shape; then joints follow
+            the images of the target's vertices.
     """
 
     between: float = tuned(16.0, "1", 0, 1e6)
     along: float = tuned(1.0, "1", 0, 1e6)
     shallow: float = tuned(0.004, "at unit area", 1e-6, 1)
     symmetric: float = tuned(0.03, "1", 0, 1)
+    coarse: float = tuned(0.5, "of the source's vertices", 0, 1)
 
 
 RIG = RigTuning()
@@ -55,6 +57,9 @@ SAME_PLACE = 1e-5
 # Weight of the surface's rotation where bones determine only some axes of a joint's rotation: it decides the roll of a
 # bone, and hardly changes its direction.
 ROLL = 1e-3
+# Distance of a bone's ends from a longer bone, relative to its own length, up to which it is along that bone; and how
+# much longer that bone is.
+ON_BONE, LONGER = 0.01, 1.01
 # Rounds of assigning joints to mirror images, which converge after two or three.
 ROUNDS = 5
 # A rig is symmetric if at least this share of its joints is: others may belong to a weapon in one hand.
@@ -88,7 +93,12 @@ def move_rig(
     """
     source, target = as_surface(source), as_surface(target)
     places, above = check_joints(joints, parents)
-    return place_joints(source, shape_of_source(result, source, target), places, above)
+    before, after = source.vertices, target.vertices
+    if len(after) < RIG.coarse * len(before):
+        before = map_target(result, source, target).points
+    else:
+        after = shape_of_source(result, source, target)
+    return place_joints(before, after, float(np.sqrt(source.area)), places, above)
 
 
 def joints_of_bones(heads: Floats, tails: Floats, parents: Integers) -> tuple[Floats, Integers]:
@@ -99,6 +109,40 @@ def joints_of_bones(heads: Floats, tails: Floats, parents: Integers) -> tuple[Fl
     count = len(heads)
     above = np.where(parents < 0, -1, count + parents)
     return np.concatenate([heads, tails]), np.concatenate([above, np.arange(count)])
+
+
+def follow_longer_bones(
+    heads: Floats, tails: Floats, moved_heads: Floats, moved_tails: Floats, rotations: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Moved bones (b), in which those along a longer bone still are along it: halves of a limb, twists and controls.
+
+    Short bones would else take other directions than the bone that they copy or follow by constraints.
+
+    Args:
+        heads: (b, 3) where bones begin.
+        tails: (b, 3) where they end.
+        moved_heads: (b, 3) the moved heads.
+        moved_tails: (b, 3) the moved tails.
+        rotations: (b, 3, 3) rotations of the bones.
+
+    Returns:
+        Heads, tails and rotations.
+    """
+    arms = tails - heads
+    lengths = np.maximum(np.linalg.norm(arms, axis=1), SMALLEST)
+    found_heads, found_tails, found_rotations = moved_heads.copy(), moved_tails.copy(), rotations.copy()
+    for bone in range(len(heads)):
+        ends = np.stack([heads[bone], tails[bone]])
+        places = np.einsum("ebx,bx->eb", ends[:, None] - heads, arms) / lengths**2
+        off = np.linalg.norm(heads + places[:, :, None] * arms - ends[:, None], axis=2)
+        inside = (places > -ON_BONE) & (places < 1 + ON_BONE) & (off < ON_BONE * lengths[bone])
+        carriers = np.flatnonzero(inside.all(axis=0) & (lengths > LONGER * lengths[bone]))
+        if len(carriers):
+            carrier = carriers[np.argmax(lengths[carriers])]
+            share = places[:, carrier, None]
+            moved = moved_heads[carrier] + share * (moved_tails[carrier] - moved_heads[carrier])
+            (found_heads[bone], found_tails[bone]), found_rotations[bone] = moved, rotations[carrier]
+    return found_heads, found_tails, found_rotations
 
 
 def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integers]:
@@ -124,8 +168,16 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     return places, above
 
 
-def place_joints(body: Surface, vertices: Floats, joints: Floats, parents: Integers) -> MovedJoints:
-    """Move joints (j, 3) with parents (j,) into a body whose vertices take another shape (n, 3), see `move_rig`."""
+def place_joints(before: Floats, after: Floats, unit: float, joints: Floats, parents: Integers) -> MovedJoints:
+    """Move joints (j, 3) with parents (j,) along with points of a surface, see `move_rig`.
+
+    Args:
+        before: (n, 3) points of the source's surface.
+        after: (n, 3) the corresponding points of the target's.
+        unit: the square root of the source's area.
+        joints: joints of the source.
+        parents: their parents, -1 for none.
+    """
     if not len(joints):
         return MovedJoints(joints, np.empty((0, 3, 3)))
     rounded = np.round(joints / max(SAME_PLACE * np.abs(joints).max(), SMALLEST))
@@ -134,8 +186,8 @@ def place_joints(body: Surface, vertices: Floats, joints: Floats, parents: Integ
     places = joints[first]
     edges = np.column_stack([number[parents[parents >= 0]], number[parents >= 0]])
     edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
-    motions = motions_of_joints(body, vertices, places)
-    depth = np.maximum(cKDTree(body.vertices).query(places)[0], RIG.shallow * np.sqrt(body.area))
+    motions = motions_around(before, after, places)
+    depth = np.maximum(cKDTree(before).query(places)[0], RIG.shallow * unit)
     found, rotations = _make_symmetric(places, _solve(places, motions, depth, edges), motions.rotation, edges)
     return MovedJoints(found[number], _align(joints, found[number], parents, rotations[number]))
 

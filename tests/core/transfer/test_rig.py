@@ -9,7 +9,8 @@ from bent_tube import tube
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.transfer.rig import RIG, joints_of_bones, place_joints
+from zoomout_core.transfer.rig import RIG, follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rig import place_joints as place_among_points
 from zoomout_core.tuning import retune
 
 LEG = tube(around=12, along=81)
@@ -17,6 +18,11 @@ LEG = tube(around=12, along=81)
 CHAIN = np.array([[0, 0, 1.0], [0, 0.05, 3.0], [0, 0, 5.0], [0, 9.0, 3.0]])
 PARENTS = np.array([-1, 0, 1, -1])
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
+
+
+def place_joints(body: zo.Surface, vertices: np.ndarray, joints: np.ndarray, parents: np.ndarray) -> zo.MovedJoints:
+    """Move joints along with the vertices of a body."""
+    return place_among_points(body.vertices, vertices, float(np.sqrt(body.area)), joints, parents)
 
 
 def bulge(points: np.ndarray, height: float, shift: float) -> np.ndarray:
@@ -53,6 +59,16 @@ def test_a_rig_is_moved_along_a_match_of_other_triangles() -> None:
     map_of_rings = zo.match_by_proximity(LEG, target)
     moved = zo.move_rig(map_of_rings, LEG, target.with_vertices(target.vertices * 2), CHAIN[:3], PARENTS[:3])
     np.testing.assert_allclose(moved.positions, 2 * CHAIN[:3], atol=0.05)
+
+
+def test_on_a_coarse_target_joints_follow_the_images_of_its_vertices() -> None:
+    target = tube(around=8, along=21)
+    images = zo.match_by_proximity(LEG, target)
+    thicker = target.with_vertices(target.vertices * [1.5, 1.5, 1])
+    moved = zo.move_rig(images, LEG, thicker, CHAIN[:3], PARENTS[:3]).positions
+    np.testing.assert_allclose(moved, CHAIN[:3] * [1.5, 1.5, 1], atol=0.05)
+    with retune(RIG, coarse=0.0):
+        assert np.abs(zo.move_rig(images, LEG, thicker, CHAIN[:3], PARENTS[:3]).positions - moved).max() > 1e-6
 
 
 def test_joints_at_one_place_stay_together() -> None:
@@ -161,6 +177,17 @@ def test_heads_hang_from_tails() -> None:
     joints, parents = joints_of_bones(heads, tails, np.array([-1, 0]))
     np.testing.assert_array_equal(joints, [*heads, *tails])
     assert parents.tolist() == [-1, 2, 0, 1]
+
+
+def test_bones_along_a_longer_bone_follow_it() -> None:
+    heads, tails = np.array([[0, 0, 0], [0, 0, 1], [0, 0.3, 1.0]]), np.array([[0, 0, 4], [0, 0, 2], [0, 0.3, 2.0]])
+    moved = heads + np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0]])
+    ends = tails + np.array([[4, 0, 0], [0, 0, 0], [1, 0, 0]])
+    turns = np.stack([TURN.as_matrix(), np.eye(3), np.eye(3)])
+    found = follow_longer_bones(heads, tails, moved, ends, turns)
+    np.testing.assert_allclose(found[0], [[0, 0, 0], [1, 0, 1], [1, 0.3, 1]])
+    np.testing.assert_allclose(found[1], [[4, 0, 4], [2, 0, 2], [1, 0.3, 2]])
+    np.testing.assert_allclose(found[2], [turns[0], turns[0], np.eye(3)])
 
 
 @pytest.mark.parametrize(

@@ -56,27 +56,26 @@ def move_joints(worn: Surface | Lines, vertices: ArrayLike, joints: ArrayLike) -
         >>> bool(abs(moved.positions - [1, 0, 0]).max() < 1e-6)
         True
     """
-    places = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
-    motions = motions_of_joints(worn, vertices, places)
-    return MovedJoints(motions(places[:, None])[:, 0], motions.rotation)
-
-
-def motions_of_joints(worn: Surface | Lines, vertices: ArrayLike, joints: ArrayLike) -> Similarities:
-    """(j,) the similarities by which `move_joints` moves joints; arguments as there."""
     after, places = np.asarray(vertices, dtype=np.float64), np.asarray(joints, dtype=np.float64).reshape(-1, 3)
     if after.shape != worn.vertices.shape or not (np.isfinite(after).all() and np.isfinite(places).all()):
         raise ValueError(
             f"vertices are of the shape {after.shape}, or some positions are not finite: give finite ones "
             f"({len(worn.vertices)}, 3)."
         )
-    tree = cKDTree(worn.vertices)
+    motions = motions_around(worn.vertices, after, places)
+    return MovedJoints(motions(places[:, None])[:, 0], motions.rotation)
+
+
+def motions_around(before: Floats, after: Floats, places: Floats) -> Similarities:
+    """(j,) the similarities of points (n, 3) around places (j, 3), from where they were to where they are."""
+    tree = cKDTree(before)
     scale, rotation, translation = np.empty(len(places)), np.empty((len(places), 3, 3)), np.empty_like(places)
     for number, place in enumerate(places):
         nearest = np.asarray(tree.query(place, min(NEIGHBOURS, len(after)))[0])
         near = tree.query_ball_point(place, max(nearest.max(), SPREAD * nearest.min()) * ROUNDED_UP)
-        distance = np.linalg.norm(worn.vertices[near] - place, axis=1)
+        distance = np.linalg.norm(before[near] - place, axis=1)
         width = max(WIDTH * distance.max(), SMALLEST)
         weights = np.exp((distance.min() ** 2 - distance**2) / (2 * width**2))
-        motion = procrustes(worn.vertices[near], after[near], weights)
+        motion = procrustes(before[near], after[near], weights)
         scale[number], rotation[number], translation[number] = motion.scale, motion.rotation, motion.translation
     return Similarities(scale, rotation, translation)
