@@ -26,6 +26,7 @@ from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_tables
+from benchmarks import rigs as rigs_table
 from benchmarks import scale as scale_tables
 from benchmarks import signs as signs_table
 from benchmarks import small_parts as small_parts_table
@@ -458,6 +459,13 @@ def outfits(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
     from benchmarks import outfits as outfits_table  # it starts Blender, which the other tables do without
 
     report(outfits_table.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
+@common_options
+def rigs(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """Joints and posed surface of rigs moved to other builds, beside scaling and the surface around each joint."""
+    report(rigs_table.run(data, pairs), data, json_file)
 
 
 @main.command()

@@ -26,6 +26,8 @@ Where the shapes alone mislead the match, set landmarks, which are vertices of b
 
 `bind_to_rig(context, hero, scan)` moves a posed target to the rest pose of the source's armature, transfers the
 weights and binds the target, so that the bones pose it at once. So does `transfer_objects` with `binding=Binding()`.
+`move_rig(context, hero, child)` is for a target of another build: it binds the target to a copy of the armature whose
+bones are moved into its body.
 
 `wrap` gives the target's topology the source's shape, as a shape key, as the mesh itself or as a new object:
 
@@ -95,7 +97,7 @@ from .services.symmetry.sculpt import mirror_sculpt
 from .services.symmetry.shape_keys import mirror_shape_key
 from .services.symmetry.sides import name_sides, select_symmetry_line
 from .services.symmetry.weights import symmetrise_weights
-from .services.transfer import bind_to_rig, transfer_objects
+from .services.transfer import bind_to_rig, move_rig, transfer_objects
 from .services.wrap import Wrapping, wrap
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
@@ -122,6 +124,7 @@ __all__ = [
     "mirror_attributes",
     "mirror_sculpt",
     "mirror_shape_key",
+    "move_rig",
     "name_sides",
     "rename_shape_keys",
     "select_symmetry_line",

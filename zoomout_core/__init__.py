@@ -68,6 +68,7 @@ if TYPE_CHECKING:
         dress,
         follow_keys,
         move_joints,
+        move_rig,
         transfer,
         wrap,
     )
@@ -134,6 +135,7 @@ __all__ = [
     "mirror_candidate",
     "missing_key_names",
     "move_joints",
+    "move_rig",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
@@ -211,6 +213,7 @@ _HOMES = {
         "dress",
         "follow_keys",
         "move_joints",
+        "move_rig",
         "transfer",
         "wrap",
     ),

@@ -24,6 +24,23 @@ ARMS = ("upperarm01.L", "wrist.L"), ("upperarm01.R", "wrist.R")
 
 
 @dataclass(frozen=True, eq=False)
+class Bones:
+    """The bones of a body at rest.
+
+    Attributes:
+        names: (b,) their names.
+        parents: (b,) the number of each bone's parent, -1 for none.
+        heads: (b, 3) the joints about which they turn.
+        tails: (b, 3) their other ends.
+    """
+
+    names: tuple[str, ...]
+    parents: Integers
+    heads: Floats
+    tails: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Body:
     """A body of one build and topology.
 
@@ -32,16 +49,14 @@ class Body:
         weights: (n, b) weights of its bones.
         keys: (n, 3) offsets of its keys, by name.
         poses: for each pose (b, 3, 4) transforms of its bones.
-        parents: (b,) the number of each bone's parent, -1 for none.
-        heads: (b, 3) heads of the bones.
+        bones: the bones at rest.
     """
 
     surface: Surface
     weights: Floats
     keys: dict[str, Floats]
     poses: list[Floats]
-    parents: Integers
-    heads: Floats
+    bones: Bones
 
     def in_pose(self, number: int, points: Floats, weights: Floats) -> Floats:
         """(n, 3) points with weights (n, b), in a pose, by linear blend skinning."""
@@ -82,6 +97,11 @@ class Wardrobe:
         )
         self.topologies = self._bodies["topologies"].tolist()
 
+    @property
+    def builds(self) -> tuple[str, ...]:
+        """The names of all builds."""
+        return tuple(self._builds)
+
     def pairs(self) -> Iterator[tuple[str, str]]:
         """Builds with garments made for them, each with all others, strict ones first."""
         others = [build for build in self._builds if build not in MADE_FOR]
@@ -98,20 +118,20 @@ class Wardrobe:
         weights = _weights(data, len(vertices), len(data["bone_names"]), prefix)
         heads = data["heads"][number].astype(np.float64)
         names = data["bone_names"].tolist()
-        parents = np.array([names.index(above) if above else -1 for above in data["bone_parents"].tolist()])
-        poses = [self._transforms(each, heads) for each in data["poses"]]
-        return Body(surface, weights, keys, poses, parents, heads)
+        parents = np.array([names.index(name) if name else -1 for name in data["bone_parents"].tolist()])
+        bones = Bones(tuple(names), parents, heads, data["tails"][number].astype(np.float64))
+        return Body(surface, weights, keys, [self.pose(each, heads) for each in range(len(data["poses"]))], bones)
 
     def t_pose(self, body: Body) -> Floats | None:
         """(b, 3, 4) transforms of a body's bones that raise its arms to the sides; None without arms."""
-        names = self._bodies["bone_names"].tolist()
+        names, heads = body.bones.names, body.bones.heads
         turns = np.zeros((len(names), 3))
         for shoulder, wrist in ARMS:
             if shoulder not in names:
                 return None
-            sideways, upwards, _ = body.heads[names.index(wrist)] - body.heads[names.index(shoulder)]
+            sideways, upwards, _ = heads[names.index(wrist)] - heads[names.index(shoulder)]
             turns[names.index(shoulder), 2] = -np.sign(sideways) * np.arctan2(upwards, abs(sideways))
-        return pose_of_turns(turns, body.heads, body.parents)
+        return pose_of_turns(turns, heads, body.bones.parents)
 
     def garments(self, made_for: str, build: str) -> dict[str, Garment]:
         """The garments made for a body, refitted to another build, by name."""
@@ -141,8 +161,9 @@ class Wardrobe:
         surface = _surface(vertices[0], data)
         return Garment(surface, vertices[1], weights[:, : len(bones)], keys, *joints)
 
-    def _transforms(self, rotations: np.ndarray, heads: Floats) -> Floats:
-        """(b, 3, 4) transforms of bones that rotate by (b, 3, 3) about their heads (b, 3), in world axes."""
+    def pose(self, number: int, heads: Floats) -> Floats:
+        """(b, 3, 4) transforms of bones in a pose, in which they rotate about their heads (b, 3) in world axes."""
+        rotations = self._bodies["poses"][number]
         names = self._bodies["bone_names"].tolist()
         above = dict(zip(names, self._bodies["bone_parents"].tolist(), strict=True))
         found: dict[str, Floats] = {}

@@ -75,10 +75,12 @@ class Binding:
         shape: "rest_pose": the target is posed, and is moved to the rest pose. "keep_shape": it is in the rest pose
             already. "automatic": detect which.
         replace: whether to unbind the target from other armatures; else a bound target is rejected.
+        move_rig: whether to bind it to a copy of the armature whose bones are moved into the target.
     """
 
     shape: Literal["automatic", "rest_pose", "keep_shape"] = "automatic"
     replace: bool = False
+    move_rig: bool = False
 
 
 def parse_names(text: str) -> tuple[str, ...]:

@@ -68,6 +68,7 @@ from .live_link import (
 )
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
+from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones, remove_rig
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
 from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
@@ -161,6 +162,7 @@ __all__ = [
     "MeshFacts",
     "ObjectPair",
     "OutfitBones",
+    "RigBones",
     "Role",
     "ShapeKey",
     "ShapeKeys",
@@ -174,14 +176,17 @@ __all__ = [
     "armatures_of",
     "attach_strands",
     "base_mesh",
+    "bends_at_rest",
     "bind_like",
     "bind_to_other",
     "bind_worn_copy",
     "can_be_put",
     "check_linkable",
+    "child_of_constraints",
     "collection_beside",
     "content_hash",
     "content_of",
+    "copy_rig",
     "count_layers",
     "deforming_bones",
     "directions_in_world",
@@ -234,6 +239,7 @@ __all__ = [
     "read_own_shape_keys",
     "read_positions",
     "read_rest_positions",
+    "read_rig_bones",
     "read_selection",
     "read_shape_keys",
     "read_source_faces",
@@ -246,6 +252,7 @@ __all__ = [
     "read_weights_in_pieces",
     "read_worn",
     "remove_link",
+    "remove_rig",
     "rename_shape_keys",
     "reshape",
     "select_only",

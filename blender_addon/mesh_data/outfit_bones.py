@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from bpy.types import Bone, Context, EditBone, Object
+from bpy.types import ArmatureEditBones, Bone, Context, EditBone, Object
 from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats
@@ -115,8 +115,7 @@ def add_outfit_bones(
     ends = transform_points(to_target, bones.ends)
     upright = bones.upright @ to_target[:3, :3].T
     with _restore_on_failure(target, source.name):
-        with _edit(context, target):
-            made = target.data.edit_bones
+        with edit_bones(context, target) as made:
             for earlier in [bone for bone in made if bone.get(COPIED_FROM) == source.name]:
                 made.remove(earlier)
             for number, name in enumerate(bones.names):
@@ -193,15 +192,15 @@ def _restore_on_failure(armature: Object, source: str) -> Iterator[None]:
 
 
 @contextmanager
-def _edit(context: Context, armature: Object) -> Iterator[None]:
-    """A context in which an armature is in Edit Mode; the active object stays the same."""
+def edit_bones(context: Context, armature: Object) -> Iterator[ArmatureEditBones]:
+    """A context in which an armature is in Edit Mode, with its bones; the active object stays the same."""
     layer = context.view_layer
     active, hidden = layer.objects.active, armature.hide_get()
     armature.hide_set(False)
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
-        yield
+        yield armature.data.edit_bones
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
         layer.objects.active = active

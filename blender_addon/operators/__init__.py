@@ -18,6 +18,7 @@ from .landmarks import (
 )
 from .match import ZOOMOUT_OT_match
 from .match_collections import ZOOMOUT_OT_match_collections
+from .move_rig import ZOOMOUT_OT_move_rig
 from .place_landmarks import ZOOMOUT_OT_place_landmarks
 from .play_expressions import ZOOMOUT_OT_play_expressions
 from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
@@ -41,6 +42,7 @@ CLASSES = (
     ZOOMOUT_OT_rename_shape_keys,
     ZOOMOUT_OT_play_expressions,
     ZOOMOUT_OT_bind_to_rig,
+    ZOOMOUT_OT_move_rig,
     ZOOMOUT_OT_test_poses,
     ZOOMOUT_OT_wrap,
     ZOOMOUT_OT_dress,

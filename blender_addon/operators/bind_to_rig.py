@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from bpy.types import Context
 
+from ..adapters import Binding
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
@@ -30,33 +32,44 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
 
     def draw(self, context: Context) -> None:
         """Draw the options that can be adjusted without matching again."""
-        self.layout.use_property_split = True
-        for names in ((*BindOptions.__annotations__, *BindView.__annotations__), BLENDING, NAMING):
-            column = self.layout.box().column()
-            for name in names:
-                column.prop(self, name)
+        draw_binding(self, (*BindOptions.__annotations__, *BindView.__annotations__))
 
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
-        source_of = sources_of_targets(context, self.source)
-        settings, options, binding = self.settings(), self.match_options(), self.how_to_bind()
-
-        def work(target: str) -> Work[Write[dict[str, Any]]]:
-            return prepare_transfer(
-                context,
-                source_of[target],
-                target,
-                (),
-                settings,
-                binding,
-                self.options.is_repeat,
-                undo_step=self.adds_undo_steps and len(source_of) == 1,
-                **options,
-            )
-
-        outcome = await each_target(list(source_of), work)
-        preview.clear()  # it would hide the result
+        reports = await bind_targets(self, context, self.how_to_bind())
         if self.hide_source:
-            hide_sources(context, outcome.done.values())
-        self.report_failed(outcome)
-        return done(outcome.done.values(), self.hide_source)
+            hide_sources(context, reports)
+        return done(reports, self.hide_source)
+
+
+def draw_binding(operator: ModalOperator, names: Sequence[str]) -> None:
+    """Draw options of binding, by name, and those of transferring weights."""
+    operator.layout.use_property_split = True
+    for group in (names, BLENDING, NAMING):
+        column = operator.layout.box().column()
+        for name in group:
+            column.prop(operator, name)
+
+
+async def bind_targets(operator: Any, context: Context, binding: Binding) -> list[dict[str, Any]]:
+    """Bind the active and other selected meshes, by the options of an operator; returns their reports."""
+    source_of = sources_of_targets(context, operator.source)
+    settings, options = operator.settings(), operator.match_options()
+
+    def work(target: str) -> Work[Write[dict[str, Any]]]:
+        return prepare_transfer(
+            context,
+            source_of[target],
+            target,
+            (),
+            settings,
+            binding,
+            operator.options.is_repeat,
+            undo_step=operator.adds_undo_steps and len(source_of) == 1,
+            **options,
+        )
+
+    outcome = await each_target(list(source_of), work)
+    preview.clear()  # it would hide the result
+    operator.report_failed(outcome)
+    return list(outcome.done.values())

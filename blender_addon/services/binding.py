@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bind a target to the armature of its source: move it to the rest pose, and bind it like the source.
 
-The armature and its animation are not changed.
+The armature and its animation are not changed. For a target of another build, a copy of the armature is moved into it.
 """
 
 from __future__ import annotations
@@ -17,26 +17,29 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import Message, message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
+from zoomout_core.transfer.rig import follow_longer_bones, joints_of_bones
 from zoomout_core.transfer.skinning import skinning_matrices
-from zoomout_core.transfer.stretch import check_weights, distinct_poses, extreme_poses
+from zoomout_core.transfer.stretch import check_weights, distinct_poses, extreme_poses, poses_about
 from zoomout_core.transfer.unpose import Rest, unpose
 
 from .. import mesh_data
 from ..adapters import Binding, Settings, TransferJob
 from ..adapters.vertex_groups import WeightAdapter
 from ..jobs import compute
-from ..mesh_data import Bones, ObjectPair
+from ..mesh_data import Bones, ObjectPair, RigBones
+from ..mesh_data.matrices import transform_points
 from ..scene.pair import evaluated_sources, find_mesh, fingerprint_target, users_of_mesh
 from ..storage import stored_match
 
 # Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Fractions of the progress at which weights are read again, the target is moved to rest, and the rig is played.
-READING_ANEW, TAKING, CHECKING = 0.7, 0.8, 0.9
+# Fractions of the progress at which weights are read again, the target is moved to rest, and the rig is moved and
+# played.
+READING_ANEW, TAKING, CHECKING, MOVED = 0.6, 0.7, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,7 @@ class Bound:
         rest: its rest pose.
         notes: sentences for the user.
         stretched: (n_t,) vertices at edges that stretch too far when the bones turn.
+        rig: the bones of a copy of the armature; None to bind it to the armature itself.
     """
 
     shape: str
@@ -56,6 +60,22 @@ class Bound:
     rest: Rest
     notes: tuple[str, ...]
     stretched: Booleans
+    rig: _MovedRig | None
+
+
+@dataclass(frozen=True, eq=False)
+class _MovedRig:
+    """An armature, moved into a target.
+
+    Attributes:
+        armature: its name.
+        bones: its bones in their new places, in world space.
+        motion: (4, 4) the similarity from the place of the source to that of the target.
+    """
+
+    armature: str
+    bones: RigBones
+    motion: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +109,8 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
     """
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
     _check_rig(source)
+    if binding.move_rig:
+        _check_movable(source, target)
     if settings.flip_names:
         raise zo.MeshError("Flip Group Names cannot be used with Bind to Rig: turn it off.")
     if target.parent is not None and target.parent_type == "BONE":
@@ -145,6 +167,32 @@ def _check_rig(source: Object) -> None:
         )
 
 
+def _check_movable(source: Object, target: Object) -> None:
+    """Raise a MeshError if the armature of a source cannot be moved into a target."""
+    first, *others = mesh_data.armatures_of(source)
+    if others:
+        raise zo.MeshError(
+            "'{source}' is deformed by several armatures ({armatures}), and only one can be moved: join them first, or "
+            "use Bind to Rig.",
+            source=source.name,
+            armatures=_names(source),
+        )
+    if first.mode == "EDIT":
+        raise zo.MeshError("'{armature}' is in Edit Mode: leave it first.", armature=first.name)
+    if mesh_data.moves_by_itself(first):
+        raise zo.MeshError(
+            "The location, rotation or scale of '{armature}' is animated, so a copy of it would not stay at the "
+            "target: animate its root bone instead, or clear that animation.",
+            armature=first.name,
+        )
+    if mesh_data.worn_copies(target):
+        raise zo.MeshError(
+            "'{target}' wears copies of clothes, which would stay on the source's rig: move the rig first, and dress "
+            "the target then.",
+            target=target.name,
+        )
+
+
 def _names(obj: Object) -> str:
     """The names of an object's armatures, for a message."""
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
@@ -170,44 +218,106 @@ async def prepare_binding(
     rigged = _read_rigged(context, pair)
     posed = await compute(partial(_pose, job, rigged, weights, untouched))
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
-    if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
+    keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
+    notes = []
+    if keeps_shape:
         rest = align(pair.target, posed.pose)
-        with stage("Playing the rig", CHECKING, 1):
-            stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights))
-        return Bound("keep_shape", pair.target.vertices, rest, of_check, stretched)
-    with stage("Unposing", TAKING, CHECKING):
-        rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
-    with stage("Playing the rig", CHECKING, 1):
-        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights))
-    notes = [
-        message(
-            "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
-            "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
-            target=pair.target_name,
-            angle=posed.pose.bend,
-            key=POSED_SHAPE,
+    else:
+        with stage("Unposing", TAKING, CHECKING):
+            rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
+        notes.append(
+            message(
+                "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
+                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
+                target=pair.target_name,
+                angle=posed.pose.bend,
+                key=POSED_SHAPE,
+            )
         )
-    ]
     if rest.smoothed:
         notes.append(
             message(
                 "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
             )
         )
-    return Bound("rest_pose", pair.target.vertices, rest, (*notes, *of_check), stretched)
+    moved, rig = rigged.bones.heads, None
+    if binding.move_rig:
+        (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
+        bones, name = mesh_data.read_rig_bones(armature), armature.name
+        notes += _note_on_constraints(armature)
+        with stage("Moving the rig", CHECKING, MOVED):
+            at_rest = pair.target.with_vertices(rest.positions)
+            bones = await compute(partial(_move_bones, bones, posed, rigged.rest, at_rest))
+        moved = bones.heads[[bones.names.index(each) for each in rigged.bones.names]]
+    with stage("Playing the rig", MOVED, 1):
+        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights, moved))
+    if binding.move_rig:
+        motion = _motion(posed, pair.target, rest)
+        rig = _MovedRig(name, _move_as_a_whole(bones, motion), motion)
+        rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
+    shape = "keep_shape" if keeps_shape else "rest_pose"
+    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
+
+
+def _move_bones(bones: RigBones, posed: PosedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
+    """The bones of a rig in the target at rest, at the place and size of the source at rest."""
+    joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
+    moved = zo.move_rig(posed.mapped, rest, target, joints, parents)
+    heads, tails = np.split(moved.positions, 2)
+    rotations = moved.rotations[: len(heads)]
+    heads, tails, rotations = follow_longer_bones(bones.heads, bones.tails, heads, tails, rotations)
+    upright = np.einsum("bxy,by->bx", rotations, bones.upright)
+    return replace(bones, heads=heads, tails=tails, upright=upright)
+
+
+def _motion(posed: PosedTarget, target: zo.Surface, rest: Rest) -> Floats:
+    """(4, 4) the similarity that takes a target at rest back to its own place and size."""
+    motion = np.eye(4)
+    if not np.array_equal(rest.positions, target.vertices):
+        motion[:3, :3], motion[:3, 3] = posed.pose.common.linear, posed.pose.common.translation
+    return motion
+
+
+def _move_as_a_whole(bones: RigBones, motion: Floats) -> RigBones:
+    heads, tails = (transform_points(motion, each) for each in (bones.heads, bones.tails))
+    return replace(bones, heads=heads, tails=tails, upright=bones.upright @ motion[:3, :3].T)
+
+
+def _note_on_constraints(armature: Object) -> list[Message]:
+    """A warning about constraints that depend on the rest position of the original."""
+    names = mesh_data.child_of_constraints(armature)
+    if not names:
+        return []
+    return [
+        warning(
+            "Child Of constraints of {count} bones have an inverse of the old rest position, such as that of '{bone}': "
+            "set it again on the copy.",
+            count=len(names),
+            bone=names[0],
+        )
+    ]
 
 
 def _check_weights(
-    job: TransferJob, posed: PosedTarget, rigged: _Rigged, rest: Rest, own: csr_array, weights: WeightAdapter
+    job: TransferJob,
+    posed: PosedTarget,
+    rigged: _Rigged,
+    rest: Rest,
+    own: csr_array,
+    weights: WeightAdapter,
+    moved: Floats,
 ) -> tuple[Booleans, tuple[str, ...]]:
     """Turn the bones to extremes, play their animation, and smooth weights that would tear the target.
+
+    The bones of the target turn about other heads (b, 3) if they are moved.
 
     Returns:
         (n_t,) vertices that stretch too far still, and sentences for the user.
     """
     target, bones = job.pair.target.with_vertices(rest.positions), rigged.bones
     poses = np.concatenate([extreme_poses(bones.heads, bones.parents), distinct_poses(rigged.poses, bones.heads)])
-    checked = check_weights(rigged.rest, rigged.weights, target, own, posed.mapped.surface_map, poses)
+    of_target = poses_about(poses, bones.heads, moved, bones.parents)
+    checked = check_weights(rigged.rest, rigged.weights, target, own, posed.mapped.surface_map, poses, of_target)
     notes = []
     if checked.smoothed.any():
         weights.smooth(target, checked.smoothed, job.settings.limit)
@@ -243,16 +353,43 @@ def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: 
     return posed
 
 
-def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
-    """Bind the target, after its vertex groups were written."""
+def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
+    """Bind the target, after its vertex groups were written; returns sentences for the user."""
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
-    mesh_data.unbind(target)
-    place = mesh_data.place_beside(source, target)
-    mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
-    mesh_data.bind_like(source, target)
+    place, armature = mesh_data.place_beside(source, target), None
+    if bound.rig is not None:
+        place, original = bound.rig.motion @ place, context.scene.objects[bound.rig.armature]
+        armature = mesh_data.copy_rig(context, original, target, bound.rig.bones, bound.rig.motion)
+    try:
+        mesh_data.unbind(target)
+        mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
+        mesh_data.bind_like(source, target)
+        if armature is not None:
+            mesh_data.bind_to_other(target, original, armature, {}, place)
+    except BaseException:
+        if armature is not None:
+            mesh_data.remove_rig(armature)
+        raise
     context.view_layer.update()
     if bound.shape == "rest_pose":
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
+    return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
+
+
+def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
+    """A warning about bones that do not fit the constraints of a moved rig."""
+    if not turned:
+        return []
+    worst = max(turned, key=lambda name: turned[name])
+    return [
+        warning(
+            "At rest, constraints turn {count} deforming bones of the copy, '{bone}' by {angle:.0f}°: move control "
+            "bones that no longer fit in Edit Mode.",
+            count=len(turned),
+            bone=worst,
+            angle=turned[worst],
+        )
+    ]
 
 
 def hide_sources(context: Context, reports: Iterable[Mapping[str, Any]]) -> None:

@@ -118,6 +118,38 @@ def bind_to_rig(
     return transfer_objects(context, source, target, (), settings, binding or Binding(), **match_options)
 
 
+def move_rig(
+    context: Context,
+    source: Object,
+    target: Object,
+    binding: Binding | None = None,
+    settings: Settings = DEFAULT,
+    **match_options: Any,
+) -> dict[str, Any]:
+    """Copy the source's armature into a target of another build, and bind the target to the copy.
+
+    Bones move into the target's body, with rolls that follow its surface; constraints, drivers, custom shapes, bone
+    collections and the action are copied. The target keeps its place and size, is moved to the rest pose if it is in
+    another one, and gets the source's vertex groups.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: an object that one armature deforms.
+        target: the object that receives the rig.
+        binding: whether the target is at rest already, and whether to replace another binding, as for `bind_to_rig`.
+        settings: how to transfer weights.
+        match_options: options of `match_objects`, for a new match.
+
+    Returns:
+        The report, see `stored_report.transfer_report`; `bound` has the name of the copy.
+
+    Raises:
+        MeshError: the armature cannot be moved, or the target cannot be bound; nothing was written.
+        TypeError: an option of the match is unknown.
+    """
+    return bind_to_rig(context, source, target, replace(binding or Binding(), move_rig=True), settings, **match_options)
+
+
 async def transfer(
     context: Context,
     source_name: str,
@@ -200,7 +232,7 @@ async def prepare_transfer(
                 if one.kind != "shape":
                     one.write(target)
             if bound is not None:
-                write_bound(context, pair, bound)
+                remarks.notes.extend(write_bound(context, pair, bound))
                 bind_worn()
             for one in adapters:
                 if one.kind == "shape":  # it is placed at the source, as a bound target is
@@ -269,10 +301,16 @@ def _write_report(
         "without_partner": stored_match.without_partner(match),
         "verdict": _verdict_in_report(match),
         "stretched": None if bound is None else stored_match.pack_mask(bound.stretched),
-        "bound": None if bound is None else {"armature": target.parent.name, "shape": bound.shape},
+        "bound": None if bound is None else _binding_in_report(target, bound),
     }
     stored_report.write(target, report)
     return report
+
+
+def _binding_in_report(target: Object, bound: Bound) -> dict[str, Any]:
+    """The armature of a bound target for reports, and whether it is a copy that was moved into it."""
+    moved = {"moved": True} if bound.rig is not None else {}
+    return {"armature": target.parent.name, "shape": bound.shape} | moved
 
 
 def _verdict_in_report(match: stored_match.Match) -> dict[str, str] | None:
@@ -313,7 +351,14 @@ def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
         reports: of transfers.
         hidden: whether the sources of bound targets were hidden.
     """
-    return enumeration((_place(report, hidden) if report["bound"] else summary(report) for report in reports), "; ")
+    return enumeration(
+        (_place(report, hidden) if _is_at_source(report) else summary(report) for report in reports), "; "
+    )
+
+
+def _is_at_source(report: dict[str, Any]) -> bool:
+    """Whether a target was moved to its source."""
+    return bool(report["bound"]) and "moved" not in report["bound"]
 
 
 def _place(report: dict[str, Any], hidden: bool) -> str:

@@ -22,6 +22,7 @@ PLACES = (
     ("bpy.ops.zoomout.transfer*", RULES),
     ("bpy.ops.zoomout.cut_seams*", RULES),
     ("bpy.ops.zoomout.bind_to_rig*", RULES),
+    ("bpy.ops.zoomout.move_rig*", GUIDE),
     ("bpy.ops.zoomout.wrap*", GUIDE),
     *(
         (f"bpy.types.zoomout_pg_settings.{name}", RULES)

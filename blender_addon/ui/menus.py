@@ -25,6 +25,7 @@ from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.find_source import ZOOMOUT_OT_find_source
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
+from ..operators.move_rig import ZOOMOUT_OT_move_rig
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.play_expressions import ZOOMOUT_OT_play_expressions
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
@@ -52,6 +53,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_transfer,
             *live_link.CLASSES,
             ZOOMOUT_OT_bind_to_rig,
+            ZOOMOUT_OT_move_rig,
             ZOOMOUT_OT_test_poses,
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_dress,

@@ -21,7 +21,6 @@ from zoomout_core.samples.spheres import ball
 pytestmark = pytest.mark.slow
 
 HALF_TURN = np.diag([-1.0, 1, -1])
-BUILDS = ["woman", "man", "thin", "tall"]
 
 
 def skin(radius: float = 1.0) -> outfits.Skin:
@@ -84,61 +83,6 @@ def test_each_way_has_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert list(by) == [*WAYS, outfits.TRUE]
     assert len(tables[NOT_SHOWN]) == len(by)
     assert (tmp_path / "pictures" / "one.png").is_file()
-
-
-@pytest.fixture
-def wardrobe(tmp_path: Path) -> Path:
-    """A set `clothes`: egg-shaped bodies that differ in height, with two bones, and a shirt with a bone of its own."""
-    body = ball(1.0, count=700, seed=1)
-    builds = [body.vertices * [1, height, 1] * 20 for height in (1.5, 1.6, 1.2, 1.8)]
-    upper = body.vertices[:, 1] > 0
-    bones = {
-        "weight_vertex": np.arange(700),
-        "weight_bone": upper.astype(int),
-        "weight_value": np.ones(700),
-    }
-    shape = {"face_sizes": np.full(len(body.triangles), 3), "face_vertices": body.triangles.ravel()}
-    names = {"key_names": np.array(["wide", "odd"]), "key_strict": np.array([True, False])}
-    wide = 0.1 * body.vertices * [20, 0, 20]
-    folder = tmp_path / "clothes"
-    (folder / "garments").mkdir(parents=True)
-    np.savez(
-        folder / "bodies.npz",
-        builds=np.array(BUILDS),
-        build_strict=np.array([True, True, True, False]),
-        vertices=np.array(builds),
-        keys=np.array([wide, wide]),
-        bone_names=np.array(["lower", "upper"]),
-        bone_parents=np.array(["", "lower"]),
-        heads=np.zeros((4, 2, 3)),
-        poses=np.array([[np.eye(3), HALF_TURN]]),
-        topologies=np.array(["again"]),
-        **{
-            f"again_{name}": value
-            for name, value in {**shape, **bones, "vertices": builds, "keys": [wide, wide]}.items()
-        },
-        **shape,
-        **bones,
-        **names,
-    )
-    shirts = [points * 1.1 for points in builds]
-    hem = np.array([points[:5].mean(axis=0, keepdims=True) for points in shirts])
-    own = np.arange(5)
-    np.savez(
-        folder / "garments" / "shirt.npz",
-        builds=np.array(BUILDS),
-        vertices=np.array(shirts),
-        keys=np.array([1.1 * wide, 1.1 * wide]),
-        extra_names=np.array(["hem"]),
-        extra_parents=np.array(["upper"]),
-        extra_heads=hem,
-        **shape,
-        **names,
-        weight_vertex=np.arange(700),
-        weight_bone=np.where(np.isin(np.arange(700), own), 2, upper),
-        weight_value=np.ones(700),
-    )
-    return tmp_path
 
 
 def test_the_set_of_clothes_is_read_with_keys_bones_and_poses(wardrobe: Path) -> None:

@@ -102,3 +102,41 @@ def test_a_rig_of_rigify_poses_the_target_by_its_controls(rigify_rig):
     move(hand_ik_R=(0.0, -0.3, 0.1), foot_ik_L=(0.0, 0.2, 0.2))
     assert np.ptp(visible_positions(source)[:, 1]) > 0.5  # it has moved
     assert np.median(share_off(source, target)) < 2e-3
+
+
+@pytest.mark.slow
+def test_a_rig_of_rigify_moves_into_another_build(rigify_rig):
+    rig, plan = rigify_rig
+    source = body_around(plan)
+    activate(rig, source)
+    bpy.ops.object.parent_set(type="ARMATURE_AUTO")
+    target = posed_copy(source)
+    build = np.array([0.9, 1.0, 0.8])
+    target.data.vertices.foreach_set("co", (positions(target.data) * build).ravel())
+    target.name, target.location = "Target", (1, 0, 0)
+    bpy.context.view_layer.update()
+    api.match_objects(bpy.context, source, target, initial="same_order")
+    report = api.move_rig(bpy.context, source, target, api.Binding("keep_shape"))
+    made = bpy.data.objects[report["bound"]["armature"]]
+    before, after = mesh_data.read_rig_bones(rig), mesh_data.read_rig_bones(made)
+    deforming = [number for number, name in enumerate(before.names) if rig.data.bones[name].use_deform]
+    off = np.linalg.norm(after.heads - before.heads * build - [1, 0, 0], axis=1)[deforming]
+    assert np.median(off) < 0.02
+    assert off.max() < 0.08
+
+    def bends(armature):
+        return max(
+            np.abs(np.array(bone.matrix.to_3x3()) - np.array(bone.bone.matrix_local.to_3x3())).max()
+            for bone in armature.pose.bones
+            if bone.bone.use_deform
+        )
+
+    assert bends(rig) < 0.01
+    assert bends(made) < 0.15  # controls of the feet fit less exactly
+    stood = visible_positions(target)
+    control = made.pose.bones["hand_ik.L"]
+    control.matrix = Matrix.Translation((0, -0.3, 0.2)) @ control.matrix
+    bpy.context.view_layer.update()
+    moved = np.linalg.norm(visible_positions(target) - stood, axis=1)
+    assert moved.max() > 0.2
+    assert np.median(moved) < 0.01

@@ -16,6 +16,7 @@ from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
 from zoomout_core.matching.verdict import judge
+from zoomout_core.samples.characters import write_samples
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -193,3 +194,20 @@ def test_without_morph_targets_key_names_have_nothing_to_rename(
         assert (code, "--key-names has no morph targets of" in said) == ((1, True) if not more else (0, False)), said
     code, said = run(expressive, files[1], "-o", tmp_path / "out.glb", "--key-names", "vrm1", "--kinds", "color")
     assert code == 1
+
+
+def test_a_rig_moves_into_the_target(files: tuple[Path, Path], tmp_path: Path) -> None:
+    source = write_samples(tmp_path)[0]
+    taller = creature(700, seed=3)
+    seen = taller.surface.with_vertices(taller.surface.vertices * [2.0, 2.0, 3.0])
+    write_asset(Asset(seen), tmp_path / "tall.ply")
+    code, said = run(source, tmp_path / "tall.ply", "-o", tmp_path / "out.glb", "--move-rig", "--force", "--json")
+    assert code == 0, said
+    assert json.loads(said)["options"]["move_rig"] is True
+    again, before = read_asset(tmp_path / "out.glb"), read_asset(source)
+    assert again.skin is not None
+    assert before.skin is not None
+    assert again.skin.names == before.skin.names
+    assert np.abs(again.skin.inverse_bind - before.skin.inverse_bind).max() > 0.1
+    code, said = run(files[0], files[1], "-o", tmp_path / "out.glb", "--move-rig")
+    assert (code, "--move-rig has no joints of" in said) == (1, True), said

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pygltflib import GLTF2, Accessor, Mesh, Texture
 
 COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
+FLOATS = 5126
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 # glTF's codes for buffers of vertices and of indices.
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -80,6 +81,32 @@ class Document:
         document.gltf, document._file, document.notes = gltf, None, []
         document._buffers, document._images = (bytes(gltf.binary_blob()),), {}
         return document
+
+    def copy(self) -> Document:
+        """A copy that shares the buffers; changes to its nodes and animations do not change this document."""
+        document = Document.__new__(Document)
+        document.gltf, document._file, document.notes = deepcopy(self.gltf), self._file, list(self.notes)
+        document._buffers, document._images = self._buffers, self._images
+        return document
+
+    def add_array(self, values: NDArray[Any]) -> int:
+        """Add values (count, width) of single floats; returns the number of their accessor."""
+        gltf, content = library(), np.ascontiguousarray(values, "<f4").tobytes()
+        self._buffers = (*self._buffers, content)
+        self.gltf.buffers.append(gltf.Buffer(byteLength=len(content)))
+        self.gltf.bufferViews.append(
+            gltf.BufferView(buffer=len(self._buffers) - 1, byteOffset=0, byteLength=len(content))
+        )
+        self.gltf.accessors.append(
+            gltf.Accessor(
+                bufferView=len(self.gltf.bufferViews) - 1,
+                byteOffset=0,
+                componentType=FLOATS,
+                count=len(values),
+                type=TYPES[values.shape[1]],
+            )
+        )
+        return len(self.gltf.accessors) - 1
 
     @property
     def has_buffer_files(self) -> bool:

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
+from zoomout_core.assets.move_skin import move_skin
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -57,6 +58,7 @@ def transfer_asset(
     shape: str = "automatic",
     fill_below: float | None = None,
     max_weights: int | None = None,
+    move_rig: bool = False,
 ) -> TransferredAsset:
     """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
@@ -72,9 +74,11 @@ def transfer_asset(
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
+        move_rig: move the joints into the target, which keeps its own size; otherwise it takes the size of the source,
+            whose joints stay where they are.
 
     Raises:
-        MeshError: the source has no data of these kinds, or the map is of other surfaces.
+        MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
         ValueError: the shape is not in `SHAPES`, or a kind not in `KINDS`.
 
     Example:
@@ -91,6 +95,8 @@ def transfer_asset(
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     chosen, skin = select_data(source, kinds)
+    if move_rig and skin is None:
+        raise MeshError("The source has no joints to move: choose a rigged source, and skin weights among the data.")
     mapped = map_target(match, source.surface, _place_all(target.surface), fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
@@ -110,8 +116,12 @@ def transfer_asset(
         asset = replace(asset, materials=source.materials, look=source.look)
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
-            own, found = _bind(source, skin, mapped, shape, max_weights)
-        asset = replace(asset, skin=own, document=source.document, nodes=())
+            own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
+            document = source.document
+            if move_rig:
+                own, document = move_skin(source, own, at_rest)
+        look = document if asset.look is source.document else asset.look
+        asset = replace(asset, skin=own, document=document, nodes=(), look=look)
         notes += found
     advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
@@ -172,15 +182,17 @@ def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) 
     return [message("The target's own {things} were replaced.", things=enumeration(own))] if own else []
 
 
-def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str, limit: int | None) -> tuple[Skin, list[str]]:
-    """The skin of the target, with its rest pose, and notes."""
-    target, notes = mapped.target, []
+def _bind(
+    source: Asset, skin: Skin, mapped: MappedTarget, shape: str, limit: int | None
+) -> tuple[Skin, MappedTarget, list[str]]:
+    """The skin of the target, with its rest pose, the target over the source at rest, and notes."""
+    target, at_rest, notes = mapped.target, mapped, list[str]()
     if _stands_as(source.surface, target):
         weights = skin_weights(skin, mapped, limit)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
         posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
-        weights, pose = skin_weights(skin, posed.mapped, limit), posed.pose
+        at_rest, weights, pose = posed.mapped, skin_weights(skin, posed.mapped, limit), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
             rest = align(target, pose)
         else:
@@ -190,7 +202,7 @@ def _bind(source: Asset, skin: Skin, mapped: MappedTarget, shape: str, limit: in
                 f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
                 "was moved to the rest pose."
             )
-    return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), notes
+    return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), at_rest, notes
 
 
 def skin_weights(skin: Skin, mapped: MappedTarget, limit: int | None = None) -> csr_array:

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
+from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, WEIGHTS, Asset
 from zoomout_core.assets.files import (
     GLTF,
     MESHES,
@@ -75,6 +75,11 @@ MATCHED = 0.8
     help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
 @click.option(
+    "--move-rig",
+    is_flag=True,
+    help="Move the joints of SOURCE into TARGET, which keeps its own size and build.",
+)
+@click.option(
     "--key-names",
     type=click.Choice(list(CONVENTIONS)),
     help="Rename the morph targets to a convention of expression keys, add those that are sums of others, and list "
@@ -97,6 +102,7 @@ def transfer(
     in_place: bool,
     kinds: str,
     shape: str,
+    move_rig: bool,
     key_names: str | None,
     keep_map: bool,
     candidate: int,
@@ -131,8 +137,14 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         arguments, asset = start_arguments(**options), read_asset(source, folders)
-        choices = candidate, force, wanted, shape.replace("-", " "), key_names, keep_map, arguments
+        wanted_shape = shape.replace("-", " ")
+        choices = candidate, force, wanted, wanted_shape, move_rig, key_names, keep_map, arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
+        if move_rig and (WEIGHTS not in wanted or asset.skin is None):
+            raise MeshError(
+                f"--move-rig has no joints of {source} to move: leave it out, or choose a rigged glTF source and "
+                "--kinds with weights."
+            )
         if key_names and (SHAPE_KEYS not in wanted or asset.find(SHAPE_KEYS) is None):
             raise MeshError(
                 f"--key-names has no morph targets of {source} to rename: leave it out, or choose a source and --kinds "
@@ -146,6 +158,7 @@ def transfer(
         given = {
             "kinds": wanted,
             "shape": shape,
+            "move_rig": move_rig,
             "key_names": key_names,
             "keep_map": keep_map,
             "candidate": candidate,
@@ -198,6 +211,7 @@ def _run_job(
     force: bool,
     kinds: list[str],
     shape: str,
+    move_rig: bool,
     key_names: str | None,
     stores_map: bool,
     arguments: dict[str, Any],
@@ -219,7 +233,7 @@ def _run_job(
     with keep_map(partial(save_match, result), job.output):
         job.output.parent.mkdir(exist_ok=True)
         with portion(MATCHED, 1.0):
-            made = transfer_asset(source, target, result, kinds, shape)
+            made = transfer_asset(source, target, result, kinds, shape, move_rig=move_rig)
         written, named = made.asset, list[str]()
         if stores_map:
             written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(kinds)))

@@ -8,6 +8,7 @@ from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.dressing.joints import MovedJoints, move_joints
+from zoomout_core.transfer.rig import move_rig
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
 from zoomout_core.transfer.wrapping.wrap import Wrapped, reverse_match, wrap
 
@@ -33,6 +34,7 @@ __all__ = [
     "follow_keys",
     "map_target",
     "move_joints",
+    "move_rig",
     "pair_bones",
     "reverse_match",
     "shape_of_source",

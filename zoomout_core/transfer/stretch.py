@@ -78,18 +78,19 @@ def check_weights(
     weights: csr_array,
     surface_map: SurfaceMap,
     poses: Floats,
+    target_poses: Floats | None = None,
 ) -> CheckedWeights:
     """Play a source and a target, and smooth the target's weights around edges that stretch too far.
 
     Both surfaces are at rest, with skin weights (n_s, b) and (n_t, b); the map leads from the target to the source. The
-    poses (f, b, 3, 4) are transforms of the bones from rest.
+    poses (f, b, 3, 4) are transforms of the bones from rest; those of the target, if its bones are elsewhere.
     """
     played = play(source, source_weights, poses)
     size = float(np.ptp(target.vertices, axis=0).max())
     smoothed = np.zeros(len(target.vertices), dtype=bool)
 
     def find_stretched(tried: csr_array) -> Integers:
-        posed = play(target, tried, poses)
+        posed = play(target, tried, poses if target_poses is None else target_poses)
         return posed.edges[stretched_edges(played, posed, surface_map, size)]
 
     edges = find_stretched(weights)
@@ -141,6 +142,30 @@ def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
             own = np.column_stack([above[:, :3] @ own[:, :3], above[:, :3] @ own[:, 3] + above[:, 3]])
         transforms[bone] = own
     return transforms
+
+
+def poses_about(poses: Floats, heads: Floats, moved: Floats, parents: Integers) -> Floats:
+    """The same poses (f, b, 3, 4) of bones that turn about other heads.
+
+    Args:
+        poses: transforms of the bones from rest.
+        heads: (b, 3) the places that these turn about, at rest.
+        moved: (b, 3) the places that the bones of the result turn about.
+        parents: (b,) the number of each bone's parent, -1 for none.
+    """
+    found = np.empty_like(poses)
+    for bone in parents_first(parents):
+        above = parents[bone]
+        turn, place = poses[:, bone, :, :3], np.einsum("fxy,y->fx", poses[:, bone, :, :3], heads[bone])
+        place += poses[:, bone, :, 3]
+        head = moved[bone] + place - heads[bone]
+        if above >= 0:  # it moves with the bone above, as before
+            inverse = np.linalg.inv(poses[:, above, :, :3])
+            own = np.einsum("fxy,fy->fx", inverse, place - poses[:, above, :, 3]) - heads[bone] + moved[bone]
+            head = np.einsum("fxy,fy->fx", found[:, above, :, :3], own) + found[:, above, :, 3]
+        found[:, bone, :, :3] = turn
+        found[:, bone, :, 3] = head - np.einsum("fxy,y->fx", turn, moved[bone])
+    return found
 
 
 def distinct_poses(poses: Floats, heads: Floats) -> Floats:

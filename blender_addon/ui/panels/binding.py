@@ -7,6 +7,7 @@ from bpy.types import Context, Panel
 
 from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
+from ...operators.move_rig import ZOOMOUT_OT_move_rig
 from ...operators.select_faults import ZOOMOUT_OT_select_stretched
 from ...operators.test_poses import ZOOMOUT_OT_test_poses
 from ...properties.transfer import BindOptions, BindView
@@ -26,9 +27,10 @@ class ZOOMOUT_PT_binding(SidebarPanel, Panel):
         for name in (*BindOptions.__annotations__, *BindView.__annotations__):
             self.layout.prop(context.scene.zoomout, name)
         source = likely_source(context) if context.active_object else None
-        row = self.layout.row()
+        row = self.layout.row(align=True)
         row.enabled = source is not None and bool(armatures_of(source))
         row.operator(ZOOMOUT_OT_bind_to_rig.bl_idname, icon="ARMATURE_DATA")
+        row.operator(ZOOMOUT_OT_move_rig.bl_idname, icon="OUTLINER_OB_ARMATURE")
 
 
 class ZOOMOUT_PT_binding_check(SidebarPanel, Panel):

@@ -18,6 +18,7 @@ from zoomout_core.transfer.stretch import (
     extreme_poses,
     play,
     play_offsets,
+    poses_about,
     smooth_weights,
     stretched_edges,
 )
@@ -39,6 +40,29 @@ def wrong_weights(patch: np.ndarray) -> csr_array:
     weights = weights_of(TARGET.vertices).toarray()
     weights[patch] = [0, 0, 1]
     return csr_array(weights)
+
+
+def test_poses_are_the_same_about_other_heads() -> None:
+    moved = HEADS * [1, 1, 1.5] + [0, 0.2, 0.1]
+    np.testing.assert_allclose(poses_about(POSES, HEADS, moved, PARENTS), extreme_poses(moved, PARENTS), atol=1e-9)
+    shifted = POSES.copy()
+    shifted[:, :, :, 3] += [0, 0, 2.0]
+    np.testing.assert_allclose(
+        poses_about(shifted, HEADS, moved, PARENTS) - poses_about(POSES, HEADS, moved, PARENTS),
+        shifted - POSES,
+        atol=1e-9,
+    )
+
+
+def test_a_target_may_have_poses_of_its_own() -> None:
+    longer = TARGET.with_vertices(TARGET.vertices * [1, 1, 1.5])
+    about = poses_about(POSES, HEADS, HEADS * [1, 1, 1.5], PARENTS)
+    own = check_weights(SOURCE, weights_of(SOURCE.vertices), longer, weights_of(TARGET.vertices), MAP, POSES, about)
+    still = np.tile(np.eye(3, 4), (1, 3, 1, 1))
+    torn = wrong_weights(on_side())
+    assert not own.stretched.any()
+    assert not check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, torn, MAP, POSES[:1], still).smoothed.any()
+    assert check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, torn, MAP, POSES[:1]).smoothed.any()
 
 
 def test_poses_turn_each_bone_about_its_head_by_the_same_angle_against_its_parent() -> None:

@@ -10,15 +10,20 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.geometry.procrustes import SMALLEST, procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, Similarities, procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.form import Lines
 
 # Vertices that a joint follows: about the two nearest rings of a tube of ten sides. With three times as many, joints of
 # skirts are twice as far from their places; with a third, noise of single vertices shows.
 NEIGHBOURS = 20
+# A joint also follows all vertices within this multiple of the distance of the nearest one, because the motion of a
+# small patch cannot be extrapolated to a joint far from the surface, such as the pole target of a knee.
+SPREAD = 2.0
 # Standard deviation of the vertices' weights, as a share of the distance of the farthest one.
 WIDTH = 0.5
+# So that a ball contains the vertex that gave its radius.
+ROUNDED_UP = 1 + 1e-9
 
 
 class MovedJoints(NamedTuple):
@@ -57,10 +62,20 @@ def move_joints(worn: Surface | Lines, vertices: ArrayLike, joints: ArrayLike) -
             f"vertices are of the shape {after.shape}, or some positions are not finite: give finite ones "
             f"({len(worn.vertices)}, 3)."
         )
-    count = min(NEIGHBOURS, len(after))
-    found = cKDTree(worn.vertices).query(places, count)
-    distance, near = (np.asarray(each).reshape(len(places), count) for each in found)
-    width = np.maximum(WIDTH * distance[:, -1:], SMALLEST)
-    weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * width**2))
-    motions = procrustes(worn.vertices[near], after[near], weights)
+    motions = motions_around(worn.vertices, after, places)
     return MovedJoints(motions(places[:, None])[:, 0], motions.rotation)
+
+
+def motions_around(before: Floats, after: Floats, places: Floats) -> Similarities:
+    """(j,) the similarities of points (n, 3) around places (j, 3), from where they were to where they are."""
+    tree = cKDTree(before)
+    scale, rotation, translation = np.empty(len(places)), np.empty((len(places), 3, 3)), np.empty_like(places)
+    for number, place in enumerate(places):
+        nearest = np.asarray(tree.query(place, min(NEIGHBOURS, len(after)))[0])
+        near = tree.query_ball_point(place, max(nearest.max(), SPREAD * nearest.min()) * ROUNDED_UP)
+        distance = np.linalg.norm(before[near] - place, axis=1)
+        width = max(WIDTH * distance.max(), SMALLEST)
+        weights = np.exp((distance.min() ** 2 - distance**2) / (2 * width**2))
+        motion = procrustes(before[near], after[near], weights)
+        scale[number], rotation[number], translation[number] = motion.scale, motion.rotation, motion.translation
+    return Similarities(scale, rotation, translation)

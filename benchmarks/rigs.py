@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rigs moved to bodies of other builds, whose joints are known: the set `clothes`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.outfits.clothes import MADE_FOR, Body, Wardrobe
+from benchmarks.tables import NOT_SHOWN, Record, Tables, over
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.rig import joints_of_bones, place_joints
+from zoomout_core.transfer.skinning import blend_matrices, transform_points
+
+# Builds on which the numbers of `RigTuning` were set; the others judge them.
+TUNED_ON = ("woman", "man", "child", "muscular_man", "slim_woman")
+TUNED, JUDGED = "tuned on", "judged on"
+# Joints of hands and of the face, by the beginnings of their names.
+FINGERS = ("finger", "metacarpal")
+FACE = ("eye", "jaw", "levator", "oculi", "orbic", "oris", "risor", "special", "temporal", "tongue")
+# Methods: the product, the same along the true map, and simpler ones.
+PRODUCT, BY_TRUE_MAP, AROUND, BOX = "move_rig", "move_rig, true map", "surface around", "bounding box"
+# Images that the simple similarity of the surface around a joint follows, and the width of their weights relative to
+# the distance of the farthest: as in the first experiments.
+IMAGES, WIDTH = 60, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """Two bodies of the set.
+
+    Attributes:
+        kind: whether the target's build set numbers or judges them.
+        name: the builds, and the topology of the target.
+        source: the body with the rig.
+        target: the body that receives it.
+        same: the target in the source's topology.
+        wardrobe: the set.
+    """
+
+    kind: str
+    name: str
+    source: Body
+    target: Body
+    same: Body
+    wardrobe: Wardrobe
+
+
+def run(data: Path, pairs: int | None) -> Tables:
+    """Match bodies, and move the rig of one to the other.
+
+    `rows`: for each kind of builds and each method medians and 95th percentiles of the distances of joints (heads of
+    bones) from the truth, over all pairs, in percent of the target's height. `posed`: the mean distance of surface
+    vertices from the truth over all poses, with the weights of the match, and the same with the true joints; `ratio` is
+    of the two. `feet`: how far the lowest vertex is from its true height. `each`: the figures of the product for each
+    pair.
+
+    Args:
+        data: a folder with the set `clothes`.
+        pairs: largest number of pairs of each kind; all when not given.
+    """
+    records: list[Record] = []
+    for case in tqdm(list(_cases(data / "clothes", pairs)), leave=False):
+        begin = process_time()
+        match = zo.match(case.source.surface, case.target.surface)
+        matched = process_time() - begin
+        weights = _transferred_weights(case, match)
+        of_truth = _pose(case, weights, case.target.bones.heads)
+        for method, joints, seconds in _methods(case, match):
+            about = {"kind": case.kind, "pair": case.name, "method": method, "match s": matched, "s": seconds}
+            records.append(about | _figures(case, joints, weights, of_truth))
+    product = [record for record in records if record["method"] == PRODUCT]
+    shown = [{name: value for name, value in record.items() if name != "errors"} for record in product]
+    return {"rows": _rows(records), "each": shown, NOT_SHOWN: [_without_arrays(record) for record in records]}
+
+
+def _cases(folder: Path, pairs: int | None) -> Iterator[_Case]:
+    """The women's and the men's rig in all other builds, in every topology where these judge."""
+    if not folder.is_dir():
+        return
+    wardrobe = Wardrobe(folder)
+    chosen = {
+        kind: [
+            (source, build, topology)
+            for build in wardrobe.builds
+            if (build in TUNED_ON) == (kind == TUNED)
+            for topology in (None, *(wardrobe.topologies if kind == JUDGED else ()))
+            for source in MADE_FOR
+            if source != build
+        ]
+        for kind in (TUNED, JUDGED)
+    }
+    for kind, cases in chosen.items():
+        step = len(cases) if pairs is None else min(pairs, len(cases))
+        for number in np.linspace(0, len(cases) - 1, step).round().astype(int).tolist():
+            source, build, topology = cases[number]
+            name = f"{source}, {build}, {topology or 'base'}"
+            bodies = wardrobe.body(source), wardrobe.body(build, topology), wardrobe.body(build)
+            yield _Case(kind, name, *bodies, wardrobe)
+
+
+def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, float]]:
+    """The heads of the bones in the target by each method, and its seconds of processor time without the match."""
+    source, bones = case.source.surface, case.source.bones
+    unit = float(np.sqrt(source.area))
+    joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
+    begin = process_time()
+    moved = zo.move_rig(match, source, case.target.surface, joints, parents).positions
+    yield PRODUCT, moved[: len(bones.names)], process_time() - begin
+    begin = process_time()
+    moved = place_joints(source.vertices, case.same.surface.vertices, unit, joints, parents).positions
+    yield BY_TRUE_MAP, moved[: len(bones.names)], process_time() - begin
+    begin = process_time()
+    yield AROUND, _around(case, match, bones.heads), process_time() - begin
+    yield BOX, _in_box(bones.heads, source.vertices, case.target.surface.vertices), 0.0
+
+
+def _around(case: _Case, match: zo.MatchResult, joints: Floats) -> Floats:
+    """(j, 3) joints moved by the similarity of the nearest images of target vertices."""
+    images = match.surface_map.interpolate(case.source.surface.vertices)
+    distance, near = (np.asarray(each) for each in cKDTree(images).query(joints, IMAGES))
+    trust = case.target.surface.vertex_areas * match.confidence
+    weights = np.exp(-((distance / (WIDTH * distance[:, -1:])) ** 2) / 2) * trust[near]
+    return procrustes(images[near], case.target.surface.vertices[near], weights)(joints[:, None])[:, 0]
+
+
+def _in_box(joints: Floats, vertices: Floats, target: Floats) -> Floats:
+    """(j, 3) joints scaled with the bounding box."""
+    scale = np.ptp(target, axis=0) / np.ptp(vertices, axis=0)
+    return (joints - vertices.min(axis=0)) * scale + target.min(axis=0)
+
+
+def _transferred_weights(case: _Case, match: zo.MatchResult) -> csr_array:
+    """(n_t, b) weights of the target by the match."""
+    names = case.source.bones.names
+    weights = Attribute("weights", Domain.POINT, Kind.WEIGHT, csr_array(case.source.weights), names)
+    return csr_array(zo.transfer(weights, match, case.source.surface, case.target.surface).values)
+
+
+def _pose(case: _Case, weights: csr_array, heads: Floats) -> list[Floats]:
+    """(n_t, 3) the target in each pose, with weights (n_t, b) of bones with heads (b, 3)."""
+    vertices = case.target.surface.vertices
+    poses = (case.wardrobe.pose(number, heads) for number in range(len(case.target.poses)))
+    return [transform_points(blend_matrices(pose, weights), vertices) for pose in poses]
+
+
+def _figures(case: _Case, joints: Floats, weights: csr_array, of_truth: list[Floats]) -> Record:
+    """The figures of some joints (b, 3), in percent of the target's height."""
+    percent = 100 / float(np.ptp(case.target.surface.vertices[:, 1]))
+    errors = percent * np.linalg.norm(joints - case.target.bones.heads, axis=1)
+    areas = case.target.surface.vertex_areas
+    truth = _pose(case, csr_array(case.target.weights), case.target.bones.heads)
+    found = _pose(case, weights, joints)
+    off, best = (
+        percent * np.mean([_mean_distance(each, true, areas) for each, true in zip(poses, truth, strict=True)])
+        for poses in (found, of_truth)
+    )
+    feet = percent * max(abs(each[:, 1].min() - true[:, 1].min()) for each, true in zip(found, truth, strict=True))
+    hand, face = (np.array([name.startswith(part) for name in case.source.bones.names]) for part in (FINGERS, FACE))
+    figures = {
+        **_spread("", errors),
+        **_spread("body ", errors[~hand & ~face]),
+        **_spread("fingers ", errors[hand]),
+        **_spread("face ", errors[face]),
+    }
+    return figures | {"posed": off, "posed, true joints": best, "ratio": off / best, "feet": feet, "errors": errors}
+
+
+def _mean_distance(found: Floats, truth: Floats, areas: Floats) -> float:
+    """Mean distance of places (n, 3), weighted by areas (n,)."""
+    return float(np.average(np.linalg.norm(found - truth, axis=1), weights=areas))
+
+
+def _spread(name: str, errors: Floats) -> dict[str, float]:
+    """The median and the 95th percentile; nothing without errors."""
+    if not len(errors):
+        return {}
+    return {f"{name}median": float(np.median(errors)), f"{name}95 %": float(np.percentile(errors, 95))}
+
+
+def _rows(records: list[Record]) -> list[Record]:
+    rows = []
+    for kind, method in dict.fromkeys((record["kind"], record["method"]) for record in records):
+        chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
+        row: Record = {"kind": kind, "method": method, "pairs": len(chosen)}
+        row |= _spread("", np.concatenate([record["errors"] for record in chosen]))
+        groups = [f"{part} {figure}" for part in ("body", "fingers", "face") for figure in ("median", "95 %")]
+        rows.append(row | {name: over(np.mean, chosen, name) for name in (*groups, "posed", "ratio", "feet", "s")})
+    return rows
+
+
+def _without_arrays(record: Record) -> Record:
+    return record | {"errors": record["errors"].tolist()}

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of rigs: a row for each kind of builds and each method, with errors in percent of the height."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import rigs
+from benchmarks.tables import NOT_SHOWN
+
+
+def test_rows_join_the_errors_of_all_pairs() -> None:
+    one = {"kind": rigs.JUDGED, "method": rigs.BOX, "posed": 1.0, "ratio": 2.0, "feet": 0.1, "s": 0.0}
+    one |= {f"{part} {figure}": 1.0 for part in ("body", "fingers", "face") for figure in ("median", "95 %")}
+    records = [one | {"errors": np.full(3, 1.0)}, one | {"errors": np.full(7, 2.0), "posed": 3.0}]
+    (row,) = rigs._rows(records)
+    assert row["pairs"] == 2
+    assert row["median"] == 2.0
+    assert row["posed"] == 2.0
+
+
+@pytest.mark.slow
+def test_every_method_is_measured(wardrobe: Path) -> None:
+    tables = rigs.run(wardrobe, 1)
+    rows = {row["method"]: row for row in tables["rows"] if row["kind"] == rigs.JUDGED}
+    assert set(rows) == {rigs.PRODUCT, rigs.BY_TRUE_MAP, rigs.AROUND, rigs.BOX}
+    assert rows[rigs.PRODUCT]["median"] < 1
+    assert rows[rigs.PRODUCT]["ratio"] >= 1
+    assert len(tables["each"]) == len(tables[NOT_SHOWN]) / len(rows)
