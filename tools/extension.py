@@ -52,7 +52,7 @@ SHIPPED = (
 )
 NOT_SHIPPED = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with their pictures.
-DOCUMENTS = ("blender.md", "options.md", "transfer.md", "whats_new.md")
+DOCUMENTS = ("blender.md", "dress_ja.md", "libraries.md", "options.md", "transfer.md", "whats_new.md")
 # The files that the core's own wheel is built from.
 CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")
 

@@ -194,7 +194,7 @@ def test_a_transfer_that_fails_keeps_the_map(
 ) -> None:
     error, sentence = FAILURES[name]
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     source, other = colored(meshes[0]), tmp_path / "out_map.npz"
@@ -250,10 +250,10 @@ def test_one_target_that_fails_leaves_the_others_alone(
     transfer_asset = transfer_command.transfer_asset
     failing = iter([True, False])
 
-    def fail(*arguments: Any) -> Any:
+    def fail(*arguments: Any, **options: Any) -> Any:
         if next(failing):
             raise KeyError("joints")
-        return transfer_asset(*arguments)
+        return transfer_asset(*arguments, **options)
 
     monkeypatch.setattr(transfer_command, "transfer_asset", fail)
     source, out = colored(meshes[0]), tmp_path / "out"

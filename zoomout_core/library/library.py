@@ -36,6 +36,10 @@ class Preparation:
         assets: the number of assets that can be found.
         new: the number of those that were prepared now; the others were known.
         failures: why the others were skipped, in one sentence for each file.
+
+    Example:
+        >>> zo.Library(folder).prepare()  # of an empty folder
+        Preparation(assets=0, new=0, failures={})
     """
 
     assets: int
@@ -55,9 +59,12 @@ class Library:
         MeshError: there is no such folder.
 
     Example:
+        >>> notes = zo.write_asset(zo.Asset(source), folder / "hero.ply")
         >>> library = zo.Library(folder)
-        >>> report = library.prepare()
-        >>> found = library.find(target)
+        >>> library.prepare().assets
+        1
+        >>> library.find(target).ranked[0].path.name
+        'hero.ply'
     """
 
     def __init__(
@@ -173,6 +180,13 @@ def find_source(
 
     Raises:
         MeshError: a library is not prepared, or the target cannot be analysed.
+
+    Example:
+        >>> notes = zo.write_asset(zo.Asset(source), folder / "hero.ply")
+        >>> library = zo.Library(folder)
+        >>> report = library.prepare()
+        >>> zo.find_source(target, [library]).nearest.name
+        'hero.ply'
     """
     assets: dict[Path, LibraryAsset] = {}
     for library in libraries:

@@ -73,6 +73,10 @@ class FoundSource:
         certainty: the probability, in [0, 1], that the match is right as a whole.
         misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
             body in another pose, and above 0.12 for another species.
+
+    Example:
+        >>> zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06).fits
+        True
     """
 
     path: Path
@@ -94,6 +98,11 @@ class FoundSources(Summary):
         ranked: the assets that were matched, those that fit first, by increasing misfit.
         nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
         refusal: why nothing fits; empty if the first asset does.
+
+    Example:
+        >>> hero = zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06)
+        >>> zo.FoundSources((hero,), hero.path, refusal="").best.path
+        'hero.glb'
     """
 
     ranked: tuple[FoundSource, ...]

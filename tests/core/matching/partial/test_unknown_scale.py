@@ -13,6 +13,7 @@ from pieces import PartAndWhole
 import zoomout_core as zo
 from zoomout_core.matching import retry
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
+from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.notes import OTHER_UNITS, RESCALED
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import unknown_scale
@@ -134,7 +135,7 @@ def test_another_unit_has_to_be_likelier_than_the_same_one(
     monkeypatch.setattr(retry, "match_at_unknown_scale", lambda *_: rescaled)
     monkeypatch.setattr(retry, "agree", lambda *_: False)
     whole = Attempt(given, [SimpleNamespace(certainty=0.1, turns=1)], 0.9)  # type: ignore[arg-type, list-item]
-    known: Any = SimpleNamespace(disagreement=lambda _: None)
-    found = retry.attempt_part(whole, known)
+    monkeypatch.setattr(Constraints, "disagreement", lambda *_: None)
+    found = retry.attempt_part(whole, Constraints(None, np.zeros((0, 3)), []))
     assert (found.candidates[0].certainty == certainty) == taken
     assert any("different units" in note for note in getattr(found.pair, "notes", ())) == noted
