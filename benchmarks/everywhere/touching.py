@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.transfer.poses import pose_of_turns
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
-from zoomout_core.transfer.stretch import pose_of_turns
 
 Bodies: TypeAlias = Any  # the class of `clothes.py`, which comes with the data
 # Distance at which two limbs count as touching, in centimetres; each pose approaches it in so many steps.

@@ -29,8 +29,8 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.cut_mesh import cut_surface
 from zoomout_core.transfer.groups import first_of_each
+from zoomout_core.transfer.poses import distinct_poses, extreme_poses
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
-from zoomout_core.transfer.stretch import distinct_poses, extreme_poses
 from zoomout_core.transfer.weights import limit_weights
 
 # Levels with fewer vertices than this have no faces to speak of.

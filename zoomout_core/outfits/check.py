@@ -16,8 +16,8 @@ from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.outfits.dress_avatar import DressedAvatar
 from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.poses import parents_first, pose_of_turns
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
-from zoomout_core.transfer.stretch import parents_first, pose_of_turns
 
 # The poses, and the axes that limbs turn about in them; y is up. In one, limbs swing to the front and back, in the
 # other one to the sides.

@@ -24,8 +24,8 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.joints import move_joints
+from zoomout_core.transfer.poses import parents_first
 from zoomout_core.transfer.skinning import normalise
-from zoomout_core.transfer.stretch import parents_first
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,24 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from bent_tube import LENGTH, PARENTS, tube, weights_of
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.transfer.stretch import (
-    MAX_FRAMES,
-    STRETCH,
-    check_weights,
-    distinct_poses,
-    extreme_poses,
-    play,
-    play_offsets,
-    poses_about,
-    smooth_weights,
-    stretched_edges,
-)
+from zoomout_core.transfer.poses import extreme_poses, poses_about
+from zoomout_core.transfer.stretch import STRETCH, check_weights, play, play_offsets, smooth_weights, stretched_edges
 from zoomout_core.tuning import retune
 
 HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
@@ -42,18 +31,6 @@ def wrong_weights(patch: np.ndarray) -> csr_array:
     return csr_array(weights)
 
 
-def test_poses_are_the_same_about_other_heads() -> None:
-    moved = HEADS * [1, 1, 1.5] + [0, 0.2, 0.1]
-    np.testing.assert_allclose(poses_about(POSES, HEADS, moved, PARENTS), extreme_poses(moved, PARENTS), atol=1e-9)
-    shifted = POSES.copy()
-    shifted[:, :, :, 3] += [0, 0, 2.0]
-    np.testing.assert_allclose(
-        poses_about(shifted, HEADS, moved, PARENTS) - poses_about(POSES, HEADS, moved, PARENTS),
-        shifted - POSES,
-        atol=1e-9,
-    )
-
-
 def test_a_target_may_have_poses_of_its_own() -> None:
     longer = TARGET.with_vertices(TARGET.vertices * [1, 1, 1.5])
     about = poses_about(POSES, HEADS, HEADS * [1, 1, 1.5], PARENTS)
@@ -63,37 +40,6 @@ def test_a_target_may_have_poses_of_its_own() -> None:
     assert not own.stretched.any()
     assert not check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, torn, MAP, POSES[:1], still).smoothed.any()
     assert check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, torn, MAP, POSES[:1]).smoothed.any()
-
-
-def test_poses_turn_each_bone_about_its_head_by_the_same_angle_against_its_parent() -> None:
-    for transforms in POSES:
-        for bone, parent in enumerate(PARENTS):
-            above = np.eye(3, 4) if parent < 0 else transforms[parent]
-            head = HEADS[bone]
-            moved = [each[:, :3] @ head + each[:, 3] for each in (transforms[bone], above)]
-            np.testing.assert_allclose(moved[0], moved[1], atol=1e-12)
-            turn = transforms[bone][:, :3] @ above[:, :3].T
-            angle = np.degrees(np.arccos((np.trace(turn) - 1) / 2))
-            assert angle == pytest.approx(STRETCH.angle)
-    assert len(np.unique(POSES.round(6), axis=0)) == len(POSES) == 12
-
-
-def test_bones_may_come_in_any_order() -> None:
-    order = np.array([2, 0, 1])
-    parents = np.array([{-1: -1, 0: 1, 1: 2}[PARENTS[bone]] for bone in order])
-    np.testing.assert_allclose(extreme_poses(HEADS[order], parents), POSES[:, order])
-
-
-def test_the_most_different_frames_of_an_animation_are_played() -> None:
-    turns = np.concatenate([np.full(90, 0.01), [1.0, 2.0, -1.0]])
-    frames = np.array([extreme_poses(HEADS, PARENTS)[0]] * len(turns))
-    frames[:, 2] = np.eye(3, 4)
-    frames[:, 2, 0, 3] = turns
-    chosen = distinct_poses(frames, HEADS)
-    assert len(chosen) == MAX_FRAMES
-    assert set(chosen[:, 2, 0, 3]) == set(turns)
-    np.testing.assert_array_equal(distinct_poses(frames[:3], HEADS), frames[:3])
-    assert distinct_poses(frames[:0], HEADS).shape == (0, 3, 3, 4)
 
 
 def test_a_surface_without_weights_does_not_stretch() -> None:
