@@ -34,20 +34,23 @@ def number(column: int, row: int, places: np.ndarray) -> int:
     return int(np.linalg.norm(places[:, :2] - wanted, axis=1).argmin())
 
 
-def make_face(names: tuple[str, ...] = ARKIT) -> Face:
+def make_face(names: tuple[str, ...] = ARKIT, joined: bool = False) -> Face:
+    """The mask; its lips may be joined."""
     flat = grid(LEFT + STEP * np.arange(COLUMNS + 1), BOTTOM + STEP * np.arange(ROWS + 1)).vertices
     triangles = triangles_of(grid_faces(COLUMNS, ROWS)).copy()
     above = flat[triangles].mean(axis=1)[:, 1]
     places, corners = flat.copy(), []
     for first, last, row in (MOUTH, LEFT_EYE, RIGHT_EYE):
         rim = [number(column, row, flat) for column in range(first + 1, last)]
+        corners += [number(last, row, flat), number(first, row, flat)]
+        if joined and row == MOUTH[2]:
+            continue
         copies = np.arange(len(places), len(places) + len(rim))
         renamed = np.arange(len(places) + len(rim))
         renamed[rim] = copies
         over = above > BOTTOM + STEP * row
         triangles[over] = renamed[triangles[over]]
         places = np.vstack([places, places[rim] + [0, GAP, 0]])
-        corners += [number(last, row, flat), number(first, row, flat)]
     x, y = places[:, 0], places[:, 1]
 
     def inside(slit: tuple[int, int, int]) -> np.ndarray:
@@ -61,7 +64,7 @@ def make_face(names: tuple[str, ...] = ARKIT) -> Face:
         beyond = y - BOTTOM - STEP * slit[2]
         lids.append(np.where(beyond > GAP / 2, 0.12 * share * np.clip(1 - beyond / 0.4, 0, 1), 0))
     below = y < BOTTOM + STEP * MOUTH[2] + GAP / 2
-    jaw = np.where(below, 0.1 * opens[0], 0) * [[0], [1], [0]]
+    jaw = np.where(below, 0.16 * opens[0], 0) * [[0], [1], [0]]
     bump = sum(
         height * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / width**2)
         for at, height, width in ((NOSE, 0.5, 0.15), (CHIN, 0.4, 0.15))

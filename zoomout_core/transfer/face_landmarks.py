@@ -94,8 +94,7 @@ class _Skin:
         visible = np.flatnonzero(self._is_visible())
         pairs = visible[cKDTree(closed[visible]).query_pairs(TOUCHING * self.size, output_type="ndarray")]
         near, far = (row_norms(shape[pairs[:, 0]] - shape[pairs[:, 1]]) for shape in (closed, opened))
-        opening = far - near
-        pairs = pairs[(opening > OPENING * opening.max(initial=0)) & (far > STRETCH * near)]
+        pairs = pairs[are_parted(near, far, float((far - near).max(initial=0)))]
         above = np.einsum("px,x->p", opened[pairs[:, 0]] - opened[pairs[:, 1]], self.up) > 0
         return _Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
 
@@ -147,7 +146,7 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         Traceback (most recent call last):
         zoomout_core.mesh.surface.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
-    offsets = {use: _find_offsets(keys, names) for use, names in KEYS.items()}
+    offsets = {use: find_offsets(keys, names) for use, names in KEYS.items()}
     motion = sum(row_norms(each) for each in offsets.values()) * surface.vertex_areas
     moving = int(np.argmax(np.bincount(np.maximum(surface.components, 0), motion)))
     mesh, _ = surface.working.part(moving)
@@ -177,7 +176,15 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
     return dict(zip(FACE_LANDMARKS, own[list(vertices)].tolist(), strict=True))
 
 
-def _find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:
+def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
+    """(p,) which pairs are on different sides of a slit, by their distances (p,) in its closed and in its opened shape.
+
+    `most` is how far the slit opens at most.
+    """
+    return np.asarray((far - near > OPENING * most) & (far > STRETCH * near))
+
+
+def find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:
     """(n, 3) what the first key among some, each a convention and a name, adds to the vertices."""
     offsets = np.asarray(keys.values, dtype=np.float64)
     for convention, name in names:
