@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         transfer,
         wrap,
     )
+    from zoomout_core.transfer.face_landmarks import propose_face_landmarks
     from zoomout_core.transfer.key_names import (
         TranslatedKeys,
         key_names,
@@ -141,6 +142,7 @@ __all__ = [
     "orthonormality_error",
     "precise_map_of",
     "progress",
+    "propose_face_landmarks",
     "read_asset",
     "read_point_cloud",
     "read_surface",
@@ -217,6 +219,7 @@ _HOMES = {
         "transfer",
         "wrap",
     ),
+    "transfer.face_landmarks": ("propose_face_landmarks",),
     "transfer.key_names": (
         "TranslatedKeys",
         "key_names",

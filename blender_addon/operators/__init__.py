@@ -12,6 +12,7 @@ from .dress import ZOOMOUT_OT_dress
 from .landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
+    ZOOMOUT_OT_face_landmarks,
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
@@ -49,6 +50,7 @@ CLASSES = (
     ZOOMOUT_OT_cut_seams,
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
+    ZOOMOUT_OT_face_landmarks,
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_bend_match,
     ZOOMOUT_OT_confirm_landmarks,

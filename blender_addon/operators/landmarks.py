@@ -7,7 +7,7 @@ import bmesh
 from bpy.types import Context, Object, Operator
 
 import zoomout_core as zo
-from zoomout_core.messages import message
+from zoomout_core.messages import Message, message
 
 from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
@@ -21,6 +21,7 @@ from ..scene.landmarks import (
     set_landmark,
 )
 from ..scene.selection import participants
+from ..services.face_landmarks import set_face_landmarks
 from ..services.landmark_import import import_landmarks
 from ..services.propose_partners import propose_partners
 from ..translations import reported, translated
@@ -101,12 +102,21 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
                 number = next_number(context.scene, obj, objects)
                 set_landmark(context.scene, obj, place, number)
                 numbers.add(number)
-        proposed = propose_partners(context, objects, numbers)
-        placed = message("Placed {landmarks}", landmarks=landmarks_in_words(count))
-        if not proposed:
-            return placed
-        proposals = "{placed}, and proposed 1 partner" if proposed == 1 else "{placed}, and proposed {count} partners"
-        return message(proposals, placed=placed, count=proposed)
+        return _describe_placed(count, propose_partners(context, objects, numbers))
+
+
+class ZOOMOUT_OT_face_landmarks(LandmarkOperator):
+    bl_idname = "zoomout.face_landmarks"
+    bl_label = "Face Landmarks"
+    bl_description = (
+        "Place twelve landmarks on a head: corners of mouth and eyes, lips, nose, chin and ears. Their places on the "
+        "source come from its keys that blink and open the mouth, those on the target are proposed by the match. Drag "
+        "or confirm them, then bend the match"
+    )
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Set the landmarks of a face."""
+        return _describe_placed(*set_face_landmarks(context, objects))
 
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
@@ -160,6 +170,15 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove the landmarks on the objects."""
         return message("Removed {landmarks}", landmarks=landmarks_in_words(remove_landmarks_on(context.scene, objects)))
+
+
+def _describe_placed(count: int, proposed: int) -> Message:
+    """A report of the landmarks that were placed, and of the partners that were proposed."""
+    placed = message("Placed {landmarks}", landmarks=landmarks_in_words(count))
+    if not proposed:
+        return placed
+    proposals = "{placed}, and proposed 1 partner" if proposed == 1 else "{placed}, and proposed {count} partners"
+    return message(proposals, placed=placed, count=proposed)
 
 
 def _selected_vertices(obj: Object) -> list[int]:

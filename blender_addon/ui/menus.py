@@ -83,6 +83,7 @@ class ZOOMOUT_MT_landmarks(Menu):
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)
         layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname)
+        layout.operator(landmarks.ZOOMOUT_OT_face_landmarks.bl_idname)
         for what, name in (("GROUPS", "Landmarks from Vertex Groups"), ("EMPTIES", "Landmarks from Empties")):
             layout.operator(landmarks.ZOOMOUT_OT_import_landmarks.bl_idname, text=name).what = what
         layout.operator(ZOOMOUT_OT_bend_match.bl_idname)

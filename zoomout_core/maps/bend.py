@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.straight_paths import follow_paths
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.triangles import edge_graph
 
@@ -20,6 +20,8 @@ REACH = 3.0
 # half the width, and so on, at most WIDTHS, add the rest, until at most the share MET of the largest displacement is
 # missing.
 SMOOTH, WIDTHS, MET = 0.1, 7, 1e-3
+# A straight path along the tangent misses its goal on a curved surface, each further one by a smaller part of the rest.
+STRIDES = 20
 # Number of distances in memory at a time.
 BLOCK = 1 << 23
 
@@ -36,7 +38,8 @@ def bend(
     """Displace the images of some places (l,) of the target by (l, 3).
 
     Elsewhere the displacement fades by exp(-(d / width)^2) with the geodesic distance d, and faster between places
-    close together. Positions are (n_s, 3) and (n_t, 3); the width is in the target's unit.
+    close together. Images move along the source, so that none jumps from lip to lip. Positions are (n_s, 3) and
+    (n_t, 3), with coincident borders welded; the width is in the target's unit.
     """
     graph = edge_graph(target_vertices, target_triangles)
     size = max(1, BLOCK // len(target_vertices))
@@ -55,10 +58,16 @@ def bend(
         for each, weight in zip(widths, weights, strict=False):
             moved += np.exp(-((distance / each) ** 2)).T @ weight[start : start + size]
     near = np.flatnonzero(moved.any(axis=1))
-    bent_images = surface_map.interpolate(source_vertices)[near] + moved[near]
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
-    triangle[near], barycentric[near] = closest_points(bent_images, source_vertices, surface_map.source_triangles)
-    return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
+    corners = surface_map.source_triangles
+    images = triangle[near], barycentric[near]
+    triangle[near], barycentric[near] = follow_paths(source_vertices, corners, *images, moved[near])
+    goals = surface_map.interpolate(source_vertices)[places] + missed
+    for _ in range(STRIDES):
+        images = triangle[places], barycentric[places]
+        left = goals - SurfaceMap(*images, corners).interpolate(source_vertices)
+        triangle[places], barycentric[places] = follow_paths(source_vertices, corners, *images, left)
+    return SurfaceMap(triangle, barycentric, corners)
 
 
 def _weights(distance: Floats, missed: Floats, widths: Floats) -> list[Floats]:

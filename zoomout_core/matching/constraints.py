@@ -22,7 +22,7 @@ from zoomout_core.maps.bend import bend
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_part
+from zoomout_core.matching.pair import Pair, landmark_points, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.scores import IN_SPACE, UPRIGHT, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
@@ -153,16 +153,11 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
     return checked
 
 
-def pin(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
-    """Deform the map between the shapes' meshes so that each landmark lands on its counterpart.
-
-    The displacements decay with a Gaussian of the geodesic distance on the target.
-    """
-    source, target = pair.source_shape, pair.target_shape
-    source_ids, target_ids = landmarks_on_parts(pair, landmarks)
-    missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
-    meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
-    return bend(between, *meshes, target_ids, missed, PINNING_WIDTH)
+def meet_exact_landmarks(surface_map: SurfaceMap, pair: Pair) -> SurfaceMap:
+    """Bend the map of a pair to its exact landmarks, if it has any; that of hulls met them shell by shell."""
+    if pair.exact_landmarks is None or pair.target_shape.proxy.full.is_hull:
+        return surface_map
+    return bend_to_points(surface_map, pair.source, pair.target, *landmark_points(pair, pair.exact_landmarks))
 
 
 def landmark_errors(
@@ -185,8 +180,12 @@ def bend_to_points(
     largest = np.linalg.norm(missed, axis=1).max(initial=0) / np.sqrt(source.area)
     # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
-    meshes = source.vertices, target.vertices, target.triangles
-    return bend(surface_map, *meshes, places[first], missed[first], width)
+    working = source.working
+    corners = working.vertex_of[surface_map.source_triangles]
+    welded = SurfaceMap(surface_map.triangle, surface_map.barycentric, corners)
+    meshes = working.to_surface(working.vertices), target.vertices, target.triangles
+    bent = bend(welded, *meshes, places[first], missed[first], width)
+    return SurfaceMap(bent.triangle, bent.barycentric, surface_map.source_triangles)
 
 
 def _displacements(

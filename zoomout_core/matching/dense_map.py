@@ -11,7 +11,6 @@ from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import Counterparts, confidence_of, counterparts_by_cycle
-from zoomout_core.matching.constraints import pin
 from zoomout_core.matching.finished_maps import refine_candidate
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
@@ -56,8 +55,6 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         return back
 
     (fit, functional_map), back = side_by_side(forwards, backwards)
-    if pair.exact_landmarks is not None and not target.proxy.full.is_hull:
-        fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
     senses = candidate.reverses_orientation, candidate.mirrored
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
     return DenseMap(fit, counterparts_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
@@ -76,8 +73,6 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     source, target = pair.source_shape, pair.target_shape
     found = fit_part(pair, candidate)
     fit = found.fit
-    if pair.exact_landmarks is not None:
-        fit = Fit.of_map(pin(fit.surface_map, pair, pair.exact_landmarks))
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.counterparts.target

@@ -20,6 +20,8 @@ from zoomout_core.messages import as_message, message
 REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
 # A landmark is rejected if it is farther than this from its surface, at unit area.
 MAX_LANDMARK_DISTANCE = 0.05
+# A landmark on a loose part is on the main part if that is within this distance, at unit area: lashes touch the lids.
+MAX_JOINT_DISTANCE = 1e-3
 
 
 class LandmarkError(MeshError):
@@ -143,6 +145,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
         raise ValueError(f"There are no landmarks on the {role}: give some, or leave them out on both sides.")
     if array.ndim == 2:
         corners, barycentric = on_surface(role, surface, array)
+        corners, barycentric = _prefer_main_part(surface, shape, array, corners, barycentric)
     else:
         corners = vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")[:, None]
         barycentric = np.ones(corners.shape)
@@ -153,6 +156,22 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
         raise LandmarkError(role, int(astray[0]), fault)
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
+
+
+def _prefer_main_part(
+    surface: Surface, shape: ShapeAnalysis, points: Floats, corners: Integers, barycentric: Floats
+) -> tuple[Integers, Floats]:
+    """The places (m, 3) of points (m, 3) in triangles, moved to the main part where that is as good as there, too."""
+    on_part = shape.proxy.full.vertex_of >= 0
+    other = np.flatnonzero(~on_part[corners].all(axis=1))
+    triangles = surface.triangles[on_part[surface.triangles].all(axis=1)]
+    if not len(other) or not len(triangles):
+        return corners, barycentric
+    triangle, weights = closest_points(points[other], surface.vertices, triangles)
+    off = np.einsum("mc,mcx->mx", weights, surface.vertices[triangles[triangle]]) - points[other]
+    there = np.linalg.norm(off, axis=1) < MAX_JOINT_DISTANCE * np.sqrt(surface.area)
+    corners[other[there]], barycentric[other[there]] = triangles[triangle[there]], weights[there]
+    return corners, barycentric
 
 
 def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:

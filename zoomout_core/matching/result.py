@@ -15,6 +15,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.lift import lift
+from zoomout_core.matching.constraints import meet_exact_landmarks
 from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.notes import notes_on_map, notes_on_rest
 from zoomout_core.matching.pair import Pair
@@ -252,8 +253,9 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         dense = dense_map(pair, candidates[chosen])
     with stage("Extending to all vertices", 0.8, 0.95):
         whole = lift(pair, dense.fit, dense.confidence, dense.counterparts)
+        surface_map = meet_exact_landmarks(whole.surface_map, pair)
     with stage("Repairing torn places", 0.95, 1.0):
-        repaired = repair(pair, whole.surface_map)
+        repaired = repair(pair, surface_map)
     confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW
     lost = _on_lost_parts(pair.target, whole.confidence)
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))

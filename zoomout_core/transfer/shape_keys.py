@@ -21,7 +21,7 @@ from scipy.sparse import bsr_array, csc_array, csr_array
 from zoomout_core.arrays import Floats, row_norms
 from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
-from zoomout_core.messages import message
+from zoomout_core.messages import message, warning
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import (
@@ -33,6 +33,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
     without_sums,
 )
+from zoomout_core.transfer.joined_lips import has_joined_lips
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigid_keys import move_rigid_parts
 from zoomout_core.tuning import Tuning, tuned
@@ -60,6 +61,10 @@ KEYS_AT_ONCE = 5
 # Offsets below either length are noise and set to zero: relative to the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
 MIN_OFFSET = 1e-7
+JOINED_LIPS = (
+    "The lips of the target are joined, so no key can open its mouth: split them along the line where they meet, then "
+    "match and transfer again."
+)
 
 
 def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -89,6 +94,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     notes = attribute.notes
     if filled:
         notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if has_joined_lips(attribute, mapped):
+        notes += (warning(JOINED_LIPS),)
     return replace(attribute, values=carried, notes=notes)
 
 

@@ -14,6 +14,7 @@ from ...operators.bend_match import ZOOMOUT_OT_bend_match
 from ...operators.landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
+    ZOOMOUT_OT_face_landmarks,
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
@@ -89,6 +90,7 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
                 ],
             )
         layout.operator(ZOOMOUT_OT_bend_match.bl_idname, text="Bend Match", icon="MOD_SIMPLEDEFORM")
+        layout.operator(ZOOMOUT_OT_face_landmarks.bl_idname, icon="USER")
         row = layout.row(align=True)
         row.label(text="Import")
         row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Groups").what = "GROUPS"

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from creatures import creature
 
+import zoomout_core as zo
 from zoomout_core.maps import bend
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 
 MADE = creature(1500)
 SURFACE = MADE.surface
@@ -45,3 +47,20 @@ def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = bent(places, moves)
     monkeypatch.setattr(bend, "BLOCK", 10 * 1500)
     np.testing.assert_allclose(bent(places, moves), whole, atol=1e-9)
+
+
+def test_an_image_that_moves_does_not_jump_across_a_gap() -> None:
+    """Two sheets that face each other, joined at one end: the displacement of a place leads from one to the other."""
+    flat = grid(np.linspace(-1, 1, 41), np.linspace(0, 1, 21)).vertices
+    faces = triangles_of(grid_faces(40, 20))
+    side = np.sign(flat[:, 0])
+    folded = np.column_stack([np.abs(flat[:, 0]), flat[:, 1], 0.01 * side])
+    surface = SurfaceMap.from_vertices(np.arange(len(flat)), zo.Surface(folded, faces))
+    place = np.flatnonzero(np.isclose(flat, [0.5, 0.5, 0]).all(axis=1))
+    found = bend.bend(surface, folded, folded, faces, place, np.array([[0.1, 0, -0.03]]), 0.2)
+    others = np.arange(len(flat)) != place
+    moved = found.interpolate(folded)[others]
+    before, clear = folded[others], np.abs(flat[others, 0]) > 0.1
+    assert (np.sign(moved[:, 2]) == np.sign(before[:, 2]))[clear].all()
+    assert moved[:, 0].max() <= 1
+    assert (moved - before)[:, 0].max() > 0.08

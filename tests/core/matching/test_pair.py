@@ -98,6 +98,22 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
     assert (error.value.role, error.value.number) == ("target", 1)  # for callers with other numbering
 
 
+def test_a_landmark_where_a_loose_part_touches_the_main_part_is_on_that(resting: Creature) -> None:
+    """Such as the corner of a lid, where a lash begins."""
+    body = resting.surface
+    n, unit = len(body.vertices), np.sqrt(body.area)
+    tip = int(np.argmax(body.vertices[:, 2]))
+    lash = unit * np.array([[0, 0, 1e-4], [0, 0.01, 0.01], [0.01, 0, 0.02]])
+    vertices = np.vstack([body.vertices, body.vertices[tip] + lash])
+    source = Surface(vertices, np.vstack([body.triangles, [[n, n + 1, n + 2]]]))
+    pair = Pair(source, body, shape_of(source), shape_of(body), 20, 5)
+    assert len(pair.source_shape.mesh.vertices) == n
+    found, _ = landmarks_on_parts(pair, (source.vertices[[n]], [tip]))
+    np.testing.assert_array_equal(found, [tip])
+    with pytest.raises(LandmarkError, match="is not on its main part"):
+        landmarks_on_parts(pair, (source.vertices[[n + 2]], [tip]))
+
+
 def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair) -> None:
     with pytest.raises(LandmarkError, match="Landmark 1 on the source, at vertex 4010, is not on") as error:
         landmarks_on_parts(pair, ([7, 4010, 4000, 8], [0, 1, 2, 3]))
