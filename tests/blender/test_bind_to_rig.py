@@ -34,7 +34,7 @@ from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.viewport import preview
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.transfer import stretch, weights
+from zoomout_core.transfer import poses, stretch, weights
 
 PLACES = {
     "at the origin": (None, None, None),
@@ -538,7 +538,7 @@ def animate(armature, **places):
 
 @pytest.mark.parametrize("animated", [False, True])
 def test_weights_that_would_tear_the_mesh_in_an_animation_are_smoothed(monkeypatch, animated):
-    monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(angle=0))  # only the animation moves bones
+    monkeypatch.setattr(poses, "POSES", poses.PoseTuning(angle=0))  # only the animation moves bones
     monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature, {})
