@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -17,7 +16,7 @@ import click
 from zoomout_core.assets.files import MESHES as ENDINGS
 from zoomout_core.assets.files import WRITERS, inputs_of, read_asset
 from zoomout_core.assets.transfer_asset import KINDS
-from zoomout_core.batch import FAILED, PARTLY, meshes_of
+from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
 from zoomout_core.cli.report import json_option
 from zoomout_core.cli.transfer_command import check_kinds, check_source
 from zoomout_core.collection.carry import carry
@@ -38,7 +37,7 @@ from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.outputs import OutputError, check_output, is_same_file
+from zoomout_core.runtime.outputs import check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
@@ -46,6 +45,8 @@ from zoomout_core.runtime.threads import usable_cores
 NEIGHBOURS = 4
 # Folder in the results that exists until all is done.
 CACHE = "cache"
+# Places in the results that a run replaces.
+REPLACED = REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, CARRIED, CACHE
 # Fractions of the progress at the end of matching and of drawing.
 MATCHED, DRAWN = 0.9, 0.95
 
@@ -156,8 +157,8 @@ def collection(
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
         chosen = check_kinds(kinds)
-        files = _files(shapes)
-        _check_inputs_stay([*files, *filter(None, (template, pairs))], output)
+        files = meshes_of_all(shapes, ENDINGS)
+        check_inputs_outside(inputs_of(*files, *filter(None, (template, pairs))), output, REPLACED)
         names = [item.name for item in items_of(files)]
         ending = ending or _usual_ending(template)
         carries = transfers and _uses_blender(files, template, ending, blender)
@@ -196,29 +197,6 @@ def collection(
         tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)
-
-
-def _files(given: Sequence[Path]) -> list[Path]:
-    """The given files, and the meshes in given folders."""
-    missing = next((path for path in given if not path.exists()), None)
-    if missing is not None:
-        raise MeshError(f"There is no file or folder {missing}: check the path.")
-    return list(dict.fromkeys(path for each in given for path in meshes_of(each, ENDINGS)))
-
-
-def _check_inputs_stay(files: Sequence[Path], output: Path) -> None:
-    """Check that no input, and no file that one names, is where results are written and replaced.
-
-    Raises:
-        OutputError: one is.
-    """
-    written = [
-        os.path.realpath(output / name) for name in (REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, CARRIED, CACHE)
-    ]
-    for path in inputs_of(*files):
-        place = Path(os.path.realpath(path))
-        if any(place.is_relative_to(each) for each in written):
-            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")
 
 
 def _forget(output: Path, names: Sequence[str]) -> None:

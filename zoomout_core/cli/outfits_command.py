@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from zoomout_core.assets.files import inputs_of
-from zoomout_core.batch import FAILED, PARTLY, meshes_of
+from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
 from zoomout_core.cli.report import json_option
 from zoomout_core.collection.engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE, REPORT
@@ -25,11 +23,13 @@ from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.batch import BODIES, DRESSED, ENDINGS, FITS, PICTURES, RECORDS, Fitting, dress_all
 from zoomout_core.outfits.report import figures_of_outfits, lines_of_outfits, write_reports
-from zoomout_core.runtime.outputs import OutputError, check_output
+from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.threads import usable_cores
 
 # Folder in the results that exists until all is done.
 CACHE = "cache"
+# Places in the results that a run replaces.
+REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE
 
 
 @click.command()
@@ -94,8 +94,8 @@ def outfits(
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
-        dressed, naked = _files([outfits]), _files(avatars)
-        _check_inputs_stay([*dressed, *naked], output)
+        dressed, naked = meshes_of_all([outfits], ENDINGS), meshes_of_all(avatars, ENDINGS)
+        check_inputs_outside(inputs_of(*dressed, *naked), output, REPLACED)
         if not resume:
             _forget(output)
         if workers is None:
@@ -116,28 +116,6 @@ def outfits(
         tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.worn else FAILED)
-
-
-def _files(given: Sequence[Path]) -> list[Path]:
-    """The given files, and the avatars in given folders."""
-    missing = next((path for path in given if not path.exists()), None)
-    if missing is not None:
-        raise MeshError(f"There is no file or folder {missing}: check the path.")
-    return list(dict.fromkeys(path for each in given for path in meshes_of(each, ENDINGS)))
-
-
-def _check_inputs_stay(files: Sequence[Path], output: Path) -> None:
-    """Check that no input, and no file that one names, is where results are written and replaced.
-
-    Raises:
-        OutputError: one is.
-    """
-    names = (REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE)
-    written = [os.path.realpath(output / name) for name in names]
-    for path in inputs_of(*files):
-        place = Path(os.path.realpath(path))
-        if any(place.is_relative_to(each) for each in written):
-            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")
 
 
 def _forget(output: Path) -> None:
