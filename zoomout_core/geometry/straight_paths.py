@@ -15,8 +15,6 @@ from zoomout_core.mesh.triangles import cross, sides_by_edge, unit_vectors
 
 # Triangles that a path crosses at most. Paths around a vertex may take many, and rounding may send one to and fro.
 MAX_CROSSED = 1000
-# Guard against division by zero.
-SMALLEST = np.finfo(np.float64).tiny
 
 
 def follow_paths(
@@ -89,7 +87,7 @@ def _rates(corners: Floats, steps: Floats) -> Floats:
     normal = cross(b - a, c - a)
     squared = np.einsum("qx,qx->q", normal, normal)[:, None]
     rates = np.stack([np.einsum("qx,qx->q", cross(normal, edge), steps) for edge in (c - b, a - c, b - a)], axis=1)
-    return np.divide(rates, squared, out=np.zeros_like(rates), where=squared > SMALLEST)
+    return np.divide(rates, squared, out=np.zeros_like(rates), where=squared > 0)
 
 
 def _normalise(weights: Floats) -> Floats:

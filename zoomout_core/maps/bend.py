@@ -21,7 +21,8 @@ REACH = 3.0
 # missing.
 SMOOTH, WIDTHS, MET = 0.1, 7, 1e-3
 # A straight path along the tangent misses its goal on a curved surface, each further one by a smaller part of the rest.
-STRIDES = 20
+# The walk ends once the largest rest is this share of the largest displacement.
+STRIDES, ARRIVED = 20, 1e-9
 # Number of distances in memory at a time.
 BLOCK = 1 << 23
 
@@ -66,6 +67,8 @@ def bend(
     for _ in range(STRIDES):
         images = triangle[places], barycentric[places]
         left = goals - SurfaceMap(*images, corners).interpolate(source_vertices)
+        if np.abs(left).max(initial=0) <= ARRIVED * np.abs(missed).max(initial=0):
+            break
         triangle[places], barycentric[places] = follow_paths(source_vertices, corners, *images, left)
     return SurfaceMap(triangle, barycentric, corners)
 

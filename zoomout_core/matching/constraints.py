@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.bend import bend
 from zoomout_core.maps.nearest import nearest
@@ -175,17 +176,25 @@ def bend_to_points(
 
     If several points are nearest to the same vertex of the target, the first one counts.
     """
-    places, missed = _displacements(surface_map, source, target, on_source, on_target)
+    nearest_vertices, missed = _displacements(surface_map, source, target, on_source, on_target)
+    places = target.working.vertex_of[nearest_vertices]
     _, first = np.unique(places, return_index=True)
     largest = np.linalg.norm(missed, axis=1).max(initial=0) / np.sqrt(source.area)
     # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
-    working = source.working
-    corners = working.vertex_of[surface_map.source_triangles]
-    welded = SurfaceMap(surface_map.triangle, surface_map.barycentric, corners)
-    meshes = working.to_surface(working.vertices), target.vertices, target.triangles
+    # Both surfaces are bent with their seams welded, so that the bend does not end at one.
+    here, there = target.working, source.working
+    used = np.flatnonzero(here.vertex_of >= 0)
+    number = here.vertex_of[used]
+    member = np.empty(len(here.vertices), dtype=np.int64)
+    member[number] = used
+    corners = there.vertex_of[surface_map.source_triangles]
+    welded = SurfaceMap(surface_map.triangle[member], surface_map.barycentric[member], corners)
+    meshes = there.to_surface(there.vertices), here.to_surface(here.vertices), here.triangles
     bent = bend(welded, *meshes, places[first], missed[first], width)
-    return SurfaceMap(bent.triangle, bent.barycentric, surface_map.source_triangles)
+    triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
+    triangle[used], barycentric[used] = bent.triangle[number], bent.barycentric[number]
+    return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
 
 
 def _displacements(
@@ -217,12 +226,13 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
 def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
     """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
 
-    It is 1 if all heights are in proportion, and 0 if the map turns a shape upside down or on its side. Up is y or z.
-    Shapes that stand upright extend far along it, so that covariances are compared, not correlations.
+    It is 1 if heights along y or z are in proportion. If the map turns a shape upside down along one of these axes, it
+    is the squared ratio of the extents along the other and this one: small for shapes that stand tall, near one for
+    long animals, which it does not tell apart. So covariances are compared, not correlations.
     """
     here, there = (points[:, UP_AXES] - weights @ points[:, UP_AXES] for points in (places, images))
     extents = np.sqrt((weights @ here**2) * (weights @ there**2))
-    return float(max((weights @ (here * there)).max() / max(extents.max(), 1e-300), 0.0))
+    return float(max((weights @ (here * there)).max() / max(extents.max(), SMALLEST), 0.0))
 
 
 def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:

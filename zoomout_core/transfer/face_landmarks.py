@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -65,8 +66,6 @@ AROUND_EYES = 2.6  # from the eyes to the ears, but not to the shoulders
 OPENING = 0.15
 # And they are at least this many times as far apart as when it is closed.
 STRETCH = 3.0
-# Guard against division by zero.
-SMALLEST = float(np.finfo(np.float64).tiny)
 
 
 class _Slit(NamedTuple):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from zoomout_core.arrays import row_norms
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import components, unique_edges
 from zoomout_core.transfer.attribute import Attribute
@@ -43,7 +44,7 @@ def has_joined_lips(keys: Attribute, mapped: MappedTarget) -> bool:
         return False
     corners = mapped.source.vertices[[marks["Left Mouth Corner"], marks["Right Mouth Corner"]]]
     across = corners[0] - corners[1]
-    along = closed @ across / max(float(across @ across), np.finfo(np.float64).tiny)
+    along = closed @ across / max(float(across @ across), SMALLEST)
     beside = np.zeros(len(closed), dtype=bool)
     beside[parted] = True
     piece = components(edges[beside[edges].all(axis=1)], len(closed))

@@ -106,6 +106,25 @@ def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
     np.testing.assert_allclose(landmark_errors(twice, sheet, larger, goal, place), 0, atol=1e-6)
 
 
+def test_a_bend_goes_on_beyond_a_seam_and_keeps_it_closed() -> None:
+    side = np.linspace(0, 1, 31)
+    faces = triangles_of(grid_faces(30, 30))
+    sheet = zo.Surface(grid(side, side).vertices, faces)
+    on_seam = np.flatnonzero(np.isclose(sheet.vertices[:, 0], 0.5))
+    twin = np.arange(31**2)
+    twin[on_seam] = 31**2 + np.arange(31)
+    right = sheet.vertices[faces][:, :, 0].mean(axis=1) > 0.5
+    torn = np.where(right[:, None], twin[faces], faces)
+    split = zo.Surface(np.vstack([sheet.vertices, sheet.vertices[on_seam]]), torn)
+    straight = zo.SurfaceMap.from_vertices(np.concatenate([np.arange(31**2), on_seam]), sheet)
+    goal, place = np.array([[0.5, 0.6, 0.0]]), np.array([[0.5, 0.5, 0.0]])
+    images = bend_to_points(straight, sheet, split, goal, place).interpolate(sheet.vertices)
+    np.testing.assert_allclose(images[on_seam], images[31**2 :], atol=1e-9)
+    for beside in ([0.4, 0.5, 0], [0.6, 0.5, 0]):
+        near = np.argmin(np.linalg.norm(split.vertices - beside, axis=1))
+        assert images[near, 1] > 0.51
+
+
 def test_points_of_the_source_come_from_where_their_images_are() -> None:
     made = creature(400)
     straight = zo.SurfaceMap.from_vertices(np.arange(400), made.surface)
