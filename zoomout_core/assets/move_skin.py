@@ -7,7 +7,7 @@ change, so rotations are relative to the surface, and translations scale with th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,6 +20,7 @@ from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.gltf import POINTER, VRM_0, Document, local_matrix
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.poses import parents_first
 from zoomout_core.transfer.rig import move_rig
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def _place_joints(
     """
     nodes, parent = document.gltf.nodes, document.worlds()[1]
     placed, changes = np.empty_like(frames), dict[int, _Change]()
-    for joint in _parents_first(skin.parents):
+    for joint in parents_first(skin.parents):
         node, above = int(skin.nodes[joint]), int(skin.parents[joint])
         now = local_matrix(nodes[node])
         if above < 0:
@@ -134,15 +135,6 @@ def _place_joints(
         placed[joint], changes[node] = frame @ at_rest, change
         _change_node(nodes[node], change)
     return placed, changes
-
-
-def _parents_first(parents: Integers) -> Iterator[int]:
-    """Joints, each after its parent."""
-    waiting, children = [-1], {above: np.flatnonzero(parents == above).tolist() for above in set(parents.tolist())}
-    while waiting:
-        found = children.get(waiting.pop(), [])
-        yield from found
-        waiting.extend(found)
 
 
 def _between(nodes: Sequence[object], parent: Integers, node: int, above: int) -> Floats:

@@ -57,14 +57,25 @@ def update_asset(before: Asset, now: Asset, derived: Asset, kinds: Collection[st
     if others := [kind for kind in changed if kind != WEIGHTS]:
         made = transfer_asset(now, derived, match, others)
         updated, received, notes = made.asset, [*made.received], [*made.notes]
-    if WEIGHTS in changed and now.skin is not None and derived.skin is not None:
-        if set(now.skin.names) != set(derived.skin.names):
-            raise MeshError("The joints of the source are others than before: transfer the data again.")
+    if WEIGHTS in changed:
+        if now.skin is None or derived.skin is None or set(now.skin.names) != set(derived.skin.names):
+            raise MeshError("The joints of the source have changed: transfer the data again.")
         columns = [now.skin.names.index(name) for name in derived.skin.names]
-        weights = skin_weights(now.skin, map_target(match, now.surface, derived.surface))
+        weights = skin_weights(
+            now.skin, map_target(match, now.surface, derived.surface), _weight_limit(before, derived)
+        )
         updated = replace(updated, skin=replace(derived.skin, weights=csr_array(weights[:, columns])))
         received.append("skin weights")
     return TransferredAsset(replace(updated, stored_map=moved), tuple(received), tuple(notes))
+
+
+def _weight_limit(before: Asset, derived: Asset) -> int | None:
+    """The largest number of joints of a vertex of an asset, if its source has more; None if it has not."""
+    own, given = (
+        0 if each.skin is None else int(np.diff(csr_array(each.skin.weights).indptr).max(initial=0))
+        for each in (derived, before)
+    )
+    return own if own < given else None
 
 
 def changed_kinds(before: Asset, now: Asset, kinds: Collection[str]) -> list[str]:

@@ -11,13 +11,14 @@ from typing import Any
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import GLTF, WRITERS, check_avatar, inputs_of, read_asset, write_asset
+from zoomout_core.assets.files import GLTF, WRITERS, check_avatar, check_writable, inputs_of, read_asset, write_asset
 from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights, with_level_names
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import is_folder
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import OptionError, folders_option, progress_bar, tell
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import sentences
 from zoomout_core.runtime.outputs import check_output
@@ -72,10 +73,13 @@ def lods(
         if keep_map and f".{ending}" not in GLTF:
             raise OptionError(f"--keep-map needs files in glTF: choose --format {' or '.join(e[1:] for e in GLTF)}.")
         paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(len(shares) + 1)]
+        if Path(mesh).suffix.lower() in OF_BLENDER:
+            raise MeshError(f"zoomout lods reads only the shape of {mesh}: export it as .glb.")
         inputs = inputs_of(mesh, folders=folders)
         check_output(paths[0] if folder.is_dir() else folder, inputs)
         asset = read_asset(mesh, folders)
         check_avatar(asset, paths[0])
+        check_writable(asset, mesh, f".{ending}")
         with progress_bar():
             levels = make_lods(asset, shares, max_weights)
         first = asset if max_weights is None else with_fewer_weights(asset, max_weights)

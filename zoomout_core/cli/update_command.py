@@ -16,7 +16,7 @@ from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import GLTF, check_format, check_siblings, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
-from zoomout_core.batch import Job, check_inputs_stay, end_with_code, plan, run_batch, say_outcomes
+from zoomout_core.batch import Job, check_inputs_stay, end_with_code, is_folder, plan, run_batch, say_outcomes
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import folders_option, in_place_option
 from zoomout_core.mesh.surface import MeshError
@@ -77,7 +77,7 @@ def update(
 def _plan(new: str, derived: Sequence[str], output: str, in_place: bool) -> list[Job]:
     """Plan the outputs, which keep the formats of the files."""
     jobs = plan(new, derived, output, ".glb", GLTF, check_format, in_place)
-    if len(jobs) == 1 and Path(output).suffix:
+    if not is_folder(output):
         return jobs
     return [replace(job, output=job.output.with_suffix(job.target.suffix)) for job in jobs]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress many avatars in many outfits: each pair of bodies is matched once, and an ended run goes on where it was."""
+"""Dress many avatars in many outfits: each pair of bodies is matched once, and an interrupted run resumes."""
 
 from __future__ import annotations
 

@@ -116,4 +116,5 @@ def keep_faces(asset: Asset, chosen: Booleans) -> Asset:
         skin=skin,
         objects=tuple((asset.objects[number][0], counts[number]) for number in kept),
         nodes=tuple(asset.nodes[number] for number in kept if asset.nodes),
+        stored_map=None,  # it has a row for each vertex of the whole
     )

@@ -157,3 +157,10 @@ def test_what_cannot_be_made_is_said_in_a_sentence(
     assert ended == code
     assert sentence in said
     assert not (tmp_path / "out").exists()
+
+
+def test_files_of_which_only_the_shape_is_read_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "hero.blend").touch()
+    code, said = run("lods", tmp_path / "hero.blend", "-o", tmp_path / "levels")
+    assert code == 1
+    assert "export it as .glb" in said

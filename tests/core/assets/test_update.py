@@ -16,9 +16,11 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.lods import with_fewer_weights
 from zoomout_core.assets.stored_map import digest_of, same_triangles
-from zoomout_core.assets.update_asset import changed_kinds
+from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.cli import main
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -96,6 +98,30 @@ def test_changes_arrive_as_a_new_transfer_brings_them_and_the_rest_stays(made: P
     # It can be updated again, from the new source.
     assert after.stored_map is not None
     assert after.stored_map.source == digest_of(read_asset(tmp_path / "new.glb").surface)
+
+
+def test_an_update_keeps_the_limit_of_weights(made: Path) -> None:
+    old = read_asset(made / "old.glb")
+    updated = update_asset(old, edit(old), with_fewer_weights(read_asset(made / "scan.glb"), 2)).asset
+    assert updated.skin is not None
+    assert np.diff(csr_array(updated.skin.weights).indptr).max() == 2
+
+
+def test_changed_weights_need_the_same_joints(made: Path) -> None:
+    old = read_asset(made / "old.glb")
+    with pytest.raises(MeshError, match="joints of the source have changed"):
+        update_asset(old, edit(old), replace(read_asset(made / "scan.glb"), skin=None))
+
+
+def test_files_in_a_folder_with_a_dot_keep_their_format(made: Path, tmp_path: Path) -> None:
+    write_asset(edit(read_asset(made / "old.glb")), tmp_path / "new.glb")
+    write_asset(read_asset(made / "scan.glb"), tmp_path / "scan.gltf")
+    (tmp_path / "levels.v1").mkdir()
+    code, said = run(
+        "update", made / "old.glb", tmp_path / "new.glb", tmp_path / "scan.gltf", "-o", tmp_path / "levels.v1"
+    )
+    assert code == 0, said
+    assert read_asset(tmp_path / "levels.v1" / "scan.gltf").stored_map is not None
 
 
 def same_order(before: Asset, after: Asset) -> np.ndarray:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from zoomout_core.assets.files import read_asset
+from zoomout_core.assets.stored_map import StoredMap
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.parts import keep_faces, split_avatar
 
@@ -41,8 +43,12 @@ def test_patterns_name_the_body(dolls: Path) -> None:
 
 def test_kept_faces_keep_their_data(dolls: Path) -> None:
     asset = read_asset(dolls / "dressed.glb")
+    n = len(asset.surface.vertices)
+    of_whole = StoredMap(np.zeros(n, int), np.full((n, 3), 1 / 3), np.ones(n), np.ones(n, bool), "source", ("uv",))
+    asset = replace(asset, stored_map=of_whole)
     chosen = np.arange(len(asset.surface.face_start) - 1) % 2 == 0
     kept = keep_faces(asset, chosen)
+    assert kept.stored_map is None
     before, after = asset.surface, kept.surface
     np.testing.assert_array_equal(after.vertices[after.triangles], before.vertices[before.triangles[chosen]])
     assert asset.skin is not None
