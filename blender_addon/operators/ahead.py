@@ -45,13 +45,13 @@ def consider() -> None:
 
 
 def forget(meshes: Iterable[Mesh]) -> None:
-    """Stop to prepare meshes that are edited; they are prepared again after that."""
+    """Stop preparing meshes that are edited; they are prepared again afterwards."""
     if _latest is not None and not {mesh.session_uid for mesh in meshes}.isdisjoint(_latest.meshes):
         stop()
 
 
 def stop() -> None:
-    """Stop to prepare; shapes that are ready are kept."""
+    """Stop preparing; finished shapes are kept."""
     global _job, _latest
     if _job is not None:
         _job.cancel()

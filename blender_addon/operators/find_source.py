@@ -68,6 +68,13 @@ class ZOOMOUT_OT_append_source(Operator):
     bl_description = "Append the objects of this file, and use its largest mesh as the source"
     bl_options = {"REGISTER", "UNDO"}
 
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether nothing else is at work."""
+        if activity.running:
+            cls.poll_message_set(translated(activity.AT_WORK))
+        return not activity.running
+
     path: StringProperty(name="File", description="File to append", subtype="FILE_PATH", options=ONCE)
 
     def execute(self, context: Context) -> set[str]:

@@ -80,9 +80,14 @@ def append_source(context: Context, path: str | Path) -> Object:
     Raises:
         MeshError: the file cannot be read, or has no mesh.
     """
-    meshes = [obj for obj in append_file(context, path) if obj.type == "MESH" and obj.data.polygons]
-    if not meshes:
-        raise zo.MeshError(message("{name} has no mesh: choose another file.", name=Path(path).name))
+    selected = context.selected_objects
+    with mesh_data.all_or_nothing():
+        meshes = [obj for obj in append_file(context, path) if obj.type == "MESH" and obj.data.polygons]
+        if not meshes:
+            raise zo.MeshError(message("{name} has no mesh: choose another file.", name=Path(path).name))
+    # Importers select what they append, and the next match would take it for targets.
+    for obj in context.view_layer.objects:
+        obj.select_set(obj in selected)
     source = max(meshes, key=lambda obj: sum(polygon.area for polygon in obj.data.polygons))
     context.scene.zoomout.source = source
     return source

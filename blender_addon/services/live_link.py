@@ -82,7 +82,13 @@ async def prepare_update(context: Context, target_name: str) -> Write[dict[str, 
     linked = stored_link.description(find_mesh(context, target_name).data)
     if linked is None:
         raise zo.MeshError("'{target}' is not linked: use Keep Linked first.", target=target_name)
-    return await prepare_link(context, target_name, linked["data"], Settings(**linked["settings"]))
+    try:
+        settings = Settings(**linked["settings"])
+    except TypeError as error:
+        raise zo.MeshError(
+            "The link of '{target}' was made by another version: use Keep Linked again.", target=target_name
+        ) from error
+    return await prepare_link(context, target_name, linked["data"], settings)
 
 
 async def prepare_link(

@@ -80,3 +80,16 @@ def test_the_largest_mesh_of_a_blend_file_is_the_source(target, tmp_path):
     assert sorted(obj.name for obj in bpy.data.collections["hero"].objects) == ["Eye", "Scan"]
     with pytest.raises(zo.MeshError, match="There is no file"):
         append_source(bpy.context, tmp_path / "missing.blend")
+
+
+def test_appending_keeps_the_selection_and_leaves_nothing_if_it_fails(target, tmp_path):
+    save_scene(tmp_path / "hero.blend")
+    selected = list(bpy.context.selected_objects)
+    append_source(bpy.context, tmp_path / "hero.blend")
+    assert bpy.context.selected_objects == selected
+    marker = bpy.data.objects.new("Marker", None)
+    bpy.data.libraries.write(str(tmp_path / "marker.blend"), {marker})
+    before = set(bpy.data.objects.keys()), set(bpy.data.collections.keys())
+    with pytest.raises(zo.MeshError, match="has no mesh"):
+        append_source(bpy.context, tmp_path / "marker.blend")
+    assert (set(bpy.data.objects.keys()), set(bpy.data.collections.keys())) == before
