@@ -23,7 +23,7 @@ def library(folder: str, index: str | None, blender: str | None, as_json: bool) 
     """Prepare the characters in FOLDER for `zoomout find`.
 
     Those in folders inside it are prepared, too. Files that are prepared already are skipped unless they changed; an
-    interrupted preparation goes on where it ended. Blender reads .blend and .fbx.
+    interrupted preparation resumes where it stopped. Blender reads .blend and .fbx.
     """
     try:
         with progress_bar():

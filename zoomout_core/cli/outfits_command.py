@@ -84,7 +84,7 @@ def outfits(
     joints, with morph targets of the names of the avatar's, which make them follow its body. Joints of their own, such
     as those of skirts, are added to the avatar.
 
-    Each pair of bodies is matched once, and a run that was ended goes on where it was. The avatars are written to
+    Each pair of bodies is matched once, and an interrupted run resumes where it stopped. The avatars are written to
     OUTPUT/dressed/AVATAR/OUTFIT.glb, or .vrm for an avatar in VRM. OUTPUT/report.html shows each from the front, from
     the back and in two poses, with the share of the cloth that is in the skin.
 

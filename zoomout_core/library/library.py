@@ -80,7 +80,7 @@ class Library:
     def prepare(self, *, progress: Callable[[Progress], object] | None = None) -> Preparation:
         """Prepare the files that are new or changed.
 
-        Each asset is stored at once, so that a preparation that was interrupted goes on where it ended.
+        Each asset is stored at once, so that an interrupted preparation resumes where it stopped.
 
         Args:
             progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
