@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer import poses
 from zoomout_core.transfer.poses import extreme_poses, poses_about
 from zoomout_core.transfer.stretch import STRETCH, check_weights, play, play_offsets, smooth_weights, stretched_edges
 from zoomout_core.tuning import retune
@@ -81,6 +82,27 @@ def test_repairs_begin_small_and_widen_only_where_edges_stretch_still() -> None:
     assert counts[0] < counts[1] / 4
     with retune(STRETCH, rounds=1):
         assert check_weights(*given, large, MAP, POSES).stretched.any()
+
+
+def test_repairs_widen_from_round_to_round() -> None:
+    with retune(poses.POSES, angle=90.0):
+        turned = extreme_poses(HEADS, PARENTS)
+    given = SOURCE, weights_of(SOURCE.vertices), TARGET, wrong_weights(on_side(0.8)), MAP, turned
+    assert not check_weights(*given).stretched.any()
+    with retune(STRETCH, widening=1.0):
+        assert check_weights(*given).stretched.any()
+
+
+def test_each_patch_is_judged_by_itself() -> None:
+    with retune(poses.POSES, angle=90.0):
+        turned = extreme_poses(HEADS, PARENTS)
+    near, far = on_side(0.8), np.linalg.norm(TARGET.vertices - [-0.6, 0, 3.0], axis=1) < 0.15
+    weights = wrong_weights(near | far)
+    with retune(STRETCH, rounds=1):
+        checked = check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, weights, MAP, turned)
+    assert checked.smoothed[far].all()
+    assert not checked.stretched[far].any()
+    assert not checked.smoothed[near].any()
 
 
 def test_short_edges_do_not_count() -> None:
