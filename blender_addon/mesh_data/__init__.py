@@ -68,7 +68,7 @@ from .live_link import (
 )
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
-from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones, remove_rig
+from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
 from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
@@ -102,6 +102,7 @@ from .surface_points import (
 )
 from .surfaces import (
     Faces,
+    area_in_world,
     directions_in_world,
     evaluated_mesh,
     is_flat,
@@ -173,6 +174,7 @@ __all__ = [
     "add_shaped_copy",
     "add_worn_copy",
     "all_or_nothing",
+    "area_in_world",
     "armatures_of",
     "attach_strands",
     "base_mesh",
@@ -252,7 +254,6 @@ __all__ = [
     "read_weights_in_pieces",
     "read_worn",
     "remove_link",
-    "remove_rig",
     "rename_shape_keys",
     "reshape",
     "select_only",

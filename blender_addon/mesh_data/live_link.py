@@ -21,6 +21,7 @@ from zoomout_core.transfer.picks import Picks
 
 from .arrays import hash_of
 from .layers import LINK_ATTRIBUTES, Layer, Role, write_layer
+from .writing import remove_when_written
 
 # The custom property that marks the node groups of links.
 MARK = "zoomout_link"
@@ -132,14 +133,14 @@ def remove_link(obj: Object) -> bool:
 
 
 def _use(modifier: NodesModifier, tree: GeometryNodeTree | None) -> None:
-    """Replace the node group of a modifier, and remove the one before unless another object of the file uses it."""
+    """Replace the node group of a modifier; the one before is removed unless another object of the file uses it."""
     before = modifier.node_group
     modifier.node_group = tree
     objects = (obj for obj in bpy.data.objects if obj.users)  # without those that `all_or_nothing` keeps
     if before is not None and all(
         getattr(each, "node_group", None) != before for obj in objects for each in obj.modifiers
     ):
-        bpy.data.node_groups.remove(before)
+        remove_when_written(before)
 
 
 def remove_link_attributes(obj: Object) -> bool:

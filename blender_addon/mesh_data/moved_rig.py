@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
-import bpy
 import numpy as np
 from bpy.types import ArmatureEditBones, Constraint, Context, KinematicConstraint, Object, PoseBone
 from mathutils import Matrix, Vector
@@ -76,11 +75,12 @@ def copy_rig(context: Context, armature: Object, beside: Object, bones: RigBones
         motion: (4, 4) the similarity from the place of the armature to that of the copy.
 
     Raises:
-        MeshError: constraints or drivers determine the place of the copy; it was removed.
+        MeshError: constraints or drivers determine the place of the copy; `all_or_nothing` removes it.
     """
     made = armature.copy()
     made.data = armature.data.copy()
     made.name = made.data.name = f"{armature.name} {beside.name}"
+    made.hide_viewport = False  # a disabled one is not evaluated, and its place could not be checked
     for collection in beside.users_collection:
         collection.objects.link(made)
     wanted = motion @ world_matrix(armature)
@@ -88,7 +88,6 @@ def copy_rig(context: Context, armature: Object, beside: Object, bones: RigBones
     _redirect(armature, made)
     context.view_layer.update()
     if (np.abs(world_matrix(made) - wanted) > ROUNDING * np.abs(wanted).max()).any():
-        remove_rig(made)
         raise zo.MeshError(
             "Constraints, drivers or a sheared parent determine the transform of '{armature}', so a copy of it cannot "
             "be placed at the target: remove them.",
@@ -106,13 +105,6 @@ def copy_rig(context: Context, armature: Object, beside: Object, bones: RigBones
             _adjust_length(armature, made, bone.name, constraint)
     context.view_layer.update()
     return made
-
-
-def remove_rig(armature: Object) -> None:
-    """Remove a copied armature, and its data."""
-    data = armature.data
-    bpy.data.objects.remove(armature)
-    bpy.data.armatures.remove(data)
 
 
 def child_of_constraints(armature: Object) -> tuple[str, ...]:

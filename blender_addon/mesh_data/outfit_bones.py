@@ -193,9 +193,16 @@ def _restore_on_failure(armature: Object, source: str) -> Iterator[None]:
 
 @contextmanager
 def edit_bones(context: Context, armature: Object) -> Iterator[ArmatureEditBones]:
-    """A context in which an armature is in Edit Mode, with its bones; the active object stays the same."""
-    layer = context.view_layer
-    active, hidden = layer.objects.active, armature.hide_get()
+    """A context in which an armature is in Edit Mode, with its bones; the active object stays the same.
+
+    The armature may be hidden or disabled, itself or with its collections.
+    """
+    layer, shown = context.view_layer, context.scene.collection
+    active, disabled, is_added = layer.objects.active, armature.hide_viewport, armature.name not in shown.objects
+    armature.hide_viewport = False
+    if is_added:
+        shown.objects.link(armature)  # the only collection that cannot be hidden or excluded
+    hidden = armature.hide_get()
     armature.hide_set(False)
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
@@ -205,6 +212,9 @@ def edit_bones(context: Context, armature: Object) -> Iterator[ArmatureEditBones
         bpy.ops.object.mode_set(mode="OBJECT")
         layer.objects.active = active
         armature.hide_set(hidden)
+        if is_added:
+            shown.objects.unlink(armature)
+        armature.hide_viewport = disabled
 
 
 def _copy_settings(bone: Bone, made: EditBone) -> None:

@@ -13,6 +13,7 @@ from bpy.types import Depsgraph, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import single_precision_step
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import message
 
 from .arrays import read_array
@@ -162,6 +163,14 @@ def to_object(obj: Object, directions: Floats) -> Floats:
 def origin(obj: Object) -> Floats:
     """(3,) the origin of an object, in world space."""
     return world_matrix(obj)[:3, 3]
+
+
+def area_in_world(obj: Object) -> float:
+    """The area of an object's own mesh, in world space."""
+    mesh = obj.data
+    mesh.calc_loop_triangles()
+    triangles = read_array(mesh.loop_triangles, "vertices", np.int32, 3)
+    return float(triangle_areas(positions_in_world(obj, read_positions(mesh)), triangles).sum())
 
 
 def is_flat(obj: Object) -> bool:

@@ -17,6 +17,8 @@ from .armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
 ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "node_groups")
+# Kinds of which an added data-block stays while it has users: it may hold what was restored, see `outfit_bones`.
+ADDED_IF_UNUSED = ("armatures",)
 
 
 class Writing:
@@ -25,7 +27,7 @@ class Writing:
     def __init__(self) -> None:
         self._before: list[_Before] = []
         self._replaced: list[tuple[ID, str]] = []
-        self._present = {one.session_uid for kind in ADDED_TO for one in getattr(bpy.data, kind)}
+        self._present = {one.session_uid for kind in (*ADDED_TO, *ADDED_IF_UNUSED) for one in getattr(bpy.data, kind)}
 
     def keep(self, obj: Object) -> None:
         """Remember an object before it is written to, with its data, its place and its children's."""
@@ -34,9 +36,12 @@ class Writing:
         for writing in _enclosing:
             writing._present |= before.copies
 
-    def replace(self, obj: Object) -> None:
-        """Free the names of an object and its data for others; both are removed when all is written."""
-        for one in (obj, obj.data):
+    def replace(self, *blocks: ID) -> None:
+        """Free the names of data-blocks for others; they are removed when all is written.
+
+        Objects come before their data, which stays if it has other users.
+        """
+        for one in blocks:
             self._replaced.append((one, one.name))
             one.name = f"{one.name} before"
 
@@ -50,18 +55,24 @@ class Writing:
         for before in reversed(self._before):
             before.restore()
         for kind in ADDED_TO:
-            bpy.data.batch_remove([one for one in getattr(bpy.data, kind) if one.session_uid not in self._present])
+            bpy.data.batch_remove(self._added(kind))
+        for kind in ADDED_IF_UNUSED:
+            bpy.data.batch_remove([one for one in self._added(kind) if not one.users])
         for one, name in self._replaced:
             one.name = name
         bpy.context.view_layer.update()
 
+    def _added(self, kind: str) -> list[ID]:
+        """The data-blocks of a kind that were added to the file since."""
+        return [one for one in getattr(bpy.data, kind) if one.session_uid not in self._present]
+
     def finish(self) -> None:
-        """Remove replaced objects and forget the state before."""
-        objects, data = ([one for one, _ in self._replaced[first::2]] for first in (0, 1))
-        bpy.data.batch_remove(objects)
-        bpy.data.batch_remove([one for one in data if not one.users])
+        """Forget the state before, and remove replaced data-blocks."""
         for before in self._before:
             before.forget()
+        replaced = [one for one, _ in self._replaced]
+        bpy.data.batch_remove([one for one in replaced if isinstance(one, Object)])
+        bpy.data.batch_remove([one for one in replaced if not isinstance(one, Object) and not one.users])
 
 
 # Nested writings, the innermost last: writing for several targets encloses the writing of each.
@@ -93,6 +104,14 @@ def all_or_nothing(*objects: Object) -> Iterator[Writing]:
         _enclosing[-1].take_over(writing)
     else:
         writing.finish()
+
+
+def remove_when_written(block: ID) -> None:
+    """Remove a data-block without users once the innermost `all_or_nothing` has succeeded, or now if there is none."""
+    if _enclosing:
+        _enclosing[-1].replace(block)
+    else:
+        bpy.data.batch_remove([block])
 
 
 class _Before:
@@ -128,12 +147,15 @@ class _Before:
         bpy.data.batch_remove([self._copy])
 
     def _restore_modifiers(self) -> None:
-        """Restore the armature modifiers; writing does not add or remove others."""
-        for one in [one for one in self._obj.modifiers if one.type == "ARMATURE"]:
+        """Restore armature modifiers and node groups; writing does not remove other modifiers."""
+        names = {one.name for one in self._copy.modifiers}
+        for one in [one for one in self._obj.modifiers if one.type == "ARMATURE" or one.name not in names]:
             self._obj.modifiers.remove(one)
         for place, one in enumerate(self._copy.modifiers):
             if one.type == "ARMATURE":
                 copy_modifier(one, self._obj, place)
+            elif one.type == "NODES":
+                self._obj.modifiers[one.name].node_group = one.node_group
         active = self._copy.modifiers.active
         self._obj.modifiers.active = active and self._obj.modifiers[active.name]
 

@@ -13,9 +13,8 @@ from ..jobs import Work
 from ..properties.settings import take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, match_source
-from ..services.live_link import prepare_link, prepare_update, summary
+from ..services.live_link import link_of, prepare_link, prepare_update, summary
 from ..services.targets import Write, each_target
-from ..storage import stored_link
 from ..translations import translated
 from ..viewport import preview
 from .matched import MatchedOperator
@@ -68,14 +67,14 @@ class ZOOMOUT_OT_update_linked(LinkOperator):
         """Whether the active object is linked."""
         if not super().poll(context):
             return False
-        if stored_link.description(context.active_object.data) is None:
+        if link_of(context.active_object) is None:
             cls.poll_message_set(translated("Link this mesh first, with Keep Linked"))
             return False
         return True
 
     def targets(self, context: Context) -> list[str]:
         objects = context.scene.objects
-        return [name for name in super().targets(context) if stored_link.description(objects[name].data) is not None]
+        return [name for name in super().targets(context) if link_of(objects[name]) is not None]
 
     def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
         return prepare_update(context, target)

@@ -355,22 +355,17 @@ def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: 
 
 
 def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
-    """Bind the target, after its vertex groups were written; returns sentences for the user."""
+    """Bind the target, in `writing`, after its vertex groups were written; returns sentences for the user."""
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
     place, armature = mesh_data.place_beside(source, target), None
     if bound.rig is not None:
         place, original = bound.rig.motion @ place, context.scene.objects[bound.rig.armature]
         armature = mesh_data.copy_rig(context, original, target, bound.rig.bones, bound.rig.motion)
-    try:
-        mesh_data.unbind(target)
-        mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
-        mesh_data.bind_like(source, target)
-        if armature is not None:
-            mesh_data.bind_to_other(target, original, armature, {}, place)
-    except BaseException:
-        if armature is not None:
-            mesh_data.remove_rig(armature)
-        raise
+    mesh_data.unbind(target)
+    mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
+    mesh_data.bind_like(source, target)
+    if armature is not None:
+        mesh_data.bind_to_other(target, original, armature, {}, place)
     context.view_layer.update()
     if bound.shape == "rest_pose":
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))

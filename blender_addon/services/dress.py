@@ -451,7 +451,7 @@ def _write(
         positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]
         obj = context.scene.objects[worn.name]
         for earlier in mesh_data.worn_copies_in(collection, worn.name):
-            writing.replace(earlier)
+            writing.replace(earlier, earlier.data)
         copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, fit.moved)
         if copy.type == "CURVES":
             mesh_data.attach_strands(copy, target, fitting.target, positions)

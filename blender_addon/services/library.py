@@ -88,6 +88,6 @@ def append_source(context: Context, path: str | Path) -> Object:
     # Importers select what they append, and the next match would take it for targets.
     for obj in context.view_layer.objects:
         obj.select_set(obj in selected)
-    source = max(meshes, key=lambda obj: sum(polygon.area for polygon in obj.data.polygons))
+    source = max(meshes, key=mesh_data.area_in_world)
     context.scene.zoomout.source = source
     return source

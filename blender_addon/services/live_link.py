@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from bpy.types import Context, Object
@@ -79,7 +80,7 @@ def update_linked(context: Context, target: Object) -> dict[str, float]:
 
 async def prepare_update(context: Context, target_name: str) -> Write[dict[str, float]]:
     """`update_linked` without writing: returns a function that writes."""
-    linked = stored_link.description(find_mesh(context, target_name).data)
+    linked = link_of(find_mesh(context, target_name))
     if linked is None:
         raise zo.MeshError("'{target}' is not linked: use Keep Linked first.", target=target_name)
     try:
@@ -134,9 +135,14 @@ def summary(target: str, shares: dict[str, float]) -> str:
     )
 
 
+def link_of(target: Object) -> dict[str, Any] | None:
+    """How a target was linked; None without a link, or if its modifier was removed."""
+    return stored_link.description(target.data) if mesh_data.link_modifier(target) is not None else None
+
+
 def has_older_match(target: Object) -> bool:
     """Whether a target was matched again since it was linked."""
-    linked, match = stored_link.description(target.data), stored_match.description(target.data)
+    linked, match = link_of(target), stored_match.description(target.data)
     return linked is not None and match is not None and match.get("entries") != linked["entries"]
 
 

@@ -70,7 +70,8 @@ def test_asset_libraries_are_libraries(folder):
 
 
 def test_the_largest_mesh_of_a_blend_file_is_the_source(target, tmp_path):
-    small = from_pydata("Eye", [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)], [(0, 1, 2)])
+    small = from_pydata("Eye", [(0, 0, 0), (100, 0, 0), (0, 100, 0)], [(0, 1, 2)])
+    small.scale = (0.001, 0.001, 0.001)  # as an importer's, for units
     path = tmp_path / "hero.blend"
     save_scene(path)
     bpy.data.objects.remove(small)

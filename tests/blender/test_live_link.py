@@ -21,9 +21,9 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import Settings
-from blender_addon.mesh_data import link_modifier, read_weights
+from blender_addon.mesh_data import all_or_nothing, link_modifier, read_weights
 from blender_addon.services import live_link as service
-from blender_addon.services.live_link import has_older_match, keep_linked, update_linked
+from blender_addon.services.live_link import has_older_match, keep_linked, link_of, update_linked
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_link
 
@@ -297,3 +297,34 @@ def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, mon
     with pytest.raises(RuntimeError):
         keep_linked(bpy.context, target, ["uv_maps"])
     assert snapshot_file() == before
+
+
+@pytest.mark.parametrize("linked_before", [False, True])
+def test_a_failure_after_linking_restores_the_modifier_and_its_nodes(source, target, linked_before):
+    add_uv_map(source.data, "UVMap")
+    if linked_before:
+        keep_linked(bpy.context, target, ["uv_maps"])
+    before, groups = snapshot_file(), [modifier.node_group.name for modifier in target.modifiers]
+
+    def link_two():
+        with all_or_nothing():
+            keep_linked(bpy.context, target, ["uv_maps"])
+            raise RuntimeError("as if another target could not be linked")
+
+    with pytest.raises(RuntimeError):
+        link_two()
+    assert [modifier.node_group.name for modifier in target.modifiers] == groups
+    assert snapshot_file() == before
+
+
+def test_a_link_ends_when_its_modifier_is_removed(source, target):
+    add_uv_map(source.data, "UVMap")
+    keep_linked(bpy.context, target, ["uv_maps"])
+    assert link_of(target)["source"] == "Source"
+    target.modifiers.clear()
+    assert link_of(target) is None
+    with pytest.raises(zo.MeshError, match="'Target' is not linked"):
+        update_linked(bpy.context, target)
+    assert not bpy.ops.zoomout.update_linked.poll()
+    keep_linked(bpy.context, target, ["uv_maps"])
+    assert bpy.ops.zoomout.update_linked.poll()

@@ -13,6 +13,8 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, mesh_data
 from blender_addon.mesh_data import read_rig_bones
+from blender_addon.mesh_data.outfit_bones import edit_bones
+from blender_addon.services import transfer
 
 # The build of the target: longer and thinner.
 BUILD = np.array([0.8, 0.8, 1.5])
@@ -286,3 +288,42 @@ def test_the_button_binds_the_active_mesh_in_one_step():
     assert bpy.context.view_layer.objects.active == target
     np.testing.assert_allclose(visible_positions(target), stood, atol=1e-4)
     assert not source.hide_get()
+
+
+def test_a_disabled_armature_gives_a_visible_rig():
+    source, armature = source_and_rig()
+    target, _ = other_build()
+    armature.hide_viewport = True
+    bpy.context.view_layer.update()
+    _, made = move(source, target, shape="keep_shape")
+    assert made.visible_get()
+    assert armature.hide_viewport
+    np.testing.assert_allclose(read_rig_bones(made).heads[1], np.array([0, 0, 2.0]) * BUILD, atol=0.15)
+
+
+def test_bones_can_be_edited_in_an_excluded_collection():
+    _, armature = source_and_rig()
+    hidden = bpy.data.collections.new("Rigs")
+    bpy.context.scene.collection.children.link(hidden)
+    for collection in armature.users_collection:
+        collection.objects.unlink(armature)
+    hidden.objects.link(armature)
+    bpy.context.view_layer.layer_collection.children["Rigs"].exclude = True
+    with edit_bones(bpy.context, armature) as bones:
+        bones["Upper"].tail.x += 1
+    assert armature.data.bones["Upper"].tail_local.x == pytest.approx(1)
+    assert armature.users_collection == (hidden,)
+
+
+def test_a_failure_leaves_no_armature(monkeypatch):
+    source, _ = source_and_rig()
+    target, _ = other_build()
+    before = set(bpy.data.armatures), set(bpy.data.objects)
+
+    def fail(*_):
+        raise RuntimeError("as if the match could not be kept")
+
+    monkeypatch.setattr(transfer, "keep_match", fail)
+    with pytest.raises(RuntimeError):
+        move(source, target, shape="keep_shape")
+    assert (set(bpy.data.armatures), set(bpy.data.objects)) == before

@@ -10,9 +10,8 @@ from zoomout_core.messages import message
 from ...operators.live_link import ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked
 from ...operators.match import ZOOMOUT_OT_match
 from ...scene.selection import match_source
-from ...services.live_link import has_older_match
+from ...services.live_link import has_older_match, link_of
 from ...services.preflight import stale
-from ...storage import stored_link
 from .sidebar import SidebarPanel, sentences
 from .transfer import ZOOMOUT_PT_transfer
 
@@ -31,7 +30,7 @@ class ZOOMOUT_PT_live_link(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
         layout.operator(ZOOMOUT_OT_keep_linked.bl_idname, icon="LINKED")
-        linked = stored_link.description(target.data)
+        linked = link_of(target)
         if linked is None:
             return
         if reason := stale(context, target):
