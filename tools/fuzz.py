@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from tqdm import tqdm
 from meshlab_filter.project import read_project
 from meshlab_filter.script import read_script
 from zoomout_core.assets.avatars import read_avatar
+from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
 from zoomout_core.mesh.files import read_shape
@@ -43,6 +45,8 @@ from zoomout_core.text_arguments import read_landmarks
 # Maximum processor seconds for a file of some kilobytes, since the machine may be busy, and bytes that reading
 # may need.
 MAX_SECONDS, MAX_MEMORY = 5.0, 4 << 30
+# The compressions of glTF whose packages are installed.
+COMPRESSIONS = METHODS if find_spec("DracoPy") else ("meshopt",)
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 # Replacements of numbers.
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"4294967295", b"2147483648", b"99999999999", b"1.5", b"x", b"")
@@ -105,7 +109,11 @@ def readers() -> dict[str, Reader]:
         SurfaceMap.from_vertices(np.arange(len(mesh.vertices)), surface).save(place / "map.npz")
         write_asset(read_asset(_write(place / "uv.ply", _ply_with_texture(mesh, texture))), place / "a.glb")
         write_asset(read_asset(place / "uv.ply"), place / "a.gltf")
-        saved = {name: (place / name).read_bytes() for name in ("map.npz", "a.glb", "a.gltf")}
+        for method in COMPRESSIONS:
+            for ending in ("glb", "gltf"):
+                write_asset(read_asset(place / "uv.ply"), place / f"{method}.{ending}", compression=method)
+        names = "map.npz", *(f"{name}.{ending}" for name in ("a", *COMPRESSIONS) for ending in ("glb", "gltf"))
+        saved = {name: (place / name).read_bytes() for name in names}
     ply = tuple(_export(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
     script = """<!DOCTYPE FilterScript>
 <FilterScript>
@@ -137,6 +145,12 @@ def readers() -> dict[str, Reader]:
         "asset of obj": Reader(".obj", read_asset, (obj.encode(),)),
         "asset of ply": Reader(".ply", read_asset, (*ply, _ply_with_texture(mesh, texture))),
         "asset of glb": Reader(".glb", read_asset, (saved["a.glb"],)),
+        "compressed glb": Reader(
+            ".glb", read_shape, tuple(saved[f"{each}.glb"] for each in COMPRESSIONS), damage_binary
+        ),
+        "structure of compressed gltf": Reader(
+            ".gltf", read_shape, tuple(saved[f"{each}.gltf"] for each in COMPRESSIONS), damage_structure
+        ),
         "asset of gltf": Reader(".gltf", read_asset, (saved["a.gltf"],)),
         "structure of gltf": Reader(".gltf", _read_and_write, (gltf_with_everything(),), damage_structure),
         "structure of the shape of gltf": Reader(".gltf", read_shape, (gltf_with_everything(),), damage_structure),
@@ -315,6 +329,14 @@ def damage(content: bytes, random: np.random.Generator) -> bytes:
                 if numbers:
                     start, end = numbers[random.integers(len(numbers))].span()
                     broken[start:end] = NUMBERS[random.integers(len(NUMBERS))]
+    return bytes(broken)
+
+
+def damage_binary(content: bytes, random: np.random.Generator) -> bytes:
+    """Damage the binary data of a GLB file in one or a few bytes: its JSON stays, so that its streams are decoded."""
+    broken, start = bytearray(content), 20 + int.from_bytes(content[12:16], "little") + 8
+    for at in random.integers(start, len(content), random.geometric(0.3)):
+        broken[at] = random.integers(256) if random.random() < 0.5 else broken[at] ^ 1 << int(random.integers(8))
     return bytes(broken)
 
 

@@ -14,6 +14,7 @@ from click.core import ParameterSource
 from platformdirs import user_cache_dir
 
 from zoomout_core.arrays import Floats
+from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.global_options import is_quiet
 from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.option_table import (
@@ -72,6 +73,17 @@ def folders_option(command: Any) -> Any:
         multiple=True,
         type=click.Path(exists=True, file_okay=False),
         help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
+    )
+    return option(command)
+
+
+def compress_option(command: Any) -> Any:
+    """Let a command compress the glTF files that it writes."""
+    option = click.option(
+        "--compress",
+        "compression",
+        type=click.Choice(METHODS),
+        help="Compress the meshes of .glb and .gltf files; numbers are rounded to a 100,000th of the size.",
     )
     return option(command)
 

@@ -6,7 +6,6 @@ New rows of its tables follow the old ones, so that the numbers that its extensi
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -23,11 +22,9 @@ from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.assets.keep_avatars import PLAIN_MATERIAL
 from zoomout_core.assets.springs import copy_springs
 from zoomout_core.assets.write_gltf import extensions_in
+from zoomout_core.mesh.glb import pack_glb
 from zoomout_core.messages import message
 from zoomout_core.runtime.version import package_version
-
-# The headers of a GLB file and of its two chunks, see the specification of glTF 2.0.
-MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF\x02\0\0\0", b"JSON", b"BIN\0"
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +199,7 @@ class _Made:
         self.content.extend(bytes(-len(self.content) % 4))
         self.tree["buffers"] = [{"byteLength": len(self.content)}]
         tree = {name: part for name, part in self.tree.items() if part != []}
-        text = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        chunks = [(JSON_CHUNK, text), (BINARY_CHUNK, bytes(self.content))]
-        body = b"".join(len(chunk).to_bytes(4, "little") + kind + chunk for kind, chunk in chunks)
-        return MAGIC + (12 + len(body)).to_bytes(4, "little") + body
+        return pack_glb(tree, bytes(self.content))
 
 
 class _Copier:

@@ -13,11 +13,13 @@ from tempfile import TemporaryDirectory
 
 from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.avatars import is_avatar
+from zoomout_core.assets.compress_gltf import METHODS, compress_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
 from zoomout_core.assets.write_gltf import write_gltf
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.draco import library
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
@@ -31,6 +33,8 @@ READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply, ".vrm": write_gltf}
 # Formats that can store a map, see `stored_map`.
 GLTF = tuple(ending for ending, writer in WRITERS.items() if writer is write_gltf)
+# Formats that can be compressed.
+COMPRESSIBLE = (".glb", ".gltf")
 # Avatars: GLB files with bones and terms of use that only another avatar can provide.
 AVATAR = ".vrm"
 
@@ -111,16 +115,41 @@ def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None
             ) from error
 
 
-def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | PathLike[str]] = ()) -> tuple[str, ...]:
+def check_compression(path: str | PathLike[str], method: str | None) -> None:
+    """Raise an error if files with this extension cannot be compressed, or the package for it is not installed.
+
+    Args:
+        path: the file to write.
+        method: one of `compress_gltf.METHODS`, or None.
+
+    Raises:
+        MeshError: only glTF is compressed, and avatars are not, because the programs for them do not read it.
+        ImportError: the package is not installed.
+    """
+    if method is None:
+        return
+    if method not in METHODS:
+        raise MeshError(f"The compression is {method!r}: choose {' or '.join(METHODS)}.")
+    if Path(path).suffix.lower() not in COMPRESSIBLE:
+        raise MeshError(f"{path} cannot be compressed: write {' or '.join(COMPRESSIBLE)} files, or leave it as it is.")
+    if method == "draco":
+        library()
+
+
+def write_asset(
+    asset: Asset, path: str | PathLike[str], inputs: Iterable[str | PathLike[str]] = (), compression: str | None = None
+) -> tuple[str, ...]:
     """Write an asset and the files that it refers to; returns a sentence for each kind of data that was left out.
 
     Args:
         asset: the content.
         path: the file to write; its materials, images and buffer are written beside it.
         inputs: files that must not be replaced, neither by the file nor by those beside it.
+        compression: "draco" or "meshopt", for glTF, see `compress_gltf`.
 
     Raises:
-        MeshError: files with this extension cannot be written, or a .vrm file would be no avatar.
+        MeshError: files with this extension cannot be written or compressed, or a .vrm file would be no avatar.
+        ImportError: a package that writes or compresses this format is not installed.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
         TypeError: it is no Asset.
 
@@ -132,8 +161,12 @@ def write_asset(asset: Asset, path: str | PathLike[str], inputs: Iterable[str | 
         raise TypeError(f"An Asset is needed, not a {type(asset).__name__}: write a surface as zo.Asset(surface).")
     check_format(path)
     check_avatar(asset, path)
+    check_compression(path, compression)
     with atomic_write_together(path, inputs) as place:
-        return WRITERS[place.suffix.lower()](asset, place)
+        notes = WRITERS[place.suffix.lower()](asset, place)
+        if compression is not None:
+            compress_gltf(place, compression)
+        return notes
 
 
 def inputs_of(*paths: str | PathLike[str], folders: Iterable[str | PathLike[str]] = ()) -> list[Path]:

@@ -11,13 +11,22 @@ from typing import Any
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import GLTF, WRITERS, check_avatar, check_writable, inputs_of, read_asset, write_asset
+from zoomout_core.assets.files import (
+    GLTF,
+    WRITERS,
+    check_avatar,
+    check_compression,
+    check_writable,
+    inputs_of,
+    read_asset,
+    write_asset,
+)
 from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights, with_level_names
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import is_folder
 from zoomout_core.cli.report import json_option
-from zoomout_core.command_options import OptionError, folders_option, progress_bar, tell
+from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import sentences
@@ -48,6 +57,7 @@ RATIOS = "0.5,0.25,0.1"
 @click.option(
     "--keep-map", is_flag=True, help="Store the maps to MESH, so that `zoomout update` can update the levels."
 )
+@compress_option
 @folders_option
 @json_option
 def lods(
@@ -57,6 +67,7 @@ def lods(
     max_weights: int | None,
     ending: str,
     keep_map: bool,
+    compression: str | None,
     folders: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -79,6 +90,7 @@ def lods(
         check_output(paths[0] if folder.is_dir() else folder, inputs)
         asset = read_asset(mesh, folders)
         check_avatar(asset, paths[0])
+        check_compression(paths[0], compression)
         check_writable(asset, mesh, f".{ending}")
         with progress_bar():
             levels = make_lods(asset, shares, max_weights)
@@ -87,7 +99,7 @@ def lods(
         folder.mkdir(exist_ok=True)
         rows = []
         for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
-            left_out = write_asset(with_level_names(each, number), path, inputs)
+            left_out = write_asset(with_level_names(each, number), path, inputs, compression)
             notes = [*(levels[number - 1].notes if number else asset.notes), *left_out]
             rows.append(_figures(path, each, levels[number - 1] if number else None, notes))
     except (ValueError, OSError, ImportError) as error:

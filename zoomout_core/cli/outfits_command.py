@@ -10,13 +10,13 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.files import inputs_of
+from zoomout_core.assets.files import check_compression, inputs_of
 from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
 from zoomout_core.cli.report import json_option
 from zoomout_core.collection.engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.tasks import MAPS, SHAPES
-from zoomout_core.command_options import detail_options, progress_bar, tell
+from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
 from zoomout_core.matching.disk_cache import remove_shapes
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
@@ -62,6 +62,7 @@ REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS,
     "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
 )
 @click.option("--force", is_flag=True, help="Write an avatar even if its match is probably wrong.")
+@compress_option
 @json_option
 @detail_options
 def outfits(
@@ -74,6 +75,7 @@ def outfits(
     workers: int | None,
     resume: bool,
     force: bool,
+    compression: str | None,
     as_json: bool,
     **accuracy: Any,
 ) -> None:
@@ -85,8 +87,8 @@ def outfits(
     as those of skirts, are added to the avatar.
 
     Each pair of bodies is matched once, and an interrupted run resumes where it stopped. The avatars are written to
-    OUTPUT/dressed/AVATAR/OUTFIT.glb, or .vrm for an avatar in VRM. OUTPUT/report.html shows each from the front, from
-    the back and in two poses, with the share of the cloth that is in the skin.
+    OUTPUT/dressed/AVATAR/OUTFIT.glb, or .vrm for an avatar in VRM, which is never compressed. OUTPUT/report.html shows
+    each from the front, from the back and in two poses, with the share of the cloth that is in the skin.
 
     The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
     """
@@ -100,9 +102,10 @@ def outfits(
             _forget(output)
         if workers is None:
             workers = min(usable_cores(), len(dressed) + len(naked)) if has_dask() else 1
+        check_compression("avatar.glb", compression)
         options = MatchOptions(**resolve_detail(**accuracy))
         with local_engine(workers, 0) as engine, progress_bar():
-            fitting = Fitting(body, stiffness, gap, force)
+            fitting = Fitting(body, stiffness, gap, force, compression)
             result = dress_all(dressed, naked, output, fitting, options, cache=output / CACHE, engine=engine)
         remove_shapes(output / CACHE)
         write_reports(result)

@@ -18,6 +18,7 @@ from zoomout_core.assets.files import (
     MESHES,
     WRITERS,
     check_avatar,
+    check_compression,
     check_format,
     check_siblings,
     check_writable,
@@ -41,6 +42,7 @@ from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import (
     OptionError,
     batch_options,
+    compress_option,
     files_of_options,
     folders_option,
     match_options,
@@ -91,6 +93,7 @@ MATCHED = 0.8
     help="Store the map in the glTF file, 16 bytes for each vertex, so that `zoomout update` can carry later changes "
     "of SOURCE to it.",
 )
+@compress_option
 @folders_option
 @json_option
 @match_options
@@ -107,6 +110,7 @@ def transfer(
     keep_map: bool,
     candidate: int,
     force: bool,
+    compression: str | None,
     folders: tuple[str, ...],
     as_json: bool,
     **options: Any,
@@ -136,9 +140,10 @@ def transfer(
         check_inputs_stay(jobs, output, inputs)
         for job in jobs:
             check_siblings(job.output, inputs)
+        check_compression(jobs[0].output, compression)
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         wanted_shape = shape.replace("-", " ")
-        choices = candidate, force, wanted, wanted_shape, move_rig, key_names, keep_map, arguments
+        choices = candidate, force, wanted, wanted_shape, move_rig, key_names, keep_map, compression, arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
         if move_rig and (WEIGHTS not in wanted or asset.skin is None):
             raise MeshError(
@@ -161,6 +166,7 @@ def transfer(
             "move_rig": move_rig,
             "key_names": key_names,
             "keep_map": keep_map,
+            "compress": compression,
             "candidate": candidate,
             "force": force,
             "folders": folders,
@@ -214,6 +220,7 @@ def _run_job(
     move_rig: bool,
     key_names: str | None,
     stores_map: bool,
+    compression: str | None,
     arguments: dict[str, Any],
     job: Job,
     report: dict[str, Any],
@@ -240,7 +247,7 @@ def _run_job(
         if key_names:
             written, keys, named = rename_keys(made.asset, key_names)
             report["key_names"] = asdict(keys)
-        left_out = write_asset(written, job.output, inputs)
+        left_out = write_asset(written, job.output, inputs, compression)
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *named, *left_out]}
     return [

@@ -13,12 +13,20 @@ from typing import Any
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import GLTF, check_format, check_siblings, inputs_of, read_asset, write_asset
+from zoomout_core.assets.files import (
+    GLTF,
+    check_compression,
+    check_format,
+    check_siblings,
+    inputs_of,
+    read_asset,
+    write_asset,
+)
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.batch import Job, check_inputs_stay, end_with_code, is_folder, plan, run_batch, say_outcomes
 from zoomout_core.cli.report import json_option
-from zoomout_core.command_options import folders_option, in_place_option
+from zoomout_core.command_options import compress_option, folders_option, in_place_option
 from zoomout_core.mesh.surface import MeshError
 
 
@@ -34,6 +42,7 @@ from zoomout_core.mesh.surface import MeshError
     help="The file to write for a single DERIVED file (glb, gltf, vrm); or a folder, for any number.",
 )
 @in_place_option
+@compress_option
 @folders_option
 @json_option
 def update(
@@ -42,6 +51,7 @@ def update(
     derived: tuple[str, ...],
     output: str,
     in_place: bool,
+    compression: str | None,
     folders: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -59,12 +69,13 @@ def update(
         check_inputs_stay(jobs, output, inputs)
         for job in jobs:
             check_siblings(job.output, inputs)
+            check_compression(job.output, compression)
         before, now = read_asset(old, folders), read_asset(new, folders)
         changed = changed_kinds(before, now, KINDS)
         if not changed:
             raise MeshError(f"{new} has the same data as {old} where their shapes agree: there is nothing to update.")
-        run = partial(_run_job, before, now, folders, inputs)
-        outcomes, figures = run_batch(new, jobs, run, {"old": old, "folders": folders}, output)
+        run = partial(_run_job, before, now, folders, inputs, compression)
+        outcomes, figures = run_batch(new, jobs, run, {"old": old, "compress": compression, "folders": folders}, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
@@ -83,7 +94,13 @@ def _plan(new: str, derived: Sequence[str], output: str, in_place: bool) -> list
 
 
 def _run_job(
-    before: Asset, now: Asset, folders: Sequence[str], inputs: Sequence[Path], job: Job, report: dict[str, Any]
+    before: Asset,
+    now: Asset,
+    folders: Sequence[str],
+    inputs: Sequence[Path],
+    compression: str | None,
+    job: Job,
+    report: dict[str, Any],
 ) -> list[str]:
     """Update one file; returns the lines of its outcome, and fills in its report."""
     derived = read_asset(job.target, folders)
@@ -92,7 +109,7 @@ def _run_job(
     except MeshError as error:
         raise MeshError("{name}: {reason}", name=str(job.target), reason=error) from error
     job.output.parent.mkdir(exist_ok=True)
-    left_out = write_asset(made.asset, job.output, inputs)
+    left_out = write_asset(made.asset, job.output, inputs, compression)
     report |= {"transferred": list(made.received), "notes": [*derived.notes, *made.notes, *left_out]}
     done = f"Updated: {', '.join(made.received)}." if made.received else "Nothing of its data has changed."
     return [done, *report["notes"]]

@@ -18,6 +18,9 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
+from zoomout_core.mesh.decompress_gltf import DRACO, MESHOPT, MODES, decompress_gltf
+from zoomout_core.mesh.glb import MAGIC, unpack_glb
+from zoomout_core.mesh.meshopt_filters import STRIDES
 from zoomout_core.mesh.opening import file_bytes, outside, shown
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole, reason_of
@@ -25,11 +28,6 @@ from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, 
 # The size in bytes of each type of number, and the numbers of each type of element.
 COMPONENT_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-COMPRESSED = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-    "KHR_meshopt_compression": "meshopt",
-}
 UNSIGNED = (5121, 5123, 5125)
 # Elements that a file may have in memory, if its own bytes are fewer: nodes may share meshes, and primitives accessors.
 MAX_ELEMENTS = 1 << 25
@@ -46,6 +44,9 @@ ATTRIBUTE_TYPES = {
     "WEIGHTS_": ("VEC4",),
 }
 
+# Where compressed data is described.
+OF_DRACO = f"meshes[].primitives[].extensions.{DRACO}"
+OF_MESHOPT = tuple(f"bufferViews[].extensions.{name}" for name in MESHOPT)
 # The table that each number refers to.
 REFERENCES = {
     "scene": "scenes",
@@ -79,6 +80,8 @@ REFERENCES = {
     "materials[].occlusionTexture.index": "textures",
     "materials[].emissiveTexture.index": "textures",
     "meshes[].primitives[].extensions.KHR_materials_variants.mappings[].material": "materials",
+    f"{OF_DRACO}.bufferView": "bufferViews",
+    **{f"{view}.buffer": "buffers" for view in OF_MESHOPT},
 }
 TABLES = sorted({"animations", "accessors", "images", "meshes", *REFERENCES.values()})
 PARTS = (
@@ -95,6 +98,8 @@ COUNTS = (
     "bufferViews[].byteLength",
     "bufferViews[].byteOffset",
     "bufferViews[].byteStride",
+    f"{OF_DRACO}.attributes.*",
+    *(f"{view}.{name}" for view in OF_MESHOPT for name in ("byteLength", "byteOffset", "byteStride", "count")),
 )
 VECTORS = {
     "nodes[].matrix": 16,
@@ -131,12 +136,16 @@ REQUIRED = {
     "meshes[]": ("primitives",),
     "meshes[].primitives[]": ("attributes",),
     "skins[]": ("joints",),
+    OF_DRACO: ("attributes", "bufferView"),
+    **dict.fromkeys(OF_MESHOPT, ("buffer", "byteLength", "byteStride", "count", "mode")),
 }
 CHOICES: dict[str, Container[object]] = {
     "accessors[].componentType": COMPONENT_SIZES,
     "accessors[].type": WIDTHS,
     "accessors[].sparse.indices.componentType": UNSIGNED,
     "meshes[].primitives[].mode": range(7),
+    **{f"{view}.mode": MODES for view in OF_MESHOPT},
+    **{f"{view}.filter": tuple(STRIDES) for view in OF_MESHOPT},
 }
 OBJECTS = (
     "asset",
@@ -147,6 +156,9 @@ OBJECTS = (
     "animations[].channels[].target.extensions.KHR_animation_pointer",
     "materials[].pbrMetallicRoughness",
     "meshes[].primitives[].extensions",
+    OF_DRACO,
+    f"{OF_DRACO}.attributes",
+    *OF_MESHOPT,
     *(f"{table}[].extensions" for table in TABLES),
 )
 NUMBERS = ("meshes[].weights[]", "nodes[].weights[]")
@@ -190,8 +202,8 @@ def read_gltf_file(path: Path, folders: Iterable[Path] = ()) -> GltfFile:
         folders: further folders in which its buffers and images may be.
 
     Raises:
-        MeshError: it cannot be opened, it contradicts the specification, its meshes are compressed, or a buffer cannot
-            be read.
+        MeshError: it cannot be opened, it contradicts the specification, or a buffer cannot be read.
+        ImportError: a package that decompresses it is not installed.
     """
     try:
         tree, binary = parse_gltf(file_bytes(path))
@@ -199,12 +211,10 @@ def read_gltf_file(path: Path, folders: Iterable[Path] = ()) -> GltfFile:
         raise
     except ValueError as error:
         raise _damage_error(path, error) from error
-    for extension in tree.get("extensionsRequired") or []:
-        if extension in COMPRESSED:
-            raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")
     file = GltfFile(tree, (), path, tuple(folders))
     buffers = _buffers(file, binary)
     try:
+        buffers = decompress_gltf(tree, buffers)
         _check_views(tree, buffers)
     except FormatError as error:
         raise _damage_error(path, error) from error
@@ -217,7 +227,7 @@ def parse_gltf(content: bytes) -> tuple[dict[str, Any], bytes]:
     Raises:
         ValueError: it is damaged, or contradicts the specification.
     """
-    text, binary = _chunks(content) if content.startswith(b"glTF") else (content, b"")
+    text, binary = unpack_glb(content) if content.startswith(MAGIC) else (content, b"")
     try:
         tree = json.loads(
             text.decode("utf-8-sig"), object_hook=_without_nulls, parse_constant=_finite, parse_float=_finite
@@ -263,23 +273,6 @@ def data_of(uri: str) -> bytes:
 def named_uris(tree: Any, tables: Iterable[str] = ("buffers", "images")) -> list[str]:
     """The names of the files to which the JSON of a glTF file refers."""
     return [uri for table in tables for uri in _values(tree, f"{table}[].uri") if not uri.startswith("data:")]
-
-
-def _chunks(content: bytes) -> tuple[bytes, bytes]:
-    """The JSON and the binary data of a GLB file."""
-    version, length = (int.from_bytes(content[at : at + 4], "little") for at in (4, 8))
-    if version != 2:
-        raise FormatError(f"its version is {version}, not 2")
-    chunks, at = dict[bytes, bytes](), 12
-    while at + 8 <= length:
-        size = int.from_bytes(content[at : at + 4], "little")
-        chunks.setdefault(content[at + 4 : at + 8], content[at + 8 : at + 8 + size])
-        at += 8 + size
-    if max(at, length) > len(content):
-        raise FormatError("it ends too early")
-    if b"JSON" not in chunks:
-        raise FormatError("it has no JSON")
-    return chunks[b"JSON"], chunks.get(b"BIN\0", b"")
 
 
 def _buffers(file: GltfFile, binary: bytes) -> tuple[bytes, ...]:

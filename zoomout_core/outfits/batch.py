@@ -15,6 +15,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.append_gltf import append_to_gltf
 from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.compress_gltf import compress_gltf
 from zoomout_core.assets.files import AVATAR, inputs_of, read_asset
 from zoomout_core.assets.gltf import VRM_0
 from zoomout_core.collection.collection import CollectionResult, match_collection
@@ -58,12 +59,14 @@ class Fitting:
         stiffness: see `dress`.
         gap: see `dress`.
         force: write avatars even if the match is probably wrong.
+        compression: how to compress avatars, see `compress_gltf`; those in VRM are not compressed.
     """
 
     body: tuple[str, ...] = ()
     stiffness: float = 0.5
     gap: float = 0.0
     force: bool = False
+    compression: str | None = None
 
 
 class OutfitName(NamedTuple):
@@ -313,6 +316,8 @@ def dress_file(
     (folder / output).parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / output) as part:
         left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.counterparts)
+        if fitting.compression is not None and ending != AVATAR:
+            compress_gltf(part, fitting.compression)
     image = draw_outfit(
         checked,
         (body.surface.triangles, made.clothes.surface.triangles),

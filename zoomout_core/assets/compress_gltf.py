@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compress the meshes of glTF files by Draco or meshopt, as the web ships them.
+
+Both round numbers: positions and morph targets to a 2^17th of the mesh's extent, texture coordinates to a 2^17th,
+normals to a tenth of a degree, weights and colours to 16 bits. Joints, indices, animations and stored maps are exact.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.decompress_gltf import DRACO, MESHOPT, NUMBER_TYPES, UNSIGNED_INTS, WIDTHS
+from zoomout_core.mesh.draco import library
+from zoomout_core.mesh.glb import MAGIC, pack_glb
+from zoomout_core.mesh.gltf_files import data_of, parse_gltf
+from zoomout_core.mesh.meshopt_attributes import Bytes, encode_attributes
+from zoomout_core.mesh.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
+from zoomout_core.mesh.meshopt_indices import encode_triangles
+
+METHODS = ("draco", "meshopt")
+MESHOPT_NAME, QUANTIZED = MESHOPT[0], "KHR_mesh_quantization"
+# Bits of positions, relative to the extent, of texture coordinates, and of the coordinates of normals.
+POSITION_BITS, UV_BITS, NORMAL_BITS = 16, 16, 12
+# Draco's level of compression; 10 takes more time for a few bytes.
+LEVEL = 7
+SHORT, UNSIGNED_SHORT, FLOAT = 5122, 5123, 5126
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+TRIANGLES = 4
+# Numbers of Draco's attributes that have no type of their own there begin here, after those that it gives itself.
+FIRST_OTHER = 16
+
+
+def compress_gltf(path: Path, method: str) -> None:
+    """Compress a glTF or GLB file in its place.
+
+    Args:
+        path: a file whose accessors each have a view of their own, as `write_gltf` writes it.
+        method: one of `METHODS`.
+
+    Raises:
+        ImportError: DracoPy is not installed, and the method needs it.
+    """
+    content = path.read_bytes()
+    tree, binary = parse_gltf(content)
+    if not tree.get("meshes"):
+        return
+    uri = tree["buffers"][0].get("uri")
+    beside = uri is not None and not uri.startswith("data:")
+    if uri is not None:
+        binary = path.with_name(unquote(uri)).read_bytes() if beside else data_of(uri)
+    made = (_compress_by_draco if method == "draco" else _compress_by_meshopt)(_Parts(tree, binary))
+    if content.startswith(MAGIC):
+        path.write_bytes(pack_glb(tree, made))
+        return
+    if beside:
+        path.with_name(unquote(uri)).write_bytes(made)
+    else:
+        uri = "data:application/octet-stream;base64," + b64encode(made).decode()
+    tree["buffers"][0]["uri"] = uri
+    path.write_text(json.dumps(tree), encoding="utf-8")
+
+
+@dataclass
+class _Parts:
+    """A document, and the buffer that is made for it.
+
+    Attributes:
+        tree: its JSON.
+        binary: its buffer.
+        views: the views that are made.
+        content: the buffer that is made.
+    """
+
+    tree: dict[str, Any]
+    binary: bytes
+    views: list[dict[str, Any]] = field(default_factory=list)
+    content: bytearray = field(default_factory=bytearray)
+
+    def array(self, number: int) -> NDArray[Any]:
+        """(count, width) numbers of an accessor as they are stored."""
+        accessor = self.tree["accessors"][number]
+        view = self.tree["bufferViews"][accessor["bufferView"]]
+        kind, width = np.dtype(NUMBER_TYPES[accessor["componentType"]]), WIDTHS[accessor["type"]]
+        stride = view.get("byteStride") or kind.itemsize * width
+        start = (view.get("byteOffset") or 0) + (accessor.get("byteOffset") or 0)
+        shape = accessor["count"], width
+        return np.ndarray(shape, kind, self.binary, start, (stride, kind.itemsize)).copy()
+
+    def is_plain(self, number: int) -> bool:
+        """Whether all numbers of an accessor are in its view."""
+        accessor = self.tree["accessors"][number]
+        return "bufferView" in accessor and "sparse" not in accessor and accessor["type"] in WIDTHS
+
+    def add(self, content: bytes) -> tuple[int, int]:
+        """Add bytes to the buffer; returns where they begin, and their number."""
+        self.content.extend(bytes(-len(self.content) % 4))
+        start = len(self.content)
+        self.content.extend(content)
+        return start, len(content)
+
+    def copy_view(self, number: int) -> int:
+        """Copy a view; returns its new number."""
+        view = dict(self.tree["bufferViews"][number])
+        start = view.get("byteOffset") or 0
+        view["byteOffset"], view["byteLength"] = self.add(self.binary[start : start + view["byteLength"]])
+        self.views.append(view)
+        return len(self.views) - 1
+
+    def copy_others(self, compressed: set[int]) -> None:
+        """Copy the views of images, and of accessors other than those that were compressed."""
+        copied: dict[int, int] = {}
+        changes = [each["sparse"] for each in self.tree["accessors"] if "sparse" in each]
+        sparse = [each[part] for each in changes for part in ("indices", "values")]
+        accessors = (each for number, each in enumerate(self.tree["accessors"]) if number not in compressed)
+        for each in [*accessors, *sparse, *(self.tree.get("images") or [])]:
+            number = each.get("bufferView")
+            if number is not None:
+                if number not in copied:
+                    copied[number] = self.copy_view(number)
+                each["bufferView"] = copied[number]
+
+    def finish(self, *extensions: str) -> bytes:
+        """Complete the document, which needs extensions; returns its buffer."""
+        self.content.extend(bytes(-len(self.content) % 4))
+        self.tree["bufferViews"] = self.views
+        self.tree["buffers"][0] = {"byteLength": len(self.content)}
+        for table in ("extensionsUsed", "extensionsRequired"):
+            self.tree[table] = list(dict.fromkeys([*(self.tree.get(table) or []), *extensions]))
+        return bytes(self.content)
+
+    def primitives(self) -> Iterator[tuple[dict[str, Any], Floats, float]]:
+        """The primitives with triangles, and the lowest corner and the extent of each one's mesh.
+
+        The primitives of a mesh are rounded alike, so that they still meet.
+        """
+        accessors = self.tree["accessors"]
+        for mesh in self.tree["meshes"]:
+            chosen = [each for each in mesh["primitives"] if each.get("mode", TRIANGLES) == TRIANGLES]
+            places = [accessors[each["attributes"]["POSITION"]] for each in chosen]
+            if not chosen:
+                continue
+            low, high = np.min([at["min"] for at in places], axis=0), np.max([at["max"] for at in places], axis=0)
+            for each in chosen:
+                yield each, low, float((high - low).max()) or 1.0
+
+
+def _round_weights(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Weights of vertices in 16 bits, whose sum over all sets is still one."""
+    names = sorted(name for name in attributes if name.startswith("WEIGHTS_"))
+    if not names or attributes[names[0]].dtype.kind != "f":
+        return {}
+    most = np.iinfo(np.uint16).max
+    exact = np.hstack([attributes[name] for name in names]).astype(np.float64)
+    exact *= most / np.maximum(exact.sum(axis=1, keepdims=True), 1e-12)
+    rounded = np.floor(exact).astype(np.int64)
+    # The largest remainders are rounded up, and of a vertex without weights none.
+    rank = np.argsort(np.argsort(rounded - exact, axis=1, kind="stable"), axis=1)
+    rounded += rank < np.rint(exact.sum(axis=1)).astype(np.int64)[:, None] - rounded.sum(axis=1, keepdims=True)
+    return dict(zip(names, np.split(rounded.astype("<u2"), len(names), axis=1), strict=True))
+
+
+def _round_colors(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Colours of vertices in 16 bits."""
+    most = np.iinfo(np.uint16).max
+    return {
+        name: np.rint(np.clip(values, 0, 1) * most).astype("<u2")
+        for name, values in attributes.items()
+        if name.startswith("COLOR_") and values.dtype.kind == "f"
+    }
+
+
+def _set_bounds(accessor: dict[str, Any], values: NDArray[Any]) -> None:
+    """Let an accessor that has bounds have those of values (count, width)."""
+    if "min" in accessor:
+        accessor["min"], accessor["max"] = values.min(axis=0).tolist(), values.max(axis=0).tolist()
+
+
+# --- meshopt ------------------------------------------------------------------------------------------------
+
+
+def _compress_by_meshopt(parts: _Parts) -> bytes:
+    tree, done = parts.tree, dict[int, None]()
+    expanded, is_quantized = 0, False
+
+    def waits(number: int) -> bool:
+        """Whether an accessor can be compressed, and is not yet."""
+        return number not in done and parts.is_plain(number)
+
+    def add(
+        number: int, stored: Bytes, how: str, filter_: str = "NONE", encode: Callable[[], bytes] | None = None
+    ) -> None:
+        """Compress the elements (count, stride) of an accessor."""
+        nonlocal expanded
+        done[number] = None
+        count, stride = stored.shape
+        start, length = parts.add(encode_attributes(stored) if encode is None else encode())
+        about: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": length}
+        about |= {"byteStride": stride, "count": count, "mode": how}
+        about |= {} if filter_ == "NONE" else {"filter": filter_}
+        before = tree["bufferViews"][tree["accessors"][number]["bufferView"]]
+        view: dict[str, Any] = {"buffer": 1, "byteOffset": expanded, "byteLength": count * stride}
+        if "target" in before:
+            view["target"] = before["target"]
+        if before.get("target") == ARRAY_BUFFER:
+            view["byteStride"] = stride
+        parts.views.append(view | {"extensions": {MESHOPT_NAME: about}})
+        tree["accessors"][number] |= {"bufferView": len(parts.views) - 1, "byteOffset": 0}
+        expanded += -(-count * stride // 4) * 4
+
+    def add_rounded(number: int, step: float) -> None:
+        """Compress floating-point numbers as multiples of a step."""
+        stored = encode_exponential(parts.array(number), step)
+        _set_bounds(tree["accessors"][number], decode_filter(stored, "EXPONENTIAL").view("<f4"))
+        add(number, stored, "ATTRIBUTES", "EXPONENTIAL")
+
+    for primitive, _, extent in parts.primitives():
+        step = extent * 2.0**-POSITION_BITS
+        attributes = {name: parts.array(at) for name, at in primitive["attributes"].items() if waits(at)}
+        rounded = _round_weights(attributes) | _round_colors(attributes)
+        for name, values in attributes.items():
+            number = primitive["attributes"][name]
+            accessor = tree["accessors"][number]
+            if name == "POSITION" or name.startswith("TEXCOORD_"):
+                add_rounded(number, step if name == "POSITION" else 2.0**-UV_BITS)
+            elif name == "NORMAL":
+                accessor |= {"componentType": SHORT, "normalized": True}
+                is_quantized = True
+                add(number, encode_octahedral(values, NORMAL_BITS), "ATTRIBUTES", "OCTAHEDRAL")
+            elif name in rounded:
+                accessor |= {"componentType": UNSIGNED_SHORT, "normalized": True}
+                add(number, rounded[name].view(np.uint8), "ATTRIBUTES")
+            else:
+                add(number, _rows_of_four(values), "ATTRIBUTES")
+        for target in primitive.get("targets") or []:
+            for name, number in target.items():
+                if waits(number):
+                    add_rounded(number, step if name == "POSITION" else 2.0**-NORMAL_BITS)
+        indices = primitive.get("indices")
+        if indices is not None and waits(indices):
+            values = parts.array(indices).astype("<u4")
+            tree["accessors"][indices]["componentType"] = UNSIGNED_INTS
+            triangles = values.reshape(-1, 3)
+            add(indices, values.view(np.uint8), "TRIANGLES", encode=partial(encode_triangles, triangles))
+    for number in range(len(tree["accessors"])):  # of animations and skins, without loss
+        if waits(number):
+            add(number, _rows_of_four(parts.array(number)), "ATTRIBUTES")
+    parts.copy_others(set(done))
+    made = parts.finish(MESHOPT_NAME, *([QUANTIZED] if is_quantized else []))
+    tree["buffers"][1:] = [{"byteLength": expanded, "extensions": {MESHOPT_NAME: {"fallback": True}}}]
+    return made
+
+
+def _rows_of_four(values: NDArray[Any]) -> Bytes:
+    """The bytes of elements (count, width), with zeros up to a multiple of four."""
+    rows = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
+    return np.hstack([rows, np.zeros((len(rows), -rows.shape[1] % 4), np.uint8)])
+
+
+# --- Draco --------------------------------------------------------------------------------------------------
+
+
+def _compress_by_draco(parts: _Parts) -> bytes:
+    package, tree, done = library(), parts.tree, dict[int, None]()
+    # A mesh without indices, or one that shares its data with another one, stays as it is.
+    primitives = [each for each, *_ in parts.primitives()]
+    uses = Counter(number for each in primitives for number in (*each["attributes"].values(), each.get("indices")))
+    for primitive, origin, extent in parts.primitives():
+        numbers = [*primitive["attributes"].values(), primitive.get("indices")]
+        if None in numbers or any(uses[number] > 1 or not parts.is_plain(number) for number in numbers):
+            continue
+        attributes = {name: parts.array(at) for name, at in primitive["attributes"].items()}
+        rounded = _round_weights(attributes) | _round_colors(attributes)
+        grid = {"quantization_origin": origin.tolist(), "quantization_range": extent}
+        triangles = parts.array(primitive["indices"]).reshape(-1, 3).astype("<u4")
+        found = _encode_mesh(package, attributes | rounded, triangles, grid, bool(primitive.get("targets")))
+        if found is None:
+            continue
+        content, ids, mesh = found
+        start, length = parts.add(content)
+        parts.views.append({"buffer": 0, "byteOffset": start, "byteLength": length})
+        about = {"bufferView": len(parts.views) - 1, "attributes": ids}
+        primitive.setdefault("extensions", {})[DRACO] = about
+        for name, number in (*primitive["attributes"].items(), ("", primitive["indices"])):
+            accessor = tree["accessors"][number]
+            for key in ("bufferView", "byteOffset"):
+                accessor.pop(key, None)
+            accessor["count"] = len(mesh.points) if name else 3 * len(mesh.faces)
+            if name in rounded:
+                accessor |= {"componentType": UNSIGNED_SHORT, "normalized": True}
+            done[number] = None
+        tree["accessors"][primitive["indices"]]["componentType"] = UNSIGNED_INTS
+        _set_bounds(tree["accessors"][primitive["attributes"]["POSITION"]], np.asarray(mesh.points, "<f4"))
+    parts.copy_others(set(done))
+    return parts.finish(*([DRACO] if done else []))
+
+
+def _encode_mesh(
+    package: Any,
+    attributes: dict[str, NDArray[Any]],
+    triangles: Integers,
+    grid: dict[str, Any],
+    keeps_order: bool,
+) -> tuple[bytes, dict[str, int], Any] | None:
+    """Encode a mesh; returns the stream, its number of each attribute, and the mesh as it is decoded.
+
+    Morph targets are not part of the stream, so with them the order of the vertices must stay. Returns None if the
+    stream cannot be decoded, as it happens with few vertices.
+    """
+    own: dict[str, Floats] = {
+        name: np.asarray(attributes[name], dtype=np.float64) for name in ("NORMAL", "TEXCOORD_0") if name in attributes
+    }
+    others = [name for name in attributes if name not in (*own, "POSITION")]
+    ids = {name: FIRST_OTHER + number for number, name in enumerate(others)}
+    try:
+        content = package.encode(
+            np.asarray(attributes["POSITION"], "<f4"),
+            triangles,
+            quantization_bits=POSITION_BITS,
+            compression_level=LEVEL,
+            preserve_order=keeps_order,
+            **grid,
+            normals=own.get("NORMAL"),
+            tex_coord=own.get("TEXCOORD_0"),
+            normal_quantization_bits=NORMAL_BITS,
+            tex_coord_quantization_bits=UV_BITS,
+            generic_attributes={ids[name]: np.ascontiguousarray(attributes[name]) for name in others} or None,
+        )
+        mesh = package.decode(content)
+    except Exception:  # of several types
+        return None
+    by_type = {each["attribute_type"]: each["unique_id"] for each in mesh.attributes}
+    kinds = package.AttributeType
+    ids |= {"POSITION": by_type[kinds.POSITION]}
+    if "NORMAL" in own:
+        ids["NORMAL"] = by_type[kinds.NORMAL]
+    if "TEXCOORD_0" in own:
+        ids["TEXCOORD_0"] = by_type[kinds.TEX_COORD]
+    if keeps_order and (len(mesh.points) != len(attributes["POSITION"]) or not np.array_equal(mesh.faces, triangles)):
+        return None
+    return content, ids, mesh
