@@ -64,21 +64,21 @@ def transfer_texture_by_zoomout(
             raise ValueError(f"'{name}' is {count}: give a whole number from 1 to {MAX_TEXELS}.")
     source = read_layer(ms, sourcemesh)
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
-    uv, picture = _picture(source)
+    picture = _picture(source)
     atlas = _atlas(target)
     check_target(target)
     with portion(0.0, 0.7):
         found, report = find_correspondence(ms, source, target, targetmesh, correspondence, **matching)
     mapped = map_target(found, source.surface, target.surface)
     with portion(0.7, 1.0):
-        baked = bake(mapped, uv, picture, atlas, textw, texth)
+        baked = bake(mapped, [picture], atlas, textw, texth)
     name = f"{Path(textname).stem or 'baked'}.png"
     number = np.zeros(len(target.faces), dtype=np.int64)
     new = replace(
         target,
         label=f"{target.label}_baked",
         components={**target.components, TEXCOORD: Attribute(TEXCOORD, Domain.CORNER, Kind.UV, atlas)},
-        textures=Textures.of([name], {name: image_of(baked.image)}, atlas, number),
+        textures=Textures.of([name], {name: image_of(baked.images[0])}, atlas, number),
     )
     outside = int(baked.outside.sum())
     notes = [*report["notes"]]
@@ -87,8 +87,8 @@ def transfer_texture_by_zoomout(
     return {**report, "mesh_id": add_layer(ms, new), "notes": notes}
 
 
-def _picture(source: Layer) -> tuple[Any, Picture]:
-    """The texture coordinates (3 m, 2) of a source, and the images that they refer to."""
+def _picture(source: Layer) -> Picture:
+    """The images of a source."""
     textures = source.textures
     if textures is None or not textures.names:
         raise zo.MeshError(f"Layer '{source.label}' has no texture to bake: check which mesh is the source.")
@@ -104,7 +104,7 @@ def _picture(source: Layer) -> tuple[Any, Picture]:
         raise zo.MeshError(
             f"Layer '{source.label}' has faces without a texture: assign a texture to them, or remove them."
         )
-    return uv, Picture(pixels([textures.images[name] for name in used]), np.searchsorted(textures.numbers, number))
+    return Picture(pixels([textures.images[name] for name in used]), np.searchsorted(textures.numbers, number), uv)
 
 
 def _atlas(target: Layer) -> Any:

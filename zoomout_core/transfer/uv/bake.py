@@ -1,184 +1,235 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Texture baking: read the source's images into the target's own atlas, texel by texel along the map.
 
-A texel of the target's atlas is a place on the target, which maps to one island of the source's atlas. There the image
+A texel of the target's atlas is a place on the target, which maps to one island of the source's atlas. There each image
 is interpolated between the four nearest texels. Texels that other islands or no island own do not count, so nothing
 beyond a seam shows. A texel that an island of the target only touches is read at the island's nearest point. All other
 texels, the gutters, take the value of the nearest texel.
+
+Normals are read in the tangent space of the source, rotated with the surface, and written in that of the target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
-from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.progress import advance, stage
-from zoomout_core.transfer.groups import find, first_of_each
+from zoomout_core.arrays import Booleans, Floats, Integers, check_counts
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.runtime.progress import advance, portion, stage
+from zoomout_core.transfer.attribute import Domain
+from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.pixels import INSIDE, pixels_near
+from zoomout_core.transfer.pixels import INSIDE
 from zoomout_core.transfer.uv.chart import chart_of
+from zoomout_core.transfer.uv.tangents import TangentSpace, tangent_space
+from zoomout_core.transfer.uv.texels import Islands, Pixels, texels_of
 
-# Texels that are read together; bounds the memory.
+# Texels that are read together, and those of a band of rows; they bound the memory.
 READ_TOGETHER = 1 << 15
-# Maximum distance, in texels, of a place from the four texels that it is interpolated from.
-REACH = 2**0.5
+BAND = 1 << 22
+# Volume of a tangent space, of unit vectors, below which it has collapsed.
+MIN_VOLUME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The images that an atlas refers to."""
+    """Images of one meaning, such as the base color, on a source of m triangles and c corners."""
 
-    images: Sequence[Bytes]  # each (height, width, channels), rows from top to bottom, with equal numbers of channels
-    number: Integers  # (m,) the image of each triangle
+    images: Sequence[Pixels]  # with equal numbers of channels, all of eight bits or all of single precision
+    number: Integers  # (m,) the image of each triangle, -1 for none
+    uv: Floats  # (c, 2) UVs; images repeat beyond the unit square
+    normals: bool = False  # whether the first three channels are normals in tangent space
+
+
+@dataclass(frozen=True, eq=False)
+class CornerNormals:
+    """The normals that normal maps refer to."""
+
+    source: Floats  # (c_s, 3) unit normals of the source's corners
+    target: Floats  # (c_t, 3) those of the target's
+    relief: bool = False  # whether to include relief of the source that the target's mesh lacks
 
 
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """An image for the target's atlas."""
+    """Images for the target's atlas."""
 
-    image: Bytes  # (height, width, channels), rows from top to bottom
+    images: list[Pixels | None]  # of each picture; None if no texel maps to any of its images
     covered: Booleans  # (height, width) the texels that triangles of the target cover or touch; the others are gutters
     outside: Booleans  # (m_t,) triangles of the target that are outside of the image, wholly or in part
 
 
 def bake(
-    mapped: MappedTarget, source_uv: Floats, picture: Picture, target_uv: Floats, width: int, height: int
+    mapped: MappedTarget,
+    pictures: Sequence[Picture],
+    target_uv: Floats,
+    width: int,
+    height: int,
+    normals: CornerNormals | None = None,
 ) -> Baked:
     """Bake the source's images into the target's atlas.
 
     Args:
         mapped: the target on the source.
-        source_uv: (c_s, 2) UVs at the source's corners; images repeat beyond the unit square.
-        picture: the source's images.
+        pictures: the source's images.
         target_uv: (c_t, 2) UVs at the target's corners; areas beyond the unit square are not baked.
-        width: width of the new image, in texels.
-        height: height of the new image, in texels.
+        width: width of the new images, in texels.
+        height: height of the new images, in texels.
+        normals: for pictures of normals, the normals of both surfaces.
 
     Raises:
         MeshError: no texel of the image is in the target's atlas.
-        ValueError: the width or height is below one.
+        ValueError: the width or height is below one, or normals are missing.
     """
     check_counts(width=width, height=height)
-    source, target = mapped.source, mapped.target
-    islands = chart_of(source, source_uv).cut.triangle_island
-    corners = source_uv[source.triangle_corners]  # (m_s, 3, 2)
-    owned = []
+    if normals is None and any(picture.normals for picture in pictures):
+        raise ValueError("normals is None: give those of both surfaces, to bake pictures of normals.")
+    readers = list[_Reader]()
     with stage("Reading the islands of the source", 0.0, 0.2):
-        for number, image in enumerate(picture.images):
-            advance(number / len(picture.images))
-            chosen = np.flatnonzero(picture.number == number)
-            owned.append(_Islands(corners[chosen], islands[chosen], *image.shape[1::-1]))
-    with stage("Looking for texels", 0.2, 0.3):
-        atlas = target_uv[target.triangle_corners]
-        texel, triangle, weights = _texels_of(atlas, width, height)
-    if not len(texel):
+        for number, picture in enumerate(pictures):
+            with portion(number / len(pictures), (number + 1) / len(pictures)):
+                readers.append(_Reader(mapped, picture))
+    turns = [
+        _Turn.of(mapped, picture.uv, target_uv, normals) if picture.normals and normals else None
+        for picture in pictures
+    ]
+    atlas = target_uv[mapped.target.triangle_corners]
+    covered = np.zeros((height, width), dtype=bool)
+    found = [np.zeros((height, width), dtype=bool) for _ in pictures]
+    images = [np.zeros((height, width, each.images[0].shape[2]), each.images[0].dtype) for each in pictures]
+    with stage("Baking", 0.2, 0.9):
+        for row, column, triangle, weights in _blocks(atlas, width, height):
+            covered[row, column] = True
+            place, inside = mapped.locate(triangle, weights)
+            for picture, reader, turn, image, has_value in zip(pictures, readers, turns, images, found, strict=True):
+                here = picture.number[place] >= 0
+                values = reader.read(place[here], inside[here])
+                one = 255 if image.dtype == np.uint8 else 1
+                if turn is not None:
+                    rotated = turn.rotate(
+                        2 * values[:, :3] / one - 1, place[here], inside[here], triangle[here], weights[here]
+                    )
+                    values[:, :3] = one * (rotated + 1) / 2
+                image[row[here], column[here]] = np.rint(values) if one == 255 else values
+                has_value[row[here], column[here]] = True
+    if not covered.any():
         raise MeshError(
             "The target's texture coordinates cover no texel of the image: place them in the unit square, or use a "
             "larger image."
         )
-    values = np.empty((len(texel), picture.images[0].shape[2]), dtype=np.uint8)
-    with stage("Baking", 0.3, 0.9):
-        for first in range(0, len(texel), READ_TOGETHER):
-            advance(first / len(texel))
-            block = slice(first, first + READ_TOGETHER)
-            place, inside = mapped.locate(triangle[block], weights[block])
-            uv = np.einsum("qc,qcx->qx", inside, corners[place])
-            for number in np.unique(picture.number[place]):
-                here = picture.number[place] == number
-                values[block][here] = owned[number].read(picture.images[number], uv[here], islands[place[here]])
-    with stage("Filling gutters", 0.9, 1.0):
-        covered = np.zeros((height, width), dtype=bool)
-        image = np.zeros((height, width, values.shape[1]), dtype=np.uint8)
-        row, column = height - 1 - texel // width, texel % width
-        covered[row, column], image[row, column] = True, values
-        nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
     outside = ~((atlas >= -INSIDE) & (atlas <= 1 + INSIDE)).all(axis=(1, 2))
-    return Baked(image[tuple(nearest)], covered, outside)
+    with stage("Filling gutters", 0.9, 1.0):
+        return Baked(_fill(images, found), covered, outside)
 
 
-class _Islands:
-    """The texels of an image that its islands own: those with their centre in an island.
+def tiles_of(surface: Surface, uv: Floats) -> Integers:
+    """(m, 2) the UDIM tile, as its column and row, that contains the centre of each triangle, by UVs (c, 2)."""
+    return np.asarray(np.floor(uv[surface.triangle_corners].mean(axis=1)), dtype=np.int64)
 
-    Made of the UVs (m, 3, 2) and islands (m,) of the triangles that refer to the image.
-    """
 
-    def __init__(self, uv: Floats, island: Integers, width: int, height: int) -> None:
-        self._width, self._height = width, height
-        # A triangle on which the image repeats is not bounded by texels.
-        repeated = np.ptp(uv, axis=1).max(axis=1, initial=0) > 1
-        self._endless = np.unique(island[repeated])
-        bounded = np.flatnonzero(~repeated)
-        owned = [np.empty(0, dtype=np.int64)]
-        for x, y, triangle, _, distance in pixels_near(uv[bounded], width, height):
-            inside = distance <= INSIDE
-            owned.append(np.unique(self._key(x, y, island[bounded[triangle]])[inside]))
-        self._owned = np.unique(np.concatenate(owned))
+class _Reader:
+    """Reads a picture at places of the source."""
 
-    def _key(self, x: Integers, y: Integers, island: Integers) -> Integers:
-        """A unique number for a texel of an island."""
-        return (island * self._height + y % self._height) * self._width + x % self._width
+    def __init__(self, mapped: MappedTarget, picture: Picture) -> None:
+        self._source, self._picture = mapped.source, picture
+        self._island = chart_of(mapped.source, picture.uv).cut.triangle_island
+        self._corners = picture.uv[mapped.source.triangle_corners]  # (m, 3, 2)
+        self._islands = list[Islands]()
+        for number, image in enumerate(picture.images):
+            advance(number / len(picture.images))
+            chosen = np.flatnonzero(picture.number == number)
+            self._islands.append(Islands(self._corners[chosen], self._island[chosen], *image.shape[1::-1]))
 
-    def _own(self, x: Integers, y: Integers, island: Integers) -> Booleans:
-        return np.asarray((find(self._owned, self._key(x, y, island)) >= 0) | np.isin(island, self._endless))
+    def read(self, triangle: Integers, barycentric: Floats) -> Floats:
+        """(q, channels) values at points (q, 3) of triangles (q,) that have an image."""
+        picture = self._picture
+        values = np.empty((len(triangle), picture.images[0].shape[2]))
+        uv = np.einsum("qc,qcx->qx", barycentric, self._corners[triangle])
+        for number in np.unique(picture.number[triangle]):
+            here = picture.number[triangle] == number
+            values[here] = self._islands[number].read(picture.images[number], uv[here], self._island[triangle[here]])
+        return values
 
-    def read(self, image: Bytes, uv: Floats, island: Integers) -> Bytes:
-        """(q, channels) values of the image at places (q, 2) of islands (q,), interpolated between their own texels."""
-        at = uv * [self._width, self._height] - 0.5
-        low = np.floor(at).astype(np.int64)
-        part = at - low
-        sums, total = np.zeros((len(uv), image.shape[2])), np.zeros(len(uv))
-        for right in (0, 1):
-            for up in (0, 1):
-                x, y = low[:, 0] + right, low[:, 1] + up
-                weight = np.abs(1 - right - part[:, 0]) * np.abs(1 - up - part[:, 1]) * self._own(x, y, island)
-                sums += weight[:, None] * self._texels(image, x, y)
-                total += weight
-        lost = np.flatnonzero(total <= 0)
-        sums[lost], total[lost] = self._texels(image, *self._nearest(uv[lost], island[lost])), 1
-        return np.rint(sums / total[:, None]).astype(np.uint8)
 
-    def _nearest(self, uv: Floats, island: Integers) -> tuple[Integers, Integers]:
-        """Columns and rows of the nearest own texels of places (q, 2) in islands, since tips are thinner than texels.
+@dataclass(frozen=True, eq=False)
+class _Turn:
+    """Takes normals from the tangent space of the source to that of the target."""
 
-        An island that owns no texel takes the texel that contains the place.
+    source: TangentSpace
+    target: TangentSpace
+    triangles: Integers  # (m_t, 3) the target's
+    rotations: Floats  # (n_t, 3, 3) from the source to the target
+    relief: bool
+
+    @classmethod
+    def of(cls, mapped: MappedTarget, source_uv: Floats, target_uv: Floats, normals: CornerNormals) -> _Turn:
+        return cls(
+            tangent_space(mapped.source, source_uv, normals.source),
+            tangent_space(mapped.target, target_uv, normals.target),
+            mapped.target.triangles,
+            rotations(mapped, Domain.POINT),
+            normals.relief,
+        )
+
+    def rotate(self, normals: Floats, place: Integers, inside: Floats, triangle: Integers, weights: Floats) -> Floats:
+        """(q, 3) unit normals in the target's tangent space.
+
+        Args:
+            normals: (q, 3) normals in the source's tangent space.
+            place: (q,) triangles of the source.
+            inside: (q, 3) the points in these.
+            triangle: (q,) triangles of the target.
+            weights: (q, 3) the points in these.
         """
-        at = uv * [self._width, self._height] % [self._width, self._height]
-        texel = np.floor(at).astype(np.int64)
-        if len(self._owned) and len(uv):
-            apart = 2.0 * (self._width + self._height)  # so that other islands are never closer
-            number, place = np.divmod(self._owned, self._width * self._height)
-            own = np.column_stack([place % self._width, place // self._width])
-            tree = cKDTree(np.column_stack([own + 0.5, apart * number]))
-            distance, nearest = tree.query(np.column_stack([at, apart * island]))
-            texel = np.where(np.asarray(distance < apart)[:, None], own[nearest], texel)
-        return texel[:, 0], texel[:, 1]
-
-    def _texels(self, image: Bytes, x: Integers, y: Integers) -> Bytes:
-        return np.asarray(image[self._height - 1 - y % self._height, x % self._width])
+        there, here = self.source.at(place, inside), self.target.at(triangle, weights)
+        rotation = np.einsum("qc,qcxy->qxy", weights, self.rotations[self.triangles[triangle]])
+        turned = np.einsum("qxy,qyz,qz->qx", rotation, there, normals, optimize=True)
+        if not self.relief:
+            smooth = unit_vectors(np.einsum("qxy,qy->qx", rotation, there[:, :, 2]))
+            turned = _turn_between(turned, smooth, unit_vectors(here[:, :, 2]))
+        flat = np.abs(np.linalg.det(here)) < MIN_VOLUME
+        here[flat], turned[flat] = np.eye(3), [0, 0, 1]
+        return unit_vectors(np.linalg.solve(here, turned[:, :, None])[:, :, 0])
 
 
-def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers, Floats]:
-    """The texels of an image that triangles (m, 3, 2) cover or touch, and their places in these.
+def _turn_between(vectors: Floats, first: Floats, second: Floats) -> Floats:
+    """Rotate vectors (q, 3) by the smallest rotations that take unit vectors (q, 3) to others (Rodrigues)."""
+    axis = np.cross(first, second)
+    cosine = np.einsum("qx,qx->q", first, second)
+    once = np.cross(axis, vectors)
+    return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, MIN_VOLUME)[:, None])
 
-    Returns:
-        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that contains each, or else the
-        nearest; and (q, 3) the place in it nearest to the texel's centre.
-    """
-    best = np.full(width * height, np.inf)
-    triangle = np.full(width * height, -1)
-    weights = np.zeros((width * height, 3))
-    for x, y, candidate, place, distance in pixels_near(uv, width, height, REACH, window=True):
-        chosen = np.flatnonzero(distance <= REACH)
-        texel = y[chosen] * width + x[chosen]
-        order = first_of_each(texel, distance[chosen])
-        order = order[distance[chosen[order]] < best[texel[order]]]
-        texel, chosen = texel[order], chosen[order]
-        best[texel], triangle[texel], weights[texel] = distance[chosen], candidate[chosen], place[chosen]
-    texel = np.flatnonzero(triangle >= 0)
-    return texel, triangle[texel], weights[texel]
+
+def _blocks(atlas: Floats, width: int, height: int) -> Iterator[tuple[Integers, Integers, Integers, Floats]]:
+    """Texels that triangles (m, 3, 2) cover or touch: rows from the top, columns, and their places, in blocks."""
+    rows = max(1, BAND // width)
+    for first in range(0, height, rows):
+        count = min(rows, height - first)
+        band = np.stack([atlas[:, :, 0], (atlas[:, :, 1] * height - first) / count], axis=2)
+        texel, triangle, weights = texels_of(band, width, count)
+        for begin in range(0, len(texel), READ_TOGETHER):
+            advance((first + count * begin / len(texel)) / height)
+            block = slice(begin, begin + READ_TOGETHER)
+            row = height - 1 - (first + texel[block] // width)
+            yield row, texel[block] % width, triangle[block], weights[block]
+
+
+def _fill(images: Sequence[Pixels], found: Sequence[Booleans]) -> list[Pixels | None]:
+    """Images whose texels without a value have that of the nearest one; None for one without any value."""
+    filled = list[Pixels | None]()
+    last, nearest = None, None
+    for number, (image, has_value) in enumerate(zip(images, found, strict=True)):
+        advance(number / len(images))
+        if not has_value.any():
+            filled.append(None)
+            continue
+        if last is None or not np.array_equal(last, has_value):
+            last = has_value
+            nearest = tuple(distance_transform_edt(~has_value, return_distances=False, return_indices=True))
+        filled.append(image[nearest])
+    return filled

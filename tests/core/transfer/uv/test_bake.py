@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -12,7 +15,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer import pixels
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv import bake as module
-from zoomout_core.transfer.uv.bake import Baked, Picture, bake
+from zoomout_core.transfer.uv.bake import Baked, CornerNormals, Picture, bake
 
 BACKGROUND = 255  # blue value of the background; islands have zero
 
@@ -40,6 +43,7 @@ def two_islands(place: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 RIGHT = np.repeat(corners(SOURCE).reshape(-1, 3, 2)[:, :, 0].mean(axis=1) > 0.5, 3)
 ATLAS = two_islands(corners(SOURCE), RIGHT)
+NUMBER = np.zeros(len(SOURCE.triangles), dtype=int)
 
 
 def picture(size: int) -> Picture:
@@ -50,13 +54,16 @@ def picture(size: int) -> Picture:
     inside = (x > 0) & (x < 1) & (y > 0) & (y < 1) & ((x > 0.5) == right)
     image = np.stack([20 + 200 * x, 20 + 200 * y, 0 * x], axis=-1)
     image[~inside] = [0, 0, BACKGROUND]
-    return Picture([np.rint(image).astype(np.uint8)], np.zeros(len(SOURCE.triangles), dtype=int))
+    return Picture([np.rint(image).astype(np.uint8)], NUMBER, ATLAS)
+
+
+def mapped_square() -> MappedTarget:
+    found = closest_points(TARGET.vertices, SOURCE.vertices, SOURCE.triangles)
+    return MappedTarget(SOURCE, TARGET, SurfaceMap(*found, SOURCE.triangles), np.ones(len(TARGET.vertices)))
 
 
 def baked(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, height: int = 64) -> Baked:
-    found = closest_points(TARGET.vertices, SOURCE.vertices, SOURCE.triangles)
-    mapped = MappedTarget(SOURCE, TARGET, SurfaceMap(*found, SOURCE.triangles), np.ones(len(TARGET.vertices)))
-    return bake(mapped, atlas, shown, uv, width, height)
+    return bake(mapped_square(), [replace(shown, uv=atlas)], uv, width, height)
 
 
 def places(image: np.ndarray) -> np.ndarray:
@@ -68,15 +75,15 @@ def places(image: np.ndarray) -> np.ndarray:
 def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> None:
     uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]  # transposed
     made = baked(ATLAS, picture(size), uv, 64, 96)
-    assert made.image.shape == (96, 64, 3)
-    assert not made.image[:, :, 2].any()
+    assert made.images[0].shape == (96, 64, 3)
+    assert not made.images[0][:, :, 2].any()
     u, v = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(96) + 0.5)[::-1] / 96)
     inside = (np.abs(u - 0.5) < 0.4) & (np.abs(v - 0.5) < 0.4)
     assert made.covered[inside].all()
     true = np.stack([v - 0.1, u - 0.1], axis=-1) / 0.8
     # Beside the source's borders and seams the nearest texel of the island is used, up to one texel off.
-    assert np.abs(places(made.image) - true)[inside].max() < 1 / (0.7 * size) + 0.006
-    assert np.abs(places(made.image) - true)[inside].mean() < 0.1 / size + 0.003
+    assert np.abs(places(made.images[0]) - true)[inside].max() < 1 / (0.7 * size) + 0.006
+    assert np.abs(places(made.images[0]) - true)[inside].mean() < 0.1 / size + 0.003
     assert not made.outside.any()
 
 
@@ -84,9 +91,9 @@ def test_gutters_take_the_texel_of_the_nearest_island() -> None:
     right = np.repeat(corners(TARGET).reshape(-1, 3, 2)[:, :, 0].mean(axis=1) > 0.5, 3)
     uv = 0.3 * corners(TARGET) + np.where(right[:, None], [0.6, 0.1], [0.05, 0.5])
     made = baked(ATLAS, picture(128), uv, 100, 100)
-    assert not made.image[:, :, 2].any()
+    assert not made.images[0][:, :, 2].any()
     assert 0.05 < made.covered.mean() < 0.2
-    x = places(made.image)[:, :, 0]
+    x = places(made.images[0])[:, :, 0]
     assert x[0, 0] < 0.05  # nearest to the left island's left border
     assert x[-1, -1] > 0.95
     assert np.ptp(x[:40, -30:]) < 0.5
@@ -101,8 +108,8 @@ def test_a_tip_that_owns_no_texel_is_read_at_the_nearest_of_its_island(tile: int
     x = (u - 0.1) / 0.8
     inside = (x > 0) & (x < 1) & (np.abs(v - 0.53) < 0.2 * x)
     image = np.where(inside[..., None], [9, 9, 0], [0, 0, BACKGROUND]).astype(np.uint8)
-    made = baked(atlas + tile, Picture([image], np.zeros(len(SOURCE.triangles), dtype=int)), corners(TARGET))
-    assert (made.image == [9, 9, 0]).all()
+    made = baked(atlas + tile, Picture([image], NUMBER, ATLAS), corners(TARGET))
+    assert (made.images[0] == [9, 9, 0]).all()
 
 
 @pytest.mark.parametrize("alone", [True, False])
@@ -111,8 +118,8 @@ def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
     atlas = small if alone else np.where(RIGHT[:, None], small, 0.6 * corners(SOURCE))
     image = np.zeros((4, 4, 3), dtype=np.uint8)
     image[0, 3] = [7, 8, 9]  # the upper right texel
-    made = baked(atlas, Picture([image], np.zeros(len(SOURCE.triangles), dtype=int)), corners(TARGET), 8, 8)
-    assert (made.image[:, 5:] == [7, 8, 9]).all()
+    made = baked(atlas, Picture([image], NUMBER, ATLAS), corners(TARGET), 8, 8)
+    assert (made.images[0][:, 5:] == [7, 8, 9]).all()
 
 
 def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,26 +127,28 @@ def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeyp
     at_once = baked(ATLAS, picture(33), uv)
     monkeypatch.setattr(pixels, "BLOCK", 64)
     monkeypatch.setattr(module, "READ_TOGETHER", 100)
-    np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).image, at_once.image)
+    monkeypatch.setattr(module, "BAND", 640)
+    np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).images[0], at_once.images[0])
 
 
 def test_images_repeat_beyond_the_unit_square() -> None:
     image = np.random.default_rng(0).integers(0, 255, (8, 8, 4), dtype=np.uint8)
-    number = np.zeros(len(SOURCE.triangles), dtype=int)
+    number = NUMBER
     for repeats in (1, 16):  # within one copy of the image, or across several
         at_home, away = (
-            baked(repeats * corners(SOURCE) + shift, Picture([image], number), corners(TARGET)) for shift in (0, 5)
+            baked(repeats * corners(SOURCE) + shift, Picture([image], number, ATLAS), corners(TARGET))
+            for shift in (0, 5)
         )
-        np.testing.assert_allclose(at_home.image.astype(int), away.image, atol=1)
-    assert len(np.unique(at_home.image.reshape(-1, 4), axis=0)) > 20
+        np.testing.assert_allclose(at_home.images[0].astype(int), away.images[0], atol=1)
+    assert len(np.unique(at_home.images[0].reshape(-1, 4), axis=0)) > 20
 
 
 def test_every_triangle_is_read_in_its_own_image() -> None:
     images = [np.full((4, 4, 3), level, dtype=np.uint8) for level in (10, 200)]
     number = RIGHT.reshape(-1, 3)[:, 0].astype(int)
-    made = baked(corners(SOURCE), Picture(images, number), corners(TARGET))
-    assert set(made.image[:, :31].ravel()) == {10}
-    assert set(made.image[:, 33:].ravel()) == {200}
+    made = baked(corners(SOURCE), Picture(images, number, ATLAS), corners(TARGET))
+    assert set(made.images[0][:, :31].ravel()) == {10}
+    assert set(made.images[0][:, 33:].ravel()) == {200}
 
 
 def test_what_lies_outside_of_the_image_is_told() -> None:
@@ -151,3 +160,49 @@ def test_what_lies_outside_of_the_image_is_told() -> None:
         baked(ATLAS, picture(64), uv + 5)
     with pytest.raises(ValueError, match="width is 0"):
         baked(ATLAS, picture(64), uv, 0)
+
+
+def test_several_pictures_are_baked_at_once_and_floats_keep_their_precision() -> None:
+    fine = np.random.default_rng(1).normal(size=(8, 8, 1)).astype(np.float32)
+    shown = Picture([fine], NUMBER, corners(SOURCE))
+    on_the_right = Picture([np.full((4, 4, 3), 9, np.uint8)], RIGHT.reshape(-1, 3)[:, 0].astype(int) - 1, ATLAS)
+    absent = replace(shown, number=NUMBER - 1)
+    made = bake(mapped_square(), [shown, on_the_right, absent], corners(TARGET), 8, 8)
+    np.testing.assert_allclose(made.images[0], fine, atol=1e-5)
+    assert made.images[0].dtype == np.float32
+    assert (made.images[1] == 9).all()
+    assert made.images[2] is None
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("relief", [False, True])
+def test_normals_keep_their_direction_on_the_surface(mirrored: bool, relief: bool) -> None:
+    """The target is turned in space, and its atlas is turned, and perhaps mirrored, beside the source's."""
+    turn = Rotation.from_rotvec([0.4, -0.9, 0.3])
+    tilted = np.array([0.36, -0.48, 0.8])
+    image = np.tile(np.rint(255 * (tilted + 1) / 2).astype(np.uint8), (4, 4, 1))
+    shown = Picture([image], NUMBER, corners(SOURCE), normals=True)
+    uv = corners(TARGET)[:, ::-1] if mirrored else np.column_stack([1 - corners(TARGET)[:, 1], corners(TARGET)[:, 0]])
+    placed = replace(mapped_square(), target=TARGET.with_vertices(turn.apply(TARGET.vertices)))
+    upright = np.tile([0.0, 0, 1], (len(RIGHT), 1)), turn.apply(np.tile([0.0, 0, 1], (len(TARGET.corner_vertex), 1)))
+    made = bake(placed, [shown], uv, 16, 16, CornerNormals(*upright, relief=relief)).images[0]
+    x, y, z = tilted
+    expected = [y, x, z] if mirrored else [-y, x, z]  # u is y on the target, or falls with it; v is x
+    np.testing.assert_allclose(made.astype(float) / 127.5 - 1, np.tile(expected, (16, 16, 1)), atol=0.012)
+
+
+def test_relief_that_the_target_lacks_is_baked_on_request() -> None:
+    waves = 0.3 * np.sin(6 * SOURCE.vertices[:, 0])
+    tilted = np.column_stack([-waves, 0 * waves, np.sqrt(1 - waves**2)])[SOURCE.corner_vertex]
+    flat = np.tile(np.rint(255 * np.array([0.5, 0.5, 1])).astype(np.uint8), (4, 4, 1))
+    shown = Picture([flat], NUMBER, corners(SOURCE), normals=True)
+    upright = np.tile([0.0, 0, 1], (len(TARGET.corner_vertex), 1))
+    without, with_relief = (
+        bake(mapped_square(), [shown], corners(TARGET), 32, 32, CornerNormals(tilted, upright, relief)).images[0]
+        for relief in (False, True)
+    )
+    assert np.abs(without.astype(float) - flat[0, 0]).max() <= 1
+    x = (np.arange(32) + 0.5) / 32
+    np.testing.assert_allclose(with_relief[16, :, 0] / 127.5 - 1, -0.3 * np.sin(6 * x), atol=0.04)
+    with pytest.raises(ValueError, match="normals is None"):
+        bake(mapped_square(), [shown], corners(TARGET), 8, 8)
