@@ -272,11 +272,12 @@ def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: 
 @click.option(
     "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
 )
-def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+@click.option("--left-out", is_flag=True, help="Judge the verdict on pairs that set none of its numbers.")
+def everywhere(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None, left_out: bool) -> None:
     """Lost parts, wrong limbs and fingers, torn edges, bindings, and the verdict, beside Data Transfer."""
     from benchmarks import everywhere as everywhere_tables  # it starts Blender
 
-    report(everywhere_tables.run(data, pairs, pictures), data, json_file)
+    report(everywhere_tables.run(data, pairs, pictures, left_out), data, json_file)
 
 
 @main.command()

@@ -67,7 +67,7 @@ class Character(NamedTuple):
         name: of the character.
         skeleton: its bones.
         rest: in its rest pose.
-        posed: the same mesh in the frame of its actions that differs most from the rest.
+        posed: the same mesh in a frame of its actions.
         thinned: the same pose, remeshed.
         pose: the action and the frame.
     """
@@ -82,8 +82,13 @@ class Character(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def read_character(path: Path) -> Character:
-    """A character from a glTF file; replaces the open scene."""
+def read_character(path: Path, bend: float = 1.0) -> Character:
+    """A character from a glTF file; replaces the open scene.
+
+    Args:
+        path: of the file.
+        bend: 1 for the pose that differs most from the rest, 0.5 for the median of all frames.
+    """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     before, bpy.app.debug_value = bpy.app.debug_value, ERRORS_ALONE
     bpy.ops.import_scene.gltf(filepath=str(path))
@@ -95,7 +100,7 @@ def read_character(path: Path) -> Character:
     armature.data.pose_position = "REST"
     rest = _body(parts, skeleton)
     armature.data.pose_position = "POSE"
-    pose = _strike(armature, parts, rest)
+    pose = _strike(armature, parts, rest, bend)
     posed = _body(parts, skeleton)
     for part in parts:
         weld, thin = part.modifiers.new("Weld", "WELD"), part.modifiers.new("Thin", "DECIMATE")
@@ -197,22 +202,24 @@ def _extent(body: Body) -> float:
 # --- poses --------------------------------------------------------------------------------------------------
 
 
-def _strike(armature: Object, parts: list[Object], rest: Body) -> str:
-    """Put the armature into the frame that differs most from the rest pose, and return its action and frame."""
+def _strike(armature: Object, parts: list[Object], rest: Body, bend: float) -> str:
+    """Put the armature into a frame by its rank, from 0 to 1, in the order of bends; return its action and frame."""
     if armature.animation_data is None or not bpy.data.actions:
         _stride(armature)
         return "stride"
     for track in list(armature.animation_data.nla_tracks):
         armature.animation_data.nla_tracks.remove(track)
-    best, bend = next(all_frames()), 0.0
+    frames = []
     for frame in all_frames():
         set_frame(armature, *frame)
         points = _points(parts)
         swelling = triangle_areas(points, rest.triangles).sum() / triangle_areas(rest.vertices, rest.triangles).sum()
-        if swelling < SWOLLEN and _bend(points, rest.vertices) > bend:
-            best, bend = frame, _bend(points, rest.vertices)
-    set_frame(armature, *best)
-    return f"{best[0].name.split('|')[-1]} {best[1]}"
+        frames.append((_bend(points, rest.vertices) if swelling < SWOLLEN else 0.0, frame))
+    frames.sort(key=lambda entry: -entry[0])
+    last = len(frames) - 1
+    _, (action, number) = frames[last - round(bend * last)]
+    set_frame(armature, action, number)
+    return f"{action.name.split('|')[-1]} {number}"
 
 
 def all_frames() -> Iterator[tuple[Action, int]]:

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case, cases
+from benchmarks.everywhere.left_out import LEFT_OUT, left_out_cases
 from benchmarks.everywhere.measures import Row, is_wrong, measure, measure_binding
 from benchmarks.everywhere.pictures import draw
 from benchmarks.tables import Tables
@@ -22,7 +23,7 @@ KINDS = SKIN, LEGS, TOUCH, OTHER
 BASELINE = "DT "
 
 
-def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
+def run(data: Path, pairs: int | None, picture_folder: Path | None, left_out: bool = False) -> Tables:
     """Match each case without hints, and measure the worst places of the map.
 
     `rows`, for each case: the figures of `measure`, those of Blender's Data Transfer (DT), those of `measure_binding`,
@@ -33,10 +34,12 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
         data: the folder of the sets, including characters and clothes.
         pairs: approximate number of cases of each kind, evenly spread.
         picture_folder: for pictures of the worst cases of each kind.
+        left_out: take the cases that set no number instead.
     """
     rows: list[Row] = []
     worst: dict[str, list[tuple[float, Row, Case, zo.SurfaceMap]]] = {}
-    for case in tqdm(cases(data, pairs), desc="everywhere", leave=False):
+    chosen = left_out_cases(data, pairs) if left_out else cases(data, pairs)
+    for case in tqdm(chosen, desc="everywhere", leave=False):
         zo.forget_shapes()
         begin = perf_counter()
         result = zo.match(case.source, case.target)
@@ -61,7 +64,8 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> Tables:
     for kind, entries in worst.items():
         if picture_folder is not None:
             draw(picture_folder / f"{kind}.png", [entry[1:] for entry in entries])
-    return {"rows": rows, "summary": [_sum_up(kind, [row for row in rows if row["kind"] == kind]) for kind in KINDS]}
+    kinds = LEFT_OUT if left_out else KINDS
+    return {"rows": rows, "summary": [_sum_up(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]}
 
 
 def _nearest(case: Case) -> zo.SurfaceMap:
@@ -71,7 +75,7 @@ def _nearest(case: Case) -> zo.SurfaceMap:
 
 
 def _badness(row: Row) -> float:
-    return (1 - (row["part"] or 1)) + (row["limb"] or 0) + 10 * row["torn"]
+    return (1 - (row["part"] or 1)) + (row["limb"] or 0) + 10 * row["torn"] + 10 * (row["off"] or 0)
 
 
 def _sum_up(kind: str, rows: list[Row]) -> Row:
@@ -87,6 +91,7 @@ def _sum_up(kind: str, rows: list[Row]) -> Row:
         "visible": sum(values("visible")),
         "most limb": max(values("limb"), default=None),
         "most torn": max(values("torn"), default=None),
+        "most off": max(values("off"), default=None),
         "most stretched": max(values("stretched"), default=None),
         "most islands": max(values("islands"), default=None),
         "wrong": sum(row["wrong"] for row in rows),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -27,7 +27,7 @@ import zoomout_core as zo
 from benchmarks.characters.cases import FEW_PARTS, is_broken, spread, surface_of
 from benchmarks.characters.game import Body, Character, one_skin, read_character
 from benchmarks.characters.skeleton import limbs_of
-from benchmarks.everywhere.touching import POSES, Bodies, arms_and_legs, feet_together, number_limbs
+from benchmarks.everywhere.touching import ALL_POSES, POSES, Bodies, arms_and_legs, feet_together, number_limbs
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import unique_edges
@@ -40,8 +40,8 @@ WHOLE = 0.9
 # Builds that are posed, in turn, and the bodies that they are matched with.
 TOUCHING = ("woman", "heavy_man", "child", "broad_man")
 ONTO = (("slim_woman", "base"), ("muscular_man", "female_generic"), ("curvy_woman", "male1591"))
-# Names of the first bones of legs.
-LEG = re.compile("leg|thigh|foot|hip", re.IGNORECASE)
+# Names of the first bones of fore legs, which count as arms, and of other legs.
+FORE_LEG, LEG = re.compile("front|fore|arm", re.IGNORECASE), re.compile("leg|thigh|foot|hip|back|hind", re.IGNORECASE)
 # Bodies of other characters: the pack and file, and the builds that they are matched to.
 CHARACTERS = (
     ("modular_men", "Beach"),
@@ -84,6 +84,7 @@ class Case:
         source_limb: (n_s,) the number of the limb that each source vertex belongs to, 0 for none or if unknown.
         target_limb: (n_t,) the same for the target.
         rig: the source's rig, if the target is at rest.
+        image: (n_t,) the source vertex at the place of each target vertex, -1 if unknown; None if all are unknown.
     """
 
     kind: str
@@ -95,6 +96,7 @@ class Case:
     source_limb: Integers
     target_limb: Integers
     rig: Rig | None = None
+    image: Integers | None = None
 
 
 Maker: TypeAlias = Callable[[], Case | None]
@@ -104,21 +106,21 @@ def cases(data: Path, most: int | None) -> Iterator[Case]:
     """All cases whose files a data folder has, or about `most` of each kind, evenly spread."""
     game = data / "characters" / "game"
     skins: list[Maker] = [
-        partial(_skin, path, posed) for path in sorted(game.glob("*/*.glb")) for posed in (False, True)
+        partial(skin_case, path, posed) for path in sorted(game.glob("*/*.glb")) for posed in (False, True)
     ]
     legs: list[Maker] = []
     touches: list[Maker] = []
     others: list[Maker] = []
     if (data / "clothes" / "bodies.npz").exists():
-        clothes = _module(data / "clothes" / "clothes.py")
-        legs = [partial(_legs, clothes, build, *onto) for build, onto in product(TOUCHING, ONTO)]
+        clothes = read_module(data / "clothes" / "clothes.py")
+        legs = [partial(legs_case, clothes, build, *onto) for build, onto in product(TOUCHING, ONTO)]
         touches = [
-            partial(_touching, clothes, pose, build, *ONTO[number % len(ONTO)], is_source=number % 2 == 0)
+            partial(touching_case, clothes, pose, build, *ONTO[number % len(ONTO)], is_source=number % 2 == 0)
             for number, (pose, build) in enumerate(product(POSES, TOUCHING))
         ]
         files = [game / pack / f"{name}.glb" for pack, name in CHARACTERS]
         pairs = product([file for file in files if file.exists()], BUILDS)
-        others = [partial(_other, clothes, path, build) for path, build in pairs]
+        others = [partial(other_case, clothes, path, build) for path, build in pairs]
     kinds: list[list[Maker]] = [skins, legs, touches, others]
     for makers in kinds:
         for make in spread(makers, most):
@@ -127,13 +129,14 @@ def cases(data: Path, most: int | None) -> Iterator[Case]:
                 yield case
 
 
-def _skin(path: Path, posed: bool) -> Case | None:
-    character = read_character(path)
+def skin_case(path: Path, posed: bool, voxels: Sequence[float] = VOXELS, bend: float = 1.0) -> Case | None:
+    """A character, and one skin around it, at rest or in the frame of that rank by its bend."""
+    character = read_character(path, bend)
     source = surface_of(character.rest)
     if is_broken(character) or source.components.max() < FEW_PARTS:
         return None
     body = character.posed if posed else character.rest
-    made = _whole_skin(body)
+    made = whole_skin(body, voxels)
     if made is None:
         return None
     skin, voxel = made
@@ -144,23 +147,23 @@ def _skin(path: Path, posed: bool) -> Case | None:
         source,
         surface_of(skin),
         source.components,
-        _outer_part(skin, body, source.components, voxel),
-        _limbs_of_body(character, character.rest),
-        _limbs_of_body(character, skin),
-        None if posed else _rig_of_body(character, character.rest),
+        outer_part(skin, body, source.components, voxel),
+        limbs_of_body(character, character.rest),
+        limbs_of_body(character, skin),
+        None if posed else rig_of_body(character, character.rest),
     )
 
 
-def _whole_skin(body: Body) -> tuple[Body, float] | None:
+def whole_skin(body: Body, voxels: Sequence[float] = VOXELS) -> tuple[Body, float] | None:
     """One skin around a character, of the finest voxels that join all parts, and the voxels' width; None if none do."""
-    for voxel in VOXELS:
+    for voxel in voxels:
         skin = one_skin(body, voxel)
         if (np.ptp(skin.vertices, axis=0) > WHOLE * np.ptp(body.vertices, axis=0)).all():
             return skin, voxel
     return None
 
 
-def _outer_part(skin: Body, body: Body, part: Integers, voxel: float) -> Integers:
+def outer_part(skin: Body, body: Body, part: Integers, voxel: float) -> Integers:
     """(n,) the part of a body outermost at each vertex of a skin; -1 within a voxel of a border between parts."""
     triangle, _ = closest_points(skin.vertices, body.vertices, body.triangles)
     shown = part[body.triangles[triangle, 0]]
@@ -172,47 +175,51 @@ def _outer_part(skin: Body, body: Body, part: Integers, voxel: float) -> Integer
     return shown
 
 
-def _legs(clothes: ModuleType, build: str, onto: str, topology: str) -> Case:
+def legs_case(clothes: ModuleType, build: str, onto: str, topology: str) -> Case:
     posed, other = clothes.Bodies(), clothes.Bodies(topology=topology)
-    return _of_bodies(
+    return case_of_bodies(
         LEGS,
         f"{build}, feet together, to {onto} ({topology})",
         zo.Surface(feet_together(posed, build), posed.polygons),
         zo.Surface(other.vertices(onto), other.polygons),
         arms_and_legs(posed),
         arms_and_legs(other),
-        _rig_of_bodies(posed, build),
+        rig_of_bodies(posed, build),
     )
 
 
-def _touching(clothes: ModuleType, pose: str, build: str, onto: str, topology: str, *, is_source: bool) -> Case:
+def touching_case(clothes: ModuleType, pose: str, build: str, onto: str, topology: str, *, is_source: bool) -> Case:
     posed, other = clothes.Bodies(), clothes.Bodies(topology=topology)
-    make, limbs = POSES[pose]
+    make, limbs = ALL_POSES[pose]
     sides = [
         (f"{build}, {pose}", zo.Surface(make(posed, build), posed.polygons), limbs(posed)),
         (f"{onto} ({topology})", zo.Surface(other.vertices(onto), other.polygons), limbs(other)),
     ]
     (from_name, source, source_limb), (to_name, target, target_limb) = sides if is_source else sides[::-1]
-    rig = _rig_of_bodies(posed, build) if is_source else None
-    return _of_bodies(TOUCH, f"{from_name} to {to_name}", source, target, source_limb, target_limb, rig)
+    rig = rig_of_bodies(posed, build) if is_source else None
+    return case_of_bodies(TOUCH, f"{from_name} to {to_name}", source, target, source_limb, target_limb, rig)
 
 
-def _other(clothes: ModuleType, path: Path, build: str) -> Case | None:
-    character = read_character(path)
-    if is_broken(character):
+def other_case(clothes: ModuleType, path: Path, build: str, topology: str = "base") -> Case | None:
+    found = character_as_skin(path)
+    if found is None:
         return None
-    made = _whole_skin(character.rest)
-    if made is None:
-        return None
-    skin, _ = made
-    name = f"{character.pack} {character.name} as one skin to {build}"
-    bodies = clothes.Bodies()
+    character, skin = found
+    name = f"{character.pack} {character.name} as one skin to {build}{'' if topology == 'base' else f' ({topology})'}"
+    bodies = clothes.Bodies(topology=topology)
     target = zo.Surface(bodies.vertices(build), bodies.polygons)
-    limbs, rig = _limbs_of_body(character, skin), _rig_of_body(character, skin)
-    return _of_bodies(OTHER, name, surface_of(skin), target, limbs, arms_and_legs(bodies), rig)
+    limbs, rig = limbs_of_body(character, skin), rig_of_body(character, skin)
+    return case_of_bodies(OTHER, name, surface_of(skin), target, limbs, arms_and_legs(bodies), rig)
 
 
-def _of_bodies(
+def character_as_skin(path: Path) -> tuple[Character, Body] | None:
+    """A character, and one skin around its rest pose; None if it is broken or cannot be joined."""
+    character = read_character(path)
+    made = None if is_broken(character) else whole_skin(character.rest)
+    return None if made is None else (character, made[0])
+
+
+def case_of_bodies(
     kind: str,
     name: str,
     source: zo.Surface,
@@ -226,26 +233,27 @@ def _of_bodies(
     return Case(kind, name, source, target, source.components, unknown, source_limb, target_limb, rig)
 
 
-def _rig_of_bodies(bodies: Bodies, build: str) -> Rig:
+def rig_of_bodies(bodies: Bodies, build: str) -> Rig:
     names = bodies.bone_names
     parents = np.array([names.index(parent) if parent else -1 for parent in bodies.bone_parents])
     return Rig(bodies.vertices(build), csr_array(bodies.weights), bodies.heads(build), parents)
 
 
-def _rig_of_body(character: Character, body: Body) -> Rig:
+def rig_of_body(character: Character, body: Body) -> Rig:
     skeleton = character.skeleton
     weights = csr_array(body.weights.astype(np.float64))
     return Rig(body.vertices, weights, skeleton.head, skeleton.parent)
 
 
-def _limbs_of_body(character: Character, body: Body) -> Integers:
+def limbs_of_body(character: Character, body: Body) -> Integers:
     """(n,) the limb of each vertex, numbered as by `arms_and_legs`."""
     limbs = limbs_of(character.skeleton)
-    kind = np.array([2 if LEG.search(name) else 1 for name in limbs.limb]) * limbs.side
+    is_leg = [bool(LEG.search(name)) and not FORE_LEG.search(name) for name in limbs.limb]
+    kind = np.where(is_leg, 2, 1) * np.where(np.array(limbs.limb) == "head", 0, limbs.side)
     return number_limbs(body.weights, {number: np.flatnonzero(kind == number) for number in (1, 2, -1, -2)})
 
 
-def _module(path: Path) -> ModuleType:
+def read_module(path: Path) -> ModuleType:
     """Import the reader that is shipped with a set."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None

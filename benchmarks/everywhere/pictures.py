@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import zoomout_core as zo
-from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case
+from benchmarks.everywhere.cases import LEGS, OTHER, TOUCH, Case
+from benchmarks.everywhere.left_out import BODIES, BUILDS, WHOLE
 from benchmarks.everywhere.measures import Row, torn_edges, wrong_limb
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.colors import place_colors
@@ -37,7 +38,7 @@ def draw(path: Path, entries: Sequence[tuple[Row, Case, zo.SurfaceMap]]) -> None
 
 
 def _caption(row: Row) -> str:
-    figures = (f"{name} {row[name]:.2%}" for name in ("part", "limb", "torn") if row[name] is not None)
+    figures = (f"{name} {row[name]:.2%}" for name in ("part", "limb", "torn", "off") if row[name] is not None)
     return f"{row['case']}: {', '.join(figures)}, certainty {row['certainty']:.0%}, {row['verdict']}"
 
 
@@ -68,8 +69,9 @@ def _wrong(case: Case, surface_map: zo.SurfaceMap) -> Booleans:
 
 
 def _upward(case: Case, is_source: bool) -> int:
-    """The up axis: y for MakeHuman bodies, z for game characters."""
-    return {SKIN: 2, LEGS: 1, TOUCH: 1, OTHER: 2 if is_source else 1}[case.kind]
+    """The up axis: y for MakeHuman and scanned bodies, z for game characters."""
+    of_bodies = case.kind in (LEGS, TOUCH, BODIES, WHOLE) or (case.kind in (OTHER, BUILDS) and not is_source)
+    return 1 if of_bodies else 2
 
 
 def _views(vertices: Floats, upward: int) -> tuple[Floats, Floats]:

@@ -166,6 +166,7 @@ POSES: dict[str, tuple[Callable[[Bodies, str], Floats], Callable[[Bodies], Integ
     "fingers together": (closed_fingers, fingers),
     "lips": (closed_lips, lips),
 }
+ALL_POSES = {"feet together": (feet_together, arms_and_legs), **POSES}
 
 
 def _trunk(bodies: Bodies) -> Booleans:

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import SKIN, Case, Rig
-from benchmarks.everywhere.measures import is_wrong, measure, measure_binding, torn_edges, wrong_limb
+from benchmarks.everywhere.measures import WRONG_PLACE, is_wrong, measure, measure_binding, torn_edges, wrong_limb
 from zoomout_core.samples import grids
 
 ROWS, COLUMNS = 9, 41
@@ -33,8 +33,18 @@ def image(case: Case, vertex: np.ndarray) -> zo.SurfaceMap:
 
 def test_the_true_map_is_right_everywhere(case: Case) -> None:
     figures = measure(case, image(case, np.arange(ROWS * COLUMNS)))
-    assert figures == {"part": 1.0, "lost": 0, "visible": 2, "limb": 0.0, "torn": 0.0}
+    assert figures == {"part": 1.0, "lost": 0, "visible": 2, "limb": 0.0, "torn": 0.0, "off": None}
     assert not is_wrong(figures)
+
+
+def test_a_map_that_is_far_off_is_wrong_as_a_whole(case: Case) -> None:
+    places = np.arange(ROWS * COLUMNS)
+    known = replace(case, image=np.where(places % 2 == 0, places, -1))
+    right, reversed_map = (measure(known, image(known, vertex)) for vertex in (places, places[::-1]))
+    assert right["off"] == 0
+    assert not is_wrong(right)
+    assert reversed_map["off"] > WRONG_PLACE
+    assert is_wrong(reversed_map | {"part": None, "limb": None})
 
 
 def test_a_part_that_lands_elsewhere_is_lost(case: Case) -> None:
