@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of detail: decimated meshes of an asset, each of which receives all data from the asset itself.
+"""Levels of detail: simplified meshes of an asset, each with all data of the asset itself.
 
-Each vertex of a level takes its data from the asset's surface near the vertices that were merged into it, so nothing
-is taken from another layer, such as from a body below clothes.
+Each vertex of a level is one of the asset's, with its weights, morph targets and texture coordinates. Seams and borders
+of materials stay in place, and vertices where the mesh bends in its poses. Then the positions are fitted to the asset.
 """
 
 from __future__ import annotations
@@ -16,23 +16,32 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
-from zoomout_core.assets.transfer_asset import KINDS, transfer_asset
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, on_corners
+from zoomout_core.assets.fit_level import fit_level
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
-from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
+from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.transfer.cut_mesh import cut_surface
-from zoomout_core.transfer.groups import first_of_each
+from zoomout_core.transfer.attribute import Attribute, Domain
+from zoomout_core.transfer.groups import expand_ranges, first_of_each
 from zoomout_core.transfer.poses import distinct_poses, extreme_poses
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.weights import limit_weights
 
+# Differences of weights that are rounding.
+SAME_WEIGHT = 1e-9
+# Share of the largest offset of all morph targets from which a vertex counts as moved, and the most poses of them.
+MOVED, MAX_KEY_POSES = 0.02, 6
+# Digits of texture coordinates; smaller differences are rounding.
+UV_DIGITS = 5
+# Vertices of a level, relative to those wanted, from which a note says why.
+MORE = 1.1
 # Levels with fewer vertices than this have no faces to speak of.
 MIN_VERTICES = 12
 
@@ -60,7 +69,7 @@ class Level:
 
 @memory_in_words
 def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = None) -> list[Level]:
-    """Decimate an asset, and transfer its data to each of the levels.
+    """Simplify an asset for each of several levels.
 
     Args:
         asset: the asset, which is level 0.
@@ -68,7 +77,7 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
         max_weights: how many joints a vertex may have; as many as on the asset, when not given.
 
     Returns:
-        The further levels. Their vertices are in the rest pose, as one mesh, which the asset's joints move.
+        The further levels, whose meshes are on the nodes of the asset's.
 
     Raises:
         MeshError: a ratio leaves too few vertices, or is not between 0 and 1.
@@ -136,40 +145,187 @@ def at_rest(asset: Asset) -> Asset:
 
 def _level(asset: Asset, source: Asset, ratio: float, max_weights: int | None) -> Level:
     """A level of an asset, whose state at rest is `source`."""
-    surface, match = _decimate_surface(source.surface, ratio)
-    made = transfer_asset(source, Asset(surface), match, KINDS, "keep shape", max_weights=max_weights)
-    level = replace(made.asset, document=asset.document, nodes=())
-    errors = errors_of_level(source, level, match.surface_map)
-    return Level(level, match, made.notes, *errors)
+    poses = _Poses(source)
+    alive, corners = _simplify(source, poses, ratio)
+    level, used = _select(asset, alive, corners)
+    if max_weights is not None:
+        level = with_fewer_weights(level, max_weights)
+    level = _fit(source, level, used, poses)
+    found = _map_of(asset.surface, used)
+    match = SimpleNamespace(surface_map=found, confidence=np.ones(len(used)), has_partner=None)
+    notes = [*asset.notes]
+    wanted, count = round(ratio * len(source.surface.working.vertices)), len(level.surface.working.vertices)
+    if count > MORE * wanted:
+        notes.append(
+            message(
+                "The level has {count} vertices instead of {wanted}, because its borders and parts would be lost.",
+                count=count,
+                wanted=wanted,
+            )
+        )
+    return Level(level, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
 
 
-def _decimate_surface(surface: Surface, ratio: float) -> tuple[Surface, Any]:
-    """A surface with a share of the vertices, and the map of its vertices to the surface, as a `Match`."""
-    working = surface.working
-    points, triangles, merged = decimate(
-        working.vertices, working.oriented_triangles, round(ratio * len(working.vertices)), careful=True
+class _Poses:
+    """The poses in which a level is to be like its asset: the joints turned to extremes, and the morph targets.
+
+    Args:
+        source: the asset at rest.
+    """
+
+    def __init__(self, source: Asset) -> None:
+        self.joints = np.zeros((0, 0, 3, 4)) if source.skin is None else joint_poses(source)
+        self.keys = list[Floats]()
+        attribute = source.find(SHAPE_KEYS)
+        if attribute is not None:
+            self.keys = _group_keys(np.asarray(attribute.values))
+
+    def motions(self, asset: Asset, rows: Integers) -> list[Floats]:
+        """(k, 3, 4) transforms of vertices (k,) of the asset at rest in each pose.
+
+        Args:
+            asset: the asset at rest, or a level of it.
+            rows: the vertices of the asset at rest that its vertices are.
+        """
+        weights = [] if asset.skin is None else [csr_array(asset.skin.weights)]
+        found = [blend_matrices(pose, each) for each in weights for pose in self.joints]
+        for offsets in self.keys:
+            still = np.tile(np.eye(4)[:3], (len(rows), 1, 1))
+            still[:, :, 3] = offsets[rows]
+            found.append(still)
+        return found
+
+
+def joint_poses(source: Asset) -> Floats:
+    """(f, b, 3, 4) transforms of the joints of an asset at rest in the most different extreme poses."""
+    assert source.skin is not None
+    heads = np.linalg.pinv(source.skin.inverse_bind)[:, :3, 3]
+    return distinct_poses(extreme_poses(heads, source.skin.parents), heads)
+
+
+def _group_keys(offsets: Floats) -> list[Floats]:
+    """Sums (n, 3) of morph targets (n, keys, 3) that move different vertices, the largest first."""
+    size = np.linalg.norm(offsets, axis=2)
+    moves = size > MOVED * max(float(size.max(initial=0)), 1e-30)
+    sums, taken = list[Floats](), list[Booleans]()
+    for key in np.argsort(-size.sum(axis=0), kind="stable"):
+        if not moves[:, key].any():
+            continue
+        free = next((number for number, own in enumerate(taken) if not (own & moves[:, key]).any()), len(sums))
+        if free == MAX_KEY_POSES:
+            continue
+        if free == len(sums):
+            sums.append(np.zeros(offsets[:, 0].shape))
+            taken.append(np.zeros(len(offsets), dtype=bool))
+        sums[free] += offsets[:, key]
+        taken[free] |= moves[:, key]
+    return sums
+
+
+def _simplify(source: Asset, poses: _Poses, ratio: float) -> tuple[Integers, Integers]:
+    """The triangles of an asset at rest that a level keeps, and (m, 3) the corners whose data their corners have."""
+    surface = source.surface
+    _, first, of_vertex = np.unique(surface.vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
+    of_vertex = of_vertex.ravel()
+    rest = surface.vertices[first]
+    posed = [transform_points(each[first], rest) for each in poses.motions(source, np.arange(len(surface.vertices)))]
+    corners = surface.triangle_corners
+    textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
+    layers = [surface.triangles]  # vertices in one place, as of two meshes, or with other weights
+    materials = source.find(MATERIALS)
+    if materials is not None:
+        number = np.asarray(materials.values)[surface.triangle_face]
+        layers.insert(0, np.repeat(number[:, None], 3, axis=1))
+    for texture in reversed(textures):
+        values = np.round(on_corners(texture, surface), UV_DIGITS)
+        layers.insert(0, np.unique(values, axis=0, return_inverse=True)[1].ravel()[corners])
+    alive, kept = simplify(
+        np.array([rest, *posed]),
+        of_vertex[surface.triangles],
+        layers,
+        round(ratio * len(surface.working.vertices)),
+        mirror_pairs(rest),
+        on_corners(textures[0], surface)[corners] if textures else None,
     )
-    used, corners = np.unique(triangles, return_inverse=True)
-    points = points[used] * working.scale + working.origin
-    nearest = _nearest_of_merged(working.vertices * working.scale + working.origin, points, used, merged)
-    of_vertex = np.empty(len(working.vertices), dtype=np.int64)
-    of_vertex[working.triangles.ravel()] = np.repeat(working.triangle_of, 3)
-    start = of_vertex[nearest]
-    whole = cut_surface(surface, np.zeros((len(surface.corner_vertex), 1)))
-    triangle, barycentric, _ = whole.walk(start, points)
-    found = SurfaceMap(triangle, barycentric, surface.triangles)
-    match = SimpleNamespace(surface_map=found, confidence=np.ones(len(points)), has_partner=None)
-    return Surface(points, corners.reshape(-1, 3)), match
+    return alive, corners.ravel()[kept]
 
 
-def _nearest_of_merged(vertices: Floats, points: Floats, used: Integers, merged: Integers) -> Integers:
-    """(v,) for each point (v, 3), which has a number (v,), the nearest of the vertices (n, 3) merged (n,) into it."""
-    place = np.full(int(max(used.max(), merged.max())) + 1, -1)
-    place[used] = np.arange(len(used))
-    owner = place[merged]
-    member = np.flatnonzero(owner >= 0)
-    off = np.linalg.norm(vertices[member] - points[owner[member]], axis=1)
-    return np.asarray(member[first_of_each(owner[member], off)])
+def _select(asset: Asset, alive: Integers, corners: Integers) -> tuple[Asset, Integers]:
+    """The part of an asset that a level keeps, and (k,) the vertices of the asset that it has.
+
+    Args:
+        asset: the asset.
+        alive: (m,) numbers of triangles, for the data of faces.
+        corners: (m, 3) the corners of the asset whose data the triangles' corners have.
+    """
+    surface = asset.surface
+    used, triangles = np.unique(surface.corner_vertex[corners], return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    made = Surface(surface.vertices[used], triangles)
+    elements = {Domain.POINT: used, Domain.CORNER: corners.ravel(), Domain.FACE: surface.triangle_face[alive]}
+    attributes = [
+        replace(each, values=np.asarray(each.values)[elements[each.domain]])
+        for each in asset.attributes
+        if each.domain in elements
+    ]
+    normals = asset.find(NORMALS)
+    if normals is not None:
+        facing = _facing_normals(normals, surface, made, used)
+        attributes = [replace(each, values=facing) if each.name == NORMALS else each for each in attributes]
+    skin = asset.skin
+    if skin is not None:
+        skin = replace(skin, rest=skin.rest[used], linear=skin.linear[used], weights=csr_array(skin.weights)[used])
+    ends = np.cumsum([0, *(count for _, count in asset.objects)])
+    counts = np.diff(np.searchsorted(used, ends))
+    objects = tuple((name, int(count)) for (name, _), count in zip(asset.objects, counts, strict=True))
+    level = replace(asset, surface=made, attributes=tuple(attributes), skin=skin, objects=objects, stored_map=None)
+    return level, used
+
+
+def _facing_normals(normals: Attribute, surface: Surface, level: Surface, used: Integers) -> Floats:
+    """(c, 3) for each corner of a level the normal nearest to its face's, of those that its vertex has in the asset."""
+    values = on_corners(normals, surface)
+    order = np.argsort(surface.corner_vertex, kind="stable")
+    start = np.searchsorted(surface.corner_vertex[order], np.arange(len(surface.vertices) + 1))
+    vertex = used[level.triangles.ravel()]
+    of_corner, place = expand_ranges(start[vertex], start[vertex + 1])
+    choices = values[order[place]]
+    a, b, c = (level.vertices[level.triangles[:, corner]] for corner in range(3))
+    facing = np.repeat(np.cross(b - a, c - a), 3, axis=0)[of_corner]
+    return np.asarray(choices[first_of_each(of_corner, -np.einsum("kx,kx->k", choices, facing))])
+
+
+def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
+    """A level, moved so that it is close to the asset in all poses; vertices in one place stay together."""
+    surface = source.surface
+    rest = at_rest(level).surface.vertices
+    _, first, of_vertex = np.unique(rest.astype(np.float32), axis=0, return_index=True, return_inverse=True)
+    of_vertex = of_vertex.ravel()
+    points = np.unique(surface.triangles)
+    motions = poses.motions(level, used)
+    goals = [
+        transform_points(each[points], surface.vertices[points])
+        for each in poses.motions(source, np.arange(len(surface.vertices)))
+    ]
+    triangles = of_vertex[level.surface.triangles]
+    fitted = fit_level(rest[first], triangles, [each[first] for each in motions], surface.vertices[points], goals)
+    pairs = mirror_pairs(rest[first])
+    if pairs is not None:
+        fitted = mirror_moves(rest[first], fitted, pairs)
+    moved = fitted[of_vertex]
+    if level.skin is None:
+        return replace(level, surface=level.surface.with_vertices(moved))
+    step = np.linalg.solve(level.skin.linear, (moved - rest)[:, :, None])[:, :, 0]
+    placed = level.surface.with_vertices(level.surface.vertices + step)
+    return replace(level, surface=placed, skin=replace(level.skin, rest=moved))
+
+
+def _map_of(surface: Surface, used: Integers) -> SurfaceMap:
+    """The map of a level's vertices (k,), each of which is a vertex of the surface."""
+    triangle = np.zeros(len(surface.vertices), dtype=np.int64)
+    triangle[surface.triangles.ravel()] = np.repeat(np.arange(len(surface.triangles)), 3)
+    barycentric = (surface.triangles[triangle[used]] == used[:, None]).astype(np.float64)
+    return SurfaceMap(triangle[used], barycentric, surface.triangles)
 
 
 def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[float, float | None, float | None]:
@@ -188,10 +344,13 @@ def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[flo
     own, exact = list[float](), list[float]()
     corners = found.source_triangles[found.triangle]
     mixed = interpolation_matrix(corners, found.barycentric, len(source.surface.vertices)) @ source.skin.weights
-    heads = np.linalg.pinv(source.skin.inverse_bind)[:, :3, 3]
-    for pose in distinct_poses(extreme_poses(heads, source.skin.parents), heads):
+    has_all = abs(csr_array(level.skin.weights) - mixed).max() < SAME_WEIGHT
+    for pose in joint_poses(source):
         moved = _pose(source.skin.rest, source.skin.weights, pose)[np.unique(source.surface.triangles)]
         for errors, weights in ((own, level.skin.weights), (exact, mixed)):
+            if errors is exact and has_all:
+                exact.append(own[-1])
+                continue
             posed = _pose(level.skin.rest, csr_array(weights), pose)
             errors.append(_mean_distance(moved, posed, level.surface.triangles) / extent)
     return at_rest, float(np.mean(own)), float(np.mean(exact))

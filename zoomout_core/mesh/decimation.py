@@ -7,7 +7,6 @@ that are closer than the result can resolve, one of each cluster stays.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from threading import Lock
 
 import fast_simplification
@@ -17,7 +16,6 @@ from scipy.sparse import coo_array
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.triangles import have_three_corners, triangle_areas
 from zoomout_core.runtime.progress import advance
-from zoomout_core.tuning import Tuning, tuned
 
 # The library keeps its mesh in global variables, so only one thread may use it at a time.
 DECIMATING = Lock()
@@ -32,35 +30,13 @@ INDEPENDENT_SET_ROUNDS = 8
 MAX_STAGE_VERTICES = 20_000
 
 
-# Aggressiveness that is fast enough for large meshes: the library's default.
-USUAL_AGGRESSIVENESS = 7
-
-
-@dataclass(frozen=True)
-class DecimationTuning(Tuning, set_by="production"):
-    """How carefully levels of detail are decimated.
-
-    Attributes:
-        aggressiveness: exponent by which the error that a collapse may have grows with the rounds of the library. At 7,
-            the mean error of levels is 1.4 to 2.4 times that at 3; at 1, decimation ends too early.
-    """
-
-    aggressiveness: int = tuned(3, "1", 1, 7)
-
-
-DECIMATION = DecimationTuning()
-
-
-def decimate(
-    vertices: Floats, triangles: Integers, count: int, careful: bool = False
-) -> tuple[Floats, Integers, Integers]:
+def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
     """Reduce a mesh of consistently wound triangles (m, 3) on vertices (n, 3) to about `count` vertices.
 
     Args:
         vertices: positions.
         triangles: vertex numbers.
         count: number of vertices of the result.
-        careful: whether the result is shown to users: then large meshes are not thinned, and the error is smaller.
 
     Returns:
         (n', 3) positions and (m', 3) triangles of the result, and (n,) the vertex that each was merged into.
@@ -70,7 +46,7 @@ def decimate(
     close = MIN_EDGE * np.sqrt(area / count)
     most = len(vertices)
     random = np.random.default_rng(0)
-    while len(vertices) > MAX_STAGE_VERTICES and not careful:
+    while len(vertices) > MAX_STAGE_VERTICES:
         into = _thin(vertices, triangles, close, random, _progress(most, len(vertices), count))
         is_kept = np.zeros(len(vertices), dtype=bool)
         is_kept[into] = True
@@ -83,7 +59,7 @@ def decimate(
         advance(_progress(most, len(vertices), count))
     while 2 * count < len(triangles):
         stage = max(count, min(len(vertices) - MAX_STAGE_VERTICES, len(vertices) // 2))
-        points, triangles, into = _simplify(vertices, triangles, stage, careful)
+        points, triangles, into = _simplify(vertices, triangles, stage)
         merged = into[merged]
         finished = stage == count or len(points) > MAX_REMAINING_SHARE * len(vertices)
         vertices = points
@@ -98,12 +74,11 @@ def _progress(most: int, left: int, count: int) -> float:
     return float(np.clip(np.log(most / left) / max(np.log(most / count), 1e-9), 0, 1))
 
 
-def _simplify(vertices: Floats, triangles: Integers, count: int, careful: bool) -> tuple[Floats, Integers, Integers]:
+def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
     """Decimate by quadric error in one step."""
-    aggressiveness = DECIMATION.aggressiveness if careful else USUAL_AGGRESSIVENESS
     with DECIMATING:
         points, fewer, collapses = fast_simplification.simplify(
-            vertices, triangles, target_count=2 * count, agg=aggressiveness, return_collapses=True
+            vertices, triangles, target_count=2 * count, return_collapses=True
         )
         # Use only the vertex mapping of the replay: a few of its points are far off.
         *_, merged = fast_simplification.replay_simplification(vertices, triangles, collapses)

@@ -233,4 +233,4 @@ def test_a_compressed_level_can_be_updated(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, [*update, "-o", str(tmp_path / "out.glb"), "--compress", "meshopt"])
     assert result.exit_code == 0, result.output
     before, after = (np.asarray(read_asset(path).find(SHAPE_KEYS).values) for path in (level, tmp_path / "out.glb"))
-    assert np.abs(after - 2 * before).max() < 1e-3
+    assert np.abs(after - 2 * before).max() < 5e-3

@@ -11,16 +11,20 @@ import pytest
 from click.testing import CliRunner
 from creatures import creature
 from scipy.sparse import csr_array
+from scipy.spatial import ConvexHull
 from skinned_tubes import LENGTH, write_tube
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.lods import make_lods, with_fewer_weights
+from zoomout_core.assets.fit_level import LEVEL_FIT
+from zoomout_core.assets.lods import Level, at_rest, make_lods, with_fewer_weights
 from zoomout_core.cli import main
-from zoomout_core.mesh.decimation import DECIMATION
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.mirror_pairs import mirror_pairs
+from zoomout_core.mesh.simplify import SIMPLIFICATION
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.tuning import retune
+from zoomout_core.tuning import Tuning, retune
 
 RATIOS = (0.5, 0.2)
 
@@ -65,11 +69,101 @@ def test_levels_move_like_the_mesh(folder: Path) -> None:
         assert level["posed_error"] < 1.2 * level["posed_geometry_error"]
 
 
-def test_careful_decimation_reduces_the_error(folder: Path) -> None:
-    source = read_asset(folder / "character.glb")
-    error = make_lods(source, [0.2])[0].rest_error
-    with retune(DECIMATION, aggressiveness=7):
-        assert error < 0.8 * make_lods(source, [0.2])[0].rest_error
+@pytest.mark.parametrize(
+    ("stage", "change", "factor"),
+    [
+        (SIMPLIFICATION, {"poses": 0.0}, 1.05),
+        (LEVEL_FIT, {"rounds": 0}, 1.5),
+        (LEVEL_FIT, {"poses": 0.0}, 1.01),
+        (LEVEL_FIT, {"slip": 100.0}, 1.05),
+    ],
+    ids=["simplified at rest only", "not fitted", "fitted at rest only", "moved along normals only"],
+)
+def test_each_part_reduces_the_error_in_poses(folder: Path, stage: Tuning, change: dict, factor: float) -> None:
+    source = read_asset(folder / "levels" / "character_LOD2.glb")  # few vertices are fast
+    error = make_lods(source, [0.4])[0].posed_error
+    with retune(stage, **change):
+        assert make_lods(source, [0.4])[0].posed_error > factor * error
+
+
+def test_textures_do_not_slip(folder: Path) -> None:
+    source = at_rest(read_asset(folder / "levels" / "character_LOD2.glb"))
+
+    def slip() -> float:
+        """How far a level's texture coordinates are, on average, from those of the asset at the same place."""
+        level = make_lods(source, [0.4])[0].asset
+        surfaces = [each.surface for each in (source, level)]
+        charts = [each.find("uv 0").values[each.surface.triangle_corners] for each in (source, level)]
+        middle = surfaces[0].vertices[surfaces[0].triangles].mean(axis=1)
+        triangle, barycentric = closest_points(middle, surfaces[1].vertices, surfaces[1].triangles)
+        found = np.einsum("nk,nkx->nx", barycentric, charts[1][triangle])
+        return float(np.median(np.linalg.norm(found - charts[0].mean(axis=1), axis=1)))
+
+    own = slip()
+    with retune(LEVEL_FIT, slip=0.0):
+        assert slip() > 1.5 * own
+
+
+def test_seams_and_borders_of_materials_stay_on_those_of_the_mesh(folder: Path) -> None:
+    source = read_asset(folder / "levels" / "character_LOD2.glb")
+    made = make_lods(source, [0.4])[0]
+    corners = [
+        {tuple(row) for row in np.column_stack([vertex, uv])}
+        for vertex, uv in (
+            (source.surface.corner_vertex, source.find("uv 0").values),
+            (vertices_of(made)[made.asset.surface.corner_vertex], made.asset.find("uv 0").values),
+        )
+    ]
+    assert corners[1] <= corners[0]
+    seams = [several(rows) for rows in corners]
+    assert seams[1] <= seams[0]
+    assert len(seams[1]) > 20
+    borders = [
+        several(set(zip(vertex, np.repeat(asset.find("materials").values, 3), strict=True)))
+        for asset, vertex in (
+            (source, source.surface.corner_vertex),
+            (made.asset, vertices_of(made)[made.asset.surface.corner_vertex]),
+        )
+    ]
+    assert borders[1] <= borders[0]
+    assert len(borders[1]) > 10
+
+
+def vertices_of(level: Level) -> np.ndarray:
+    """(n,) the vertex of the asset that each vertex of a level is."""
+    found = level.match.surface_map
+    at = found.barycentric.argmax(axis=1)
+    return np.asarray(found.source_triangles[found.triangle, at])
+
+
+def several(rows: set[tuple]) -> set[int]:
+    """The vertices, first in each row, of several rows."""
+    vertex, count = np.unique([row[0] for row in rows], return_counts=True)
+    return set(vertex[count > 1].tolist())
+
+
+def test_symmetric_meshes_stay_symmetric() -> None:
+    half = creature(1500).surface.vertices * [1, 0.5, 0.7]
+    points = half[half[:, 0] > 0.02]
+    plane = np.column_stack([np.zeros(60), np.random.default_rng(0).normal(size=(60, 2))])
+    directions = np.concatenate([points, points * [-1, 1, 1], plane])
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    stretched = directions * [1.0, 0.6, 0.8] * (1 + 0.3 * directions[:, 1:2] ** 2)
+    surface = zo.Surface(stretched, ConvexHull(directions).simplices)
+    level = make_lods(Asset(surface), [0.3])[0].asset.surface
+    pairs = mirror_pairs(level.vertices)
+    assert pairs is not None
+    assert (pairs >= 0).mean() > 0.95
+
+
+def test_meshes_stay_on_their_nodes_and_each_keeps_faces(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb")
+    source = read_asset(tmp_path / "tube.glb")
+    made = make_lods(source, [0.4])[0].asset
+    assert [name for name, _ in made.objects] == [name for name, _ in source.objects]
+    assert made.nodes == source.nodes
+    write_asset(made, tmp_path / "level.glb")
+    assert read_asset(tmp_path / "level.glb").nodes == source.nodes
 
 
 def test_levels_can_be_updated(folder: Path, tmp_path: Path) -> None:

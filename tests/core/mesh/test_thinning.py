@@ -43,11 +43,9 @@ def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
     given: list[np.ndarray] = []
     plain = decimation._simplify
 
-    def watched(
-        vertices: np.ndarray, triangles: np.ndarray, count: int, careful: bool
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def watched(vertices: np.ndarray, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         given.append(vertices)
-        return plain(vertices, triangles, count, careful)
+        return plain(vertices, triangles, count)
 
     monkeypatch.setattr(decimation, "_simplify", watched)
     dense, triangles = plane(60)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simplified meshes keep borders, seams, charts and topology."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
+from zoomout_core.mesh.simplify import SIMPLIFICATION, simplify
+from zoomout_core.samples.grids import grid_faces, triangles_of
+from zoomout_core.tuning import retune
+
+SIDE = 20
+
+
+def wavy_grid() -> tuple[np.ndarray, np.ndarray]:
+    """A wavy square with its triangles."""
+    x, y = np.meshgrid(np.linspace(0, 1, SIDE + 1), np.linspace(0, 1, SIDE + 1), indexing="ij")
+    height = 0.1 * np.sin(6 * x) * np.cos(5 * y)
+    return np.stack([x, y, height], axis=2).reshape(-1, 3), triangles_of(grid_faces(SIDE, SIDE))
+
+
+def edges_of(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    return np.unique(sides, axis=0, return_counts=True)
+
+
+def on_border(points: np.ndarray) -> np.ndarray:
+    return ((points[:, :2] < 1e-9) | (points[:, :2] > 1 - 1e-9)).any(axis=1)
+
+
+def test_the_wanted_number_of_vertices_is_left_as_a_manifold_with_the_same_border() -> None:
+    points, triangles = wavy_grid()
+    alive, corners = simplify(points[None], triangles, [], 60)
+    made = triangles.ravel()[corners]
+    assert abs(len(np.unique(made)) - 60) <= 1
+    edges, count = edges_of(made)
+    assert count.max() == 2
+    assert len(np.unique(made)) - len(edges) + len(made) == 1  # still a disk
+    border = np.unique(edges[count == 1])
+    assert on_border(points[border]).all()
+    assert len(np.unique(alive)) == len(alive)
+    corner = {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    assert corner <= {tuple(row) for row in points[border][:, :2]}
+
+
+def test_a_seam_stays_a_line_of_the_mesh_and_triangles_of_the_chart_are_not_turned_over() -> None:
+    points, triangles = wavy_grid()
+    middle = points[triangles].mean(axis=1)
+    side = (middle[:, 0] > 0.5).astype(int)  # two charts, with a seam in the middle
+    layer = np.repeat(side[:, None], 3, axis=1)
+    chart = points[triangles][:, :, :2] * [1, 1] + 2 * side[:, None, None]
+    _, corners = simplify(points[None], triangles, [layer], 60, chart=chart)
+    made, label = triangles.ravel()[corners], layer.ravel()[corners]
+    assert (label == label[:, :1]).all()
+    both = np.intersect1d(made[label[:, 0] == 0], made[label[:, 0] == 1])
+    np.testing.assert_allclose(points[both, 0], 0.5, atol=1e-9)
+    assert len(both) >= 3
+    flat = chart.reshape(-1, 2)[corners]
+    assert (np.linalg.det(flat[:, 1:] - flat[:, :1]) * np.linalg.det(chart[0, 1:] - chart[0, :1]) > 0).all()
+
+
+def test_layers_are_ignored_from_the_last_on_if_too_many_vertices_are_left() -> None:
+    points, triangles = wavy_grid()
+    every_face = np.repeat(np.arange(len(triangles))[:, None], 3, axis=1)
+    middle = points[triangles].mean(axis=1)
+    halves = np.repeat((middle[:, :1] > 0.5).astype(int), 3, axis=1)
+    _, corners = simplify(points[None], triangles, [halves, every_face], 60)
+    assert abs(len(np.unique(triangles.ravel()[corners])) - 60) <= 1
+    label = halves.ravel()[corners]
+    assert (label == label[:, :1]).all()
+
+
+def test_more_vertices_stay_where_a_mesh_bends() -> None:
+    points, triangles = wavy_grid()
+    points[:, 2] = 0
+    bent = points.copy()
+    bent[:, 2] = 0.2 * np.cos(40 * points[:, 0]) * (points[:, 0] < 0.3)
+    shares = []
+    for weight in (0.0, SIMPLIFICATION.poses):
+        with retune(SIMPLIFICATION, poses=weight):
+            _, corners = simplify(np.array([points, bent]), triangles, [], 100)
+        kept = np.unique(triangles.ravel()[corners])
+        shares.append((points[kept, 0] < 0.35).mean())
+    assert shares[1] > shares[0] + 0.05
+
+
+def test_lines_keep_their_form() -> None:
+    points, triangles = wavy_grid()
+    points[:, 2] = 0
+    points[:, 1] += 0.1 * np.sin(7 * points[:, 0])  # flat, with a wavy border
+    areas = []
+    for weight in (0.0, SIMPLIFICATION.lines):
+        with retune(SIMPLIFICATION, lines=weight):
+            _, corners = simplify(points[None], triangles, [], 60)
+        made = points[triangles.ravel()[corners]]
+        areas.append(np.abs(np.linalg.det(made[:, 1:, :2] - made[:, :1, :2])).sum() / 2)
+    whole = np.abs(np.linalg.det(points[triangles][:, 1:, :2] - points[triangles][:, :1, :2])).sum() / 2
+    assert abs(areas[1] - whole) < 0.5 * abs(areas[0] - whole)
+
+
+def test_mirror_images_stay_together() -> None:
+    points, triangles = wavy_grid()
+    points[:, 2] = 0.1 * np.cos(9 * (points[:, 0] - 0.5)) * np.cos(5 * points[:, 1])
+    pairs = mirror_pairs(points)
+    assert pairs is not None
+    np.testing.assert_allclose(points[pairs], points * [-1, 1, 1] + [1, 0, 0], atol=1e-9)
+    _, corners = simplify(points[None], triangles, [], 100, pairs)
+    kept = np.unique(triangles.ravel()[corners])
+    assert np.isin(pairs[kept], kept).mean() > 0.97
+    assert mirror_pairs(np.random.default_rng(0).random((50, 3))) is None
+    moved = points + np.random.default_rng(1).normal(size=points.shape)
+    even = mirror_moves(points, moved, pairs) - points
+    np.testing.assert_allclose(even[pairs], even * [-1, 1, 1], atol=1e-12)
