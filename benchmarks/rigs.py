@@ -118,7 +118,9 @@ def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, 
     moved = zo.move_rig(match, source, case.target.surface, joints, parents).positions
     yield PRODUCT, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
-    moved = place_joints(source.vertices, case.same.surface.vertices, unit, joints, parents).positions
+    moved = place_joints(
+        source.vertices, case.same.surface.vertices, source.vertex_areas, unit, joints, parents
+    ).positions
     yield BY_TRUE_MAP, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
     yield AROUND, _around(case, match, bones.heads), process_time() - begin
@@ -167,13 +169,9 @@ def _figures(case: _Case, joints: Floats, weights: csr_array, of_truth: list[Flo
     )
     feet = percent * max(abs(each[:, 1].min() - true[:, 1].min()) for each, true in zip(found, truth, strict=True))
     hand, face = (np.array([name.startswith(part) for name in case.source.bones.names]) for part in (FINGERS, FACE))
-    figures = {
-        **_spread("", errors),
-        **_spread("body ", errors[~hand & ~face]),
-        **_spread("fingers ", errors[hand]),
-        **_spread("face ", errors[face]),
-    }
-    return figures | {"posed": off, "posed, true joints": best, "ratio": off / best, "feet": feet, "errors": errors}
+    groups = {"": errors, "body ": errors[~hand & ~face], "fingers ": errors[hand], "face ": errors[face]}
+    figures = {name: value for group, each in groups.items() for name, value in _spread(group, each).items()}
+    return figures | {"posed": off, "posed, true joints": best, "ratio": off / best, "feet": feet, "errors": groups}
 
 
 def _mean_distance(found: Floats, truth: Floats, areas: Floats) -> float:
@@ -193,11 +191,11 @@ def _rows(records: list[Record]) -> list[Record]:
     for kind, method in dict.fromkeys((record["kind"], record["method"]) for record in records):
         chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
         row: Record = {"kind": kind, "method": method, "pairs": len(chosen)}
-        row |= _spread("", np.concatenate([record["errors"] for record in chosen]))
-        groups = [f"{part} {figure}" for part in ("body", "fingers", "face") for figure in ("median", "95 %")]
-        rows.append(row | {name: over(np.mean, chosen, name) for name in (*groups, "posed", "ratio", "feet", "s")})
+        for group in chosen[0]["errors"]:
+            row |= _spread(group, np.concatenate([record["errors"][group] for record in chosen]))
+        rows.append(row | {name: over(np.mean, chosen, name) for name in ("posed", "ratio", "feet", "s")})
     return rows
 
 
 def _without_arrays(record: Record) -> Record:
-    return record | {"errors": record["errors"].tolist()}
+    return record | {"errors": record["errors"][""].tolist()}

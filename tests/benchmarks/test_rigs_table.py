@@ -14,11 +14,13 @@ from benchmarks.tables import NOT_SHOWN
 
 def test_rows_join_the_errors_of_all_pairs() -> None:
     one = {"kind": rigs.JUDGED, "method": rigs.BOX, "posed": 1.0, "ratio": 2.0, "feet": 0.1, "s": 0.0}
-    one |= {f"{part} {figure}": 1.0 for part in ("body", "fingers", "face") for figure in ("median", "95 %")}
-    records = [one | {"errors": np.full(3, 1.0)}, one | {"errors": np.full(7, 2.0), "posed": 3.0}]
+    first = {"": np.full(3, 1.0), "body ": np.full(1, 1.0)}
+    second = {"": np.full(7, 2.0), "body ": np.full(4, 5.0)}
+    records = [one | {"errors": first}, one | {"errors": second, "posed": 3.0}]
     (row,) = rigs._rows(records)
     assert row["pairs"] == 2
     assert row["median"] == 2.0
+    assert row["body median"] == 5.0
     assert row["posed"] == 2.0
 
 

@@ -169,9 +169,9 @@ def collection(
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
         elif template is None:
             choice = {"neighbours": neighbours or NEIGHBOURS}
-        if not resume:
-            _forget(output, names)
         with _engine(scheduler, workers, retries, len(files)) as engine:
+            if not resume:
+                _forget(output, names)
             how = {
                 **choice,
                 "options": MatchOptions(**resolve_detail(partial=partial, **accuracy)),

@@ -98,13 +98,13 @@ def outfits(
         check_output(output / REPORT if output.is_dir() else output)
         dressed, naked = meshes_of_all([outfits], ENDINGS), meshes_of_all(avatars, ENDINGS)
         check_inputs_outside(inputs_of(*dressed, *naked), output, REPLACED)
-        if not resume:
-            _forget(output)
         if workers is None:
             workers = min(usable_cores(), len(dressed) + len(naked)) if has_dask() else 1
         check_compression("avatar.glb", compression)
         options = MatchOptions(**resolve_detail(**accuracy))
         with local_engine(workers, 0) as engine, progress_bar():
+            if not resume:
+                _forget(output)
             fitting = Fitting(body, stiffness, gap, force, compression)
             result = dress_all(dressed, naked, output, fitting, options, cache=output / CACHE, engine=engine)
         remove_shapes(output / CACHE)

@@ -15,8 +15,8 @@ from typing import Any
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import Body
 from zoomout_core.runtime.array_files import read_arrays, write_arrays
-from zoomout_core.runtime.input_files import read_whole
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.input_files import read_whole, reason_of
+from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 from zoomout_core.runtime.version import package_version
 
 # To be raised when bodies are computed or stored differently.
@@ -76,6 +76,21 @@ class Index:
             if STORED.fullmatch(path.name) and path not in used:
                 with suppress(OSError):  # another process removed it, or reads it just now
                     path.unlink()
+
+    def check(self) -> None:
+        """Check, before the work begins, that the index can be written.
+
+        Raises:
+            OutputError: its folder cannot be created or written to.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"The index {self._folder} cannot be created ({reason_of(error)}): choose another folder for it with "
+                "--index."
+            ) from error
+        check_output(self._folder / LIST)
 
     def load(self, key: str) -> dict[str, Body] | None:
         """The bodies that are stored under a key, by kind; None if they are missing or damaged."""

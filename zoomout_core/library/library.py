@@ -88,6 +88,7 @@ class Library:
         Raises:
             OutputError: the index cannot be written.
         """
+        self._index.check()
         known, files = self._index.read_list(), list(self._files())
         listed: dict[str, Listed] = {}
         failures: dict[Path, str] = {}

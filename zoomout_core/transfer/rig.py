@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Move the joints of a rig into a body of another build.
 
-Each joint first moves with the surface around it, so that it keeps its place in the cross-section. A joint deep inside
-is known less precisely than one below the skin, so the final positions solve a least squares problem: joints stay near
-their places, weighted by the inverse square of their depth; a joint between two bones keeps its place between their
-other ends (differential coordinates: Lipman et al., Differential coordinates for interactive mesh editing, 2004), which
-preserves ratios of lengths and the plane in which a chain bends; and bones keep their directions. If rig and result are
-symmetric, the result is made exactly symmetric.
+Each joint first moves with the surface around it, weighted by area and the inverse cube of the distance: near the
+middle of a body the whole cross-section counts, and no patch of skin alone. A joint deep inside is known less precisely
+than one below the skin, so the final positions solve a least squares problem: joints stay near their places, weighted
+by the inverse square of their depth; a joint between two bones keeps its place between their other ends (differential
+coordinates: Lipman et al., Differential coordinates for interactive mesh editing, 2004), which preserves ratios of
+lengths and the plane in which a chain bends; and bones keep their directions. If rig and result are symmetric, the
+result is made exactly symmetric.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rot
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.transfer.dressing.dress import shape_of_source
-from zoomout_core.transfer.dressing.joints import MovedJoints, motions_around
+from zoomout_core.transfer.dressing.joints import MovedJoints
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.tuning import Tuning, tuned
 
@@ -39,14 +40,16 @@ class RigTuning(Tuning, set_by="rigs"):
         shallow: the depth of joints closer to the surface than this.
         symmetric: largest distance of a joint from the mirror image of its partner, relative to the root mean square
             distance of joints from their mean, for both to count as symmetric.
+        falloff: power of the distance from a joint by which the weight of the surface around it falls.
         coarse: number of vertices below which a target is too coarse to give the source its shape; then joints follow
             the images of the target's vertices.
     """
 
     between: float = tuned(16.0, "1", 0, 1e6)
     along: float = tuned(1.0, "1", 0, 1e6)
-    shallow: float = tuned(0.004, "at unit area", 1e-6, 1)
+    shallow: float = tuned(0.001, "at unit area", 1e-6, 1)
     symmetric: float = tuned(0.03, "1", 0, 1)
+    falloff: float = tuned(3.0, "1", 1, 12)
     coarse: float = tuned(0.5, "of the source's vertices", 0, 1)
 
 
@@ -93,12 +96,11 @@ def move_rig(
     """
     source, target = as_surface(source), as_surface(target)
     places, above = check_joints(joints, parents)
-    before, after = source.vertices, target.vertices
-    if len(after) < RIG.coarse * len(before):
-        before = map_target(result, source, target).points
-    else:
-        after = shape_of_source(result, source, target)
-    return place_joints(before, after, float(np.sqrt(source.area)), places, above)
+    if len(target.vertices) < RIG.coarse * len(source.vertices):
+        images = map_target(result, source, target).points
+        return place_joints(images, target.vertices, target.vertex_areas, float(np.sqrt(source.area)), places, above)
+    after = shape_of_source(result, source, target)
+    return place_joints(source.vertices, after, source.vertex_areas, float(np.sqrt(source.area)), places, above)
 
 
 def joints_of_bones(heads: Floats, tails: Floats, parents: Integers) -> tuple[Floats, Integers]:
@@ -168,12 +170,15 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     return places, above
 
 
-def place_joints(before: Floats, after: Floats, unit: float, joints: Floats, parents: Integers) -> MovedJoints:
+def place_joints(
+    before: Floats, after: Floats, areas: Floats, unit: float, joints: Floats, parents: Integers
+) -> MovedJoints:
     """Move joints (j, 3) with parents (j,) along with points of a surface, see `move_rig`.
 
     Args:
         before: (n, 3) points of the source's surface.
         after: (n, 3) the corresponding points of the target's.
+        areas: (n,) the area around each point.
         unit: the square root of the source's area.
         joints: joints of the source.
         parents: their parents, -1 for none.
@@ -186,10 +191,21 @@ def place_joints(before: Floats, after: Floats, unit: float, joints: Floats, par
     places = joints[first]
     edges = np.column_stack([number[parents[parents >= 0]], number[parents >= 0]])
     edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
-    motions = motions_around(before, after, places)
+    motions = _motions_around(before, after, areas, unit, places)
     depth = np.maximum(cKDTree(before).query(places)[0], RIG.shallow * unit)
     found, rotations = _make_symmetric(places, _solve(places, motions, depth, edges), motions.rotation, edges)
     return MovedJoints(found[number], _align(joints, found[number], parents, rotations[number]))
+
+
+def _motions_around(before: Floats, after: Floats, areas: Floats, unit: float, places: Floats) -> Similarities:
+    """(j,) the similarities of a surface around joints (j, 3), see `place_joints`."""
+    scale, rotation, translation = np.empty(len(places)), np.empty((len(places), 3, 3)), np.empty_like(places)
+    for number, place in enumerate(places):
+        squares = np.einsum("nx,nx->n", before - place, before - place) + (RIG.shallow * unit) ** 2
+        weights = areas * (squares.min() / squares) ** (RIG.falloff / 2)
+        motion = procrustes(before, after, weights)
+        scale[number], rotation[number], translation[number] = motion.scale, motion.rotation, motion.translation
+    return Similarities(scale, rotation, translation)
 
 
 def _solve(places: Floats, motions: Similarities, depth: Floats, edges: Integers) -> Floats:

@@ -21,6 +21,7 @@ from zoomout_core.library.descriptor import DESCRIPTOR, compare
 from zoomout_core.library.library import INDEX
 from zoomout_core.library.search import SEARCH
 from zoomout_core.mesh.files import write_shape
+from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.samples import creature, directions
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
@@ -193,6 +194,15 @@ def test_a_damaged_index_is_made_again(tmp_path: Path, target: zo.Surface, insta
         assert not list(library.assets())
         assert library.prepare().assets == 1
     assert len(list(library.assets())) == 1
+
+
+def test_a_folder_without_a_place_for_the_index_is_refused_before_the_work(
+    tmp_path: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_shape(target, tmp_path / "a.ply")
+    monkeypatch.setattr(library_module, "bodies_of", None)
+    with pytest.raises(OutputError, match=r"index .* cannot be created .*--index"):
+        zo.Library(tmp_path, tmp_path / "a.ply" / "index").prepare()
 
 
 def test_files_that_only_blender_reads_are_read_with_its_program(

@@ -68,3 +68,20 @@ def test_inputs_are_not_where_results_are(dolls: Path, tmp_path: Path) -> None:
     done = run(dolls / "dressed.glb", place / "naked.glb", "-o", tmp_path)
     assert done.exit_code == 1
     assert "is an input in a place of" in done.output
+
+
+def test_restart_keeps_earlier_results_if_no_engine_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record = tmp_path / "out" / "records" / "avatar" / "outfit.json"
+    record.parent.mkdir(parents=True)
+    record.write_text("{}")
+    for name in ("outfit.glb", "avatar.glb"):
+        (tmp_path / name).write_bytes(b"glTF")
+
+    def fail(*_: object) -> None:
+        raise OSError("No engine.")
+
+    monkeypatch.setattr("zoomout_core.cli.outfits_command.local_engine", fail)
+    files = [str(tmp_path / name) for name in ("outfit.glb", "avatar.glb")]
+    outcome = CliRunner().invoke(main, ["outfits", *files, "-o", str(tmp_path / "out"), "--restart"])
+    assert (outcome.exit_code, "No engine." in outcome.output) == (1, True)
+    assert record.exists()

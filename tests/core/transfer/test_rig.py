@@ -22,7 +22,7 @@ TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 
 def place_joints(body: zo.Surface, vertices: np.ndarray, joints: np.ndarray, parents: np.ndarray) -> zo.MovedJoints:
     """Move joints along with the vertices of a body."""
-    return place_among_points(body.vertices, vertices, float(np.sqrt(body.area)), joints, parents)
+    return place_among_points(body.vertices, vertices, body.vertex_areas, float(np.sqrt(body.area)), joints, parents)
 
 
 def bulge(points: np.ndarray, height: float, shift: float) -> np.ndarray:
@@ -106,6 +106,19 @@ def test_twist_bones_beside_a_chain_do_not_end_it() -> None:
     with retune(RIG, between=0.0):
         without = place_joints(LEG, slid, joints, parents).positions[1, 2]
     assert abs(with_twist - 3) < 0.8 * abs(without - 3)
+
+
+def test_a_joint_off_the_axis_follows_its_cross_section_more_than_the_nearest_skin() -> None:
+    joint = np.array([[0.5 * LEG.vertices[:, 0].max(), 0, 3.0]])
+    near = np.exp(-((LEG.vertices - [LEG.vertices[:, 0].max(), 0, 3.0]) ** 2).sum(axis=1) / 0.5)
+    swollen = LEG.vertices + np.outer(near, [1.0, 0, 0])
+
+    def aside() -> float:
+        return float((place_joints(LEG, swollen, joint, np.array([-1])).positions - joint)[0, 0])
+
+    with retune(RIG, falloff=12.0):
+        by_patch = aside()
+    assert 0 < aside() < 0.8 * by_patch
 
 
 def test_bones_keep_their_lengths_where_the_surface_is_noisy() -> None:
