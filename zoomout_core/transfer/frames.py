@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, diags_array
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
@@ -40,12 +41,15 @@ class FrameTuning(Tuning, set_by="transfer"):
             those of narrow ones, from which on the wide neighbourhood does not count in `steady_turns`.
         deviation: the same as a share of the size of the neighbourhood. Both were set on heads (`faces`) and posed
             bodies.
+        same_direction: rotation between two shapes up to which they face the same way, see `without_small_turn`. Shapes
+            of heads that do differ by .5 to 9.2 degrees.
     """
 
     smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)
     growth_rounds: int = tuned(4, "rounds", 0, 100)
     excess: float = tuned(1.5, "1", 0.1, 10)
     deviation: float = tuned(0.2, "1", 1e-6, 1)
+    same_direction: float = tuned(12.0, "degrees", 0, 90)
 
 
 FRAMES = FrameTuning()
@@ -59,6 +63,8 @@ MIN_TRUST = 1e-6
 DOUBTED_WEIGHT = 1e-3
 # Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
+# Multiple of the angle up to which shapes face the same way, from which on they do not.
+OTHER_DIRECTION = 1.5
 # A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
 FULL_SHARE = 2 / 3
 
@@ -122,7 +128,8 @@ class Frames:
         On another head, the differential of a map varies with the map's errors and the shapes of features, which must
         not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the similarity
         that fits a wide neighbourhood best counts where the map deviates from it by little, and by hardly more than
-        from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it.
+        from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it, without
+        a small turn.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         own = self.mapped.target.working.vertices[self.number]
@@ -135,9 +142,13 @@ class Frames:
 
         blend, share = size * self.turns, np.ones(len(own))
         most = np.array([1.0 if self.smoothing.weights @ side >= 0 else -1.0])
-        for means, sides in ((wide.smooth(moments), side), (self.smoothing.weights[None] @ moments, most)):
-            linear, deviation = _similarities(means, sides)
-            share = share * (side == sides) * _fitting(deviation, noise)
+        around, deviation = _similarities(wide.smooth(moments), side)
+        whole, deviation_of_whole = _similarities(self.smoothing.weights[None] @ moments, most)
+        for linear, sides, missed in (
+            (around, side, deviation),
+            (without_small_turn(whole[0])[None], most, deviation_of_whole),
+        ):
+            share = share * (side == sides) * _fitting(missed, noise)
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
@@ -190,6 +201,21 @@ class Frames:
         """The system T A + h^2 (L' + L") of trust, areas, the smoothing length and both stiffnesses."""
         stiffness = self.trusted_stiffness + self.doubted_stiffness
         return ScreenedSmoothing.of(self.trust * self.areas, stiffness, FRAMES.smoothing_length)
+
+
+def without_small_turn(linear: Floats) -> Floats:
+    """A similarity's linear part (3, 3) without its rotation, if that is small.
+
+    Two characters stand upright and face forward in their files. The best similarity between their shapes still rotates
+    by some degrees, for foreheads recede and necks bend, and so would the directions of all expressions.
+    """
+    scale = np.cbrt(np.linalg.det(linear))
+    if scale <= 0:  # a mirror image
+        return linear
+    rotation = Rotation.from_matrix(linear / scale)
+    angle = np.degrees(rotation.magnitude())
+    kept = np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1)
+    return np.asarray(scale * Rotation.from_rotvec(kept * rotation.as_rotvec()).as_matrix())
 
 
 def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:

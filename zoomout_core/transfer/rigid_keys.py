@@ -14,7 +14,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.frames import Frames, on_working_mesh
+from zoomout_core.transfer.frames import Frames, on_working_mesh, without_small_turn
 
 # A motion is rigid, or that of another part, up to this share of its length: the vertices of sculpted keys are rounded.
 TOLERANCE = 0.02
@@ -95,7 +95,7 @@ def _common_frame(partner: Integers, frames: Frames) -> Floats | None:
     side = 1.0 if np.sign(np.linalg.det(frames.steady_turns)).sum() >= 0 else -1.0
     together = procrustes(before, now, handedness=side)
     is_rigid = np.linalg.norm(together(before) - now) <= MAX_MISFIT * np.linalg.norm(offset)
-    return together.linear if is_rigid else None
+    return without_small_turn(together.linear) if is_rigid else None
 
 
 def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) -> list[_RigidParts]:

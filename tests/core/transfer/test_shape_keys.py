@@ -228,6 +228,29 @@ def test_errors_of_a_map_hardly_turn_keys(source: Sheet, straight: Sheet, monkey
     assert steady < 0.9 * error_on_bent(source, straight, surface_map, 1e-6)
 
 
+@pytest.mark.parametrize(("angle", "small"), [(8.0, True), (30.0, False)])
+def test_only_a_small_turn_between_alike_shapes_is_taken_for_a_difference_of_shape(
+    angle: float, small: bool, source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A head whose forehead recedes further looks like one that is turned; turned much further, it is.
+    turn = Rotation.from_rotvec([np.radians(angle), 0, 0]).as_matrix()
+    target = moved(straight.surface, straight.surface.vertices @ turn.T)
+    surface_map = true_map(source, *GRID, straight.parameters)
+    upright = offsets(straight.surface.vertices)
+
+    truth = upright if small else upright @ turn.T
+
+    def error() -> float:
+        values = carried(offsets(source.surface.vertices), surface_map, source.surface, target).values
+        return float(errors(values, truth).mean())
+
+    found = error()
+    assert found < 0.05
+    if small:
+        monkeypatch.setattr(frames, "FRAMES", replace(frames.FRAMES, same_direction=1e-3))
+        assert error() > 2 * found
+
+
 @pytest.mark.parametrize(
     ("number", "value", "size", "angle"), [("excess", 10.0, 0.0, 0.6), ("deviation", 1.0, 0.06, 1.2)]
 )
