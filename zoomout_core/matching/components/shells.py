@@ -17,12 +17,13 @@ import scipy
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.closest_points import closest_on_triangles, closest_points
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface, surface_samples
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
+from zoomout_core.matching.components.part_borders import straighten_borders
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, register_shells
 from zoomout_core.matching.components.similarity_field import SimilarityField
@@ -35,6 +36,9 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Points that are moved at once, which bounds the memory.
 AT_ONCE = 50_000
+# Samples of all parts, the nearest ones to a vertex among which another part may cover it, as a shirt covers a body,
+# and the cosine of the angle to its normal below which a sample is beside it, not above.
+COVERING_POINTS, COVERING_NEIGHBOURS, STRAIGHT_ABOVE = 40_000, 32, 0.7
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class ShellTuning(Tuning, set_by="characters"):
     max_cost: float = tuned(1.5, "1", 0, 10)  # maximum sum of these costs for a pair
     normal_weight: float = tuned(0.02, "at unit area", 0, 1)  # distance that a unit difference of normals counts as
     outside: float = tuned(0.02, "at unit area", 0, 1)  # a vertex nearer to the hull than this is on the outside
+    # A part covered by another one, as a body by clothes, must be nearer by this. Covered joints show in other poses.
+    cover: float = tuned(0.015, "at unit area", 0, 1)
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
     # Vertices in place that are nearer to a triangle lie on it, whichever side of it is outside.
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
@@ -97,6 +103,13 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     points, normals, around = _carry(motion, target.points, target.mesh.vertex_normals)
     of_source, of_target = _outside(source, pair.source_shape), _outside(target, pair.target_shape)
     image = _beneath(points, normals, source, of_source, of_target, in_place)
+    visible, may_lift = of_source & ~_covered(source, of_source), of_target & ~_covered(target, of_target)
+    if not in_place:
+        _uncover(image, points, normals, source, visible, may_lift)
+    among = np.flatnonzero(visible[source.mesh.triangles].any(axis=1) | in_place)
+    places = image.triangle, image.distance, points, normals
+    beside = straighten_borders(*places, of_target, among, source, target, SHELLS.normal_weight)
+    changed, image.triangle[changed], image.barycentric[changed], image.distance[changed] = beside
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
     has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
@@ -185,8 +198,26 @@ def _carry(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Fl
 
 
 def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
-    """(n,) which vertices of a surface's working mesh are on the outside."""
+    """(n,) which vertices of a surface's working mesh are near the hull."""
     return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < SHELLS.outside)
+
+
+def _covered(side: Side, outside: Booleans) -> Booleans:
+    """(n,) which of the vertices near the hull (n,) are below another part, as a body is below a shirt."""
+    component, triangles = side.mesh.component, side.mesh.triangles
+    covered = np.zeros(len(outside), dtype=bool)
+    if component.max() == 0:
+        return covered
+    samples, on = surface_samples(side.points, triangles, COVERING_POINTS)
+    own = np.flatnonzero(outside)
+    near = np.asarray(cKDTree(samples).query(side.points[own], COVERING_NEIGHBOURS)[1])
+    row, column = np.nonzero(component[triangles[on[near], 0]] != component[own, None])
+    a, b, c = (side.points[triangles[on[near[row, column]], i]] for i in range(3))
+    _, below = closest_on_triangles(side.points[own[row]], a, b, c)
+    depth = -np.einsum("qx,qx->q", below, side.mesh.vertex_normals[own[row]])
+    distance = np.linalg.norm(below, axis=1)
+    covered[own[row[(distance < SHELLS.outside) & (depth > STRAIGHT_ABOVE * distance)]]] = True
+    return covered
 
 
 def _beneath(
@@ -221,6 +252,27 @@ def _beneath(
     rest = look(rest, np.flatnonzero(outer), np.inf)
     look(rest, every, np.inf)
     return _Image(number, weights, distance)
+
+
+def _uncover(
+    image: _Image, points: Floats, normals: Floats, source: Side, visible: Booleans, may_lift: Booleans
+) -> None:
+    """Move images of vertices (n,) that may be lifted from covered parts to the visible ones above, in place.
+
+    Errors of the map are larger than the gap between a body and its clothes. The vertices are at `points` (n, 3) with
+    `normals` (n, 3); `visible` (n_s,) are the source's vertices that no part covers.
+    """
+    triangles = source.mesh.triangles
+    seen = visible[triangles].any(axis=1)
+    vertices, among = np.flatnonzero(may_lift & ~seen[image.triangle]), np.flatnonzero(seen)
+    if not len(vertices) or not len(among):
+        return
+    surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], SHELLS.normal_weight)
+    found, barycentric, apart = surface.closest(points[vertices], normals[vertices])
+    near = apart < image.distance[vertices] + SHELLS.cover
+    lifted = vertices[near]
+    image.triangle[lifted], image.barycentric[lifted] = among[found[near]], barycentric[near]
+    image.distance[lifted] = apart[near]
 
 
 def _pair_shells(

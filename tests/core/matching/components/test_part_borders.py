@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Borders between the parts that a target receives from are clean lines, and covered parts are not on the outside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.components.part_borders import PART_BORDERS, straighten_borders
+from zoomout_core.matching.components.parts import Side
+from zoomout_core.matching.components.shells import SHELLS, _covered, _Image, _uncover
+from zoomout_core.mesh.triangles import vertex_areas
+from zoomout_core.tuning import retune
+
+# The error of the map's places, at right angles to the sheets.
+NOISE = 5e-5
+
+
+def sheet(low: float, high: float, height: float = 0.0, side: int = 41) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a rectangle from `low` to `high`, of width one."""
+    x, y = np.meshgrid(np.linspace(low, high, side), np.linspace(0, 1, side), indexing="ij")
+    number = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1), triangles
+
+
+def both(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> zo.Surface:
+    return zo.Surface(np.vstack([one[0], other[0]]), np.vstack([one[1], other[1] + len(one[0])]))
+
+
+def side_of(surface: zo.Surface) -> Side:
+    mesh = surface.working
+    return Side(mesh, surface.vertices, vertex_areas(surface.vertices, mesh.triangles), np.zeros(0, dtype=np.int64))
+
+
+def strays(straightening: float) -> tuple[int, int]:
+    """The number of vertices that a noisy map sends to the wrong one of two overlapping parts: before, and after."""
+    source, target = side_of(both(sheet(0, 0.55), sheet(0.45, 1.0, NOISE))), side_of(zo.Surface(*sheet(0, 1)))
+    points = target.points + NOISE * np.random.default_rng(0).normal(0, 1, target.points.shape) * [0, 0, 1]
+    triangle, barycentric = closest_points(points, source.points, source.mesh.triangles)
+    corners = source.points[source.mesh.triangles[triangle]]
+    distance = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, corners) - points, axis=1)
+    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    every = np.ones(len(points), dtype=bool)
+    among = np.arange(len(source.mesh.triangles))
+    with retune(PART_BORDERS, straightening=straightening):
+        changed, onto, weights, apart = straighten_borders(
+            triangle, distance, points, normals, every, among, source, target, SHELLS.normal_weight
+        )
+    after = triangle.copy()
+    after[changed] = onto
+    assert np.allclose(weights.sum(axis=1), 1)
+    assert (apart < 5 * NOISE).all()
+    component = source.mesh.component[source.mesh.triangles[:, 0]]
+
+    def cut(part: np.ndarray) -> int:
+        edges = target.mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        return int((part[edges[:, 0]] != part[edges[:, 1]]).sum())
+
+    return cut(component[triangle]), cut(component[after])
+
+
+def test_parts_that_overlap_meet_in_a_short_line() -> None:
+    before, after = strays(PART_BORDERS.straightening)
+    assert after < 0.6 * before
+
+
+def test_without_a_cost_of_borders_each_vertex_keeps_the_nearest_part() -> None:
+    before, after = strays(1e-6)
+    assert after == before
+
+
+def test_a_shirt_covers_what_is_below_it() -> None:
+    surface = both(sheet(0, 1), sheet(0.3, 0.7, 0.01))
+    side = side_of(surface)
+    covered = _covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
+    x, is_body = surface.vertices[:, 0], surface.vertices[:, 2] == 0
+    assert not covered[~is_body].any()
+    assert covered[is_body & (np.abs(x - 0.5) < 0.19)].all()
+    assert not covered[is_body & (np.abs(x - 0.5) > 0.22)].any()
+
+
+def images_below_a_shirt(cover: float) -> np.ndarray:
+    """The parts that vertices of a body map to, which lie below a shirt: 0 for the body, 1 for the shirt."""
+    side = side_of(both(sheet(0, 1), sheet(0.3, 0.7, 0.005)))
+    component = side.mesh.component[side.mesh.triangles[:, 0]]
+    points = np.stack([np.linspace(0.35, 0.65, 20), np.full(20, 0.5), np.full(20, 0.001)], axis=1)
+    normals = np.tile([0.0, 0.0, 1.0], (20, 1))
+    below = np.flatnonzero(component == component[0])
+    triangle, barycentric = closest_points(points, side.points, side.mesh.triangles[below])
+    image = _Image(below[triangle], barycentric, np.full(20, 0.001))
+    every = np.ones(20, dtype=bool)
+    visible = ~_covered(side, np.ones(len(side.points), dtype=bool))
+    with retune(SHELLS, cover=cover):
+        _uncover(image, points, normals, side, visible, every)
+    return component[image.triangle] != component[0]
+
+
+def test_errors_of_a_map_do_not_reach_below_a_shirt() -> None:
+    assert images_below_a_shirt(SHELLS.cover).all()
+    assert not images_below_a_shirt(0.0).any()
