@@ -293,7 +293,7 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 @main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def production(json_file: Path | None) -> None:
-    """Live links beside the operator, and levels of detail beside those that Blender makes."""
+    """Live links beside the operator, levels of detail beside those that Blender makes, and compressed files."""
     from benchmarks import production as production_table  # it starts Blender
 
     report(production_table.run(), None, json_file)

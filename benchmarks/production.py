@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live links beside the operator: their difference and time; and levels of detail beside those that Blender makes."""
+"""Live links beside the operator: their difference and time; levels of detail beside Blender's; compressed files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from bpy.types import Object
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 
 from blender_addon import mesh_data, registered
 from blender_addon.demo.character import build_character, select_only
@@ -19,8 +20,9 @@ from blender_addon.demo.target import remeshed
 from blender_addon.services.live_link import keep_linked
 from blender_addon.services.match import match_objects
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import read_asset
+from zoomout_core.assets.asset import UV, Asset, on_corners
+from zoomout_core.assets.compress_gltf import METHODS
+from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.lods import at_rest, errors_of_level, make_lods
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -47,12 +49,13 @@ def run(
         threads, and on the clock; evaluations without the link are subtracted. `lods`: for each level the mean
         distance of the character's vertices from it, in percent of the extent, at rest, in poses with its own weights,
         and in poses with all weights at the places of its vertices, beside a *Decimate* and a *Data Transfer* modifier.
+        `compression`: the size of the character's file in each way, and the largest differences when it is read again.
     """
     with registered():
         source, target = make_pair(cell, voxel, vertices)
         match_objects(bpy.context, source, target, initial="nearest")
         link = [_measure(source, target, kind) for kind in KINDS]
-    return {"link": link, "lods": make_levels(detailed)}
+    return {"link": link, "lods": make_levels(detailed), "compression": compress(detailed)}
 
 
 def make_pair(cell: float, voxel: float, vertices: int) -> tuple[Object, Object]:
@@ -85,6 +88,60 @@ def make_levels(cell: float) -> list[Row]:
             bpy.data.meshes.remove(made.data)
             rows.append(_row_of_level("Decimate, Data Transfer", ratio, theirs, _errors_beside(asset, theirs)))
     return rows
+
+
+def compress(cell: float) -> list[Row]:
+    """The demo's character in compressed files: their sizes, and the largest differences in millionths."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    character, rig = build_character(cell)
+    rows = []
+    with TemporaryDirectory() as folder:
+        asset = _through_file(character, rig, Path(folder) / "character.glb")
+        for method in (None, *METHODS):
+            path = Path(folder) / f"{method}.glb"
+            begin = process_time()
+            write_asset(asset, path, compression=method)
+            written = process_time()
+            again = read_asset(path)
+            rows.append(
+                {
+                    "compression": method or "none",
+                    "kB": path.stat().st_size / 1000,
+                    "write s": written - begin,
+                    "read s": process_time() - written,
+                    **_differences(asset, again),
+                }
+            )
+    return rows
+
+
+def _differences(asset: Asset, again: Asset) -> Row:
+    """How far a file's content is from that of another one, whose vertices may have another order."""
+    surface, extent = asset.surface, float(np.ptp(asset.surface.vertices, axis=0).max())
+    off, place = map(np.asarray, cKDTree(again.surface.vertices).query(surface.vertices))
+    faces, found = (
+        {tuple(sorted(row)) for row in triangles.tolist()}
+        for triangles in (place[surface.triangles], again.surface.triangles)
+    )
+    rows = [
+        np.column_stack([each.surface.vertices[each.surface.corner_vertex] / extent, _values_of(each)])
+        for each in (asset, again)
+    ]
+    return {
+        "vertices": len(again.surface.vertices),
+        "same faces %": 100 * len(faces & found) / len(faces),
+        "position": 1e6 * off.max() / extent,
+        "UV": 1e6 * float(np.max(cKDTree(rows[1]).query(rows[0])[0])),
+        "weight": 1e6 * float(abs(csr_array(again.skin.weights)[place] - asset.skin.weights).max())
+        if asset.skin is not None and again.skin is not None
+        else None,
+    }
+
+
+def _values_of(asset: Asset) -> Floats:
+    """(c, 2) the texture coordinates of an asset's corners, zero without any."""
+    texture = asset.find(f"{UV} 0")
+    return np.zeros((len(asset.surface.corner_vertex), 2)) if texture is None else on_corners(texture, asset.surface)
 
 
 def _through_file(obj: Object, rig: Object, path: Path) -> Asset:
