@@ -25,6 +25,7 @@ from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels
 from blender_addon.ui.panels import result
 from blender_addon.viewport import preview
+from zoomout_core.matching.notes import UNSURE
 from zoomout_core.matching.verdict import judge
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import Progress
@@ -161,6 +162,15 @@ def test_the_report_bears_the_mark_of_its_verdict(source, target):
     stored_report.write(target, kept | {"verdict": judge(0.6)._asdict()})
     assert [text for kind, text, _ in drawn() if kind == "mark"].count("CHECKMARK") == 1
     assert "choose another candidate or add landmarks" in texts()
+
+
+def test_a_note_on_the_certainty_does_not_repeat_the_verdict(source, target):
+    transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
+    kept = transfer_report(target) | {"notes": [warning(UNSURE, certainty="60%")]}
+    stored_report.write(target, kept | {"verdict": judge(0.6)._asdict()})
+    assert "probability of only 60%" not in texts()
+    stored_report.write(target, kept | {"verdict": None})
+    assert "probability of only 60%" in texts()
 
 
 def test_no_two_candidates_share_a_name():

@@ -75,7 +75,7 @@ MIXED = {**MIX, Domain.EDGE: transfer_edges}
 VOTED = {**VOTE, Domain.EDGE: transfer_edges}
 ANY = 1 << 30
 # Larger rotations, weights and offsets overflow when their squares are added.
-LARGEST_VALUE = 1e75
+LARGEST_VALUE = np.float64(1e75)  # which a comparison does not round to the single precision of values
 
 RULES: dict[Kind, Rule] = {
     Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each", mixable=True, mirrorable=True),

@@ -107,7 +107,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
                 )
                 sentences(context, layout, [without], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
-        draw_notes(context, layout, stored["notes"])
+        draw_notes(context, layout, stored["notes"], None if reason else stored_match.verdict_of(stored))
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) -> None:

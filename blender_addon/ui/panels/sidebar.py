@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 
 from bpy.types import Context, Object, UILayout
 
-from zoomout_core.matching.verdict import AMBER, GREEN, RED
+from zoomout_core.matching.notes import UNSURE
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict
 from zoomout_core.messages import is_warning, message
 
 from ...operators import activity
@@ -55,8 +56,13 @@ def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: st
             column.label(text=line, translate=False, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
-def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None:
-    """Draw notes on a result, first those that ask the user to check or do something."""
+def draw_notes(context: Context, layout: UILayout, notes: Sequence[str], verdict: Verdict | None = None) -> None:
+    """Draw notes on a result, first those that ask the user to check or do something.
+
+    Those that repeat the certainty in a `verdict` that is shown, too, are left out.
+    """
+    if verdict is not None:
+        notes = [note for note in notes if getattr(note, "template", None) != UNSURE]
     for warns, icon in ((True, "ERROR"), (False, "DOT")):
         sentences(context, layout, [note for note in notes if is_warning(note) == warns], icon)
 

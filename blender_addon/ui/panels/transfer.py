@@ -85,7 +85,7 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
             for name, reason in report["skipped"].items()
         ]
         sentences(context, self.layout, skipped, "CANCEL")
-        draw_notes(context, self.layout, report["notes"])
+        draw_notes(context, self.layout, report["notes"], verdict)
 
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:

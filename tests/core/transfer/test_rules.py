@@ -131,3 +131,9 @@ def test_notes_that_an_attribute_has_stay(mesh: Sheet) -> None:
         attribute = Attribute("thing", domain, kind, values, notes=("It was painted by hand.",))
         result = transfer(attribute, identity(mesh.surface), mesh.surface, mesh.surface)
         assert result.notes[0] == "It was painted by hand."
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_of_single_precision_are_checked_without_warnings(mesh):
+    single = Attribute("single", Domain.POINT, Kind.SCALAR, np.ones(len(mesh.surface.vertices), dtype=np.float32))
+    np.testing.assert_array_equal(transfer(single, identity(mesh.surface), mesh.surface, mesh.surface).values, 1)
