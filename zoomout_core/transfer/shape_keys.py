@@ -24,6 +24,7 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.face_registration import register_face
 from zoomout_core.transfer.frames import (
     FULL_CONFIDENCE,
     Frames,
@@ -76,6 +77,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     rigidly.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
+    mapped = register_face(attribute, mapped)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
     doubtful = mapped.confidence < FULL_CONFIDENCE
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
