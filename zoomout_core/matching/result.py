@@ -115,9 +115,7 @@ class MatchResult(Summary):
     @property
     def arrived(self) -> Floats:
         """(c,) the part of the target's area that receives from each component of the source."""
-        component = self.source.components[self.surface_map.vertex]
-        shares = np.bincount(component, self.target.vertex_areas)
-        return np.pad(shares / shares.sum(), (0, max(0, len(self.pair.shares) - len(shares))))
+        return self._received(np.ones(len(self.confidence)))
 
     @property
     def silent(self) -> Integers:
@@ -126,11 +124,27 @@ class MatchResult(Summary):
         return np.flatnonzero((visible >= VERDICT.visible) & (arrived < VERDICT.arrived * visible))
 
     @property
+    def uncertain(self) -> Integers:
+        """(u,) the components of the source that its outside shows, but from which the target receives little for sure.
+
+        These include the silent ones. What arrives counts as much as it is trusted.
+        """
+        visible, trusted = self.pair.shares, self._received(self.confidence)[: len(self.pair.shares)]
+        doubted = np.flatnonzero((visible >= VERDICT.visible) & (trusted < VERDICT.trusted * visible))
+        return np.union1d(self.silent, doubted)
+
+    def _received(self, weights: Floats) -> Floats:
+        """(c,) the part of the target's area, times weights (n_t,), that receives from each component of the source."""
+        component, areas = self.source.components[self.surface_map.vertex], self.target.vertex_areas
+        received = np.bincount(component, areas * weights, len(self.pair.shares))
+        return np.asarray(received / np.bincount(component, areas).sum())
+
+    @property
     def faults(self) -> Faults:
         """The faults of the map that its verdict depends on, besides its certainty."""
         return Faults(
             self.target.share_of_area(self.torn),
-            float(self.pair.shares[self.silent].sum()),
+            float(self.pair.shares[self.uncertain].sum()),
             self.target.share_of_area(self.confidence < LOW),
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, Faults, judge, worst
+from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Faults, judge, worst
+from zoomout_core.tuning import retune
 
 
 @pytest.mark.parametrize(
@@ -53,6 +55,22 @@ def test_a_part_that_nothing_lands_on_is_named_and_makes_the_verdict_amber() -> 
     assert result.arrived[0] > 0.9
     np.testing.assert_array_equal(result.silent, [1])
     assert result.verdict.level != GREEN
+
+
+def test_a_part_that_arrives_without_confidence_makes_the_verdict_amber() -> None:
+    made = creature(400)
+    top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
+    lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
+    both = zo.Surface.joined([made.surface, lump])
+    result = zo.match(both, zo.Surface(both.vertices, both.triangles), k_final=30, samples=120)
+    assert result.verdict.level == GREEN
+    lands = both.components[result.surface_map.vertex] == 1
+    doubted = replace(result, confidence=np.where(lands, 0.1, result.confidence))
+    np.testing.assert_array_equal(doubted.uncertain, [1])
+    assert len(doubted.silent) == 0
+    assert doubted.verdict.level == AMBER
+    with retune(VERDICT, trusted=0.0):
+        assert doubted.verdict.level == GREEN
 
 
 def test_a_match_of_a_shape_with_itself_is_green() -> None:
