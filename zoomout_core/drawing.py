@@ -15,6 +15,8 @@ from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
 # Pixels are computed in this many rows and columns each, for smooth borders.
 SAMPLES = 2
+# The background of upright meshes, and the share of the picture that they fill.
+PAPER, FILLED = np.full(3, 0.97), 0.92
 # Direction to the light (right, up, towards the viewer), and the brightness of what is turned away from it.
 LIGHT, SHADOW = np.array([-0.45, 0.55, 0.7]), 0.3
 
@@ -50,6 +52,29 @@ def draw_triangles(
         image[pixel[front]] = np.einsum("qc,qcx->qx", place[front], lit[triangles[triangle[front]]])
     smooth = image.reshape(height, SAMPLES, width, SAMPLES, 3).mean(axis=(1, 3))[::-1]
     return np.rint(255 * smooth.clip(0, 1)).astype(np.uint8)
+
+
+def draw_upright(points: Floats, triangles: Integers, colors: Floats, yaw: float, width: int, height: int) -> Bytes:
+    """Draw a mesh whose y axis is up, as large as the picture permits.
+
+    Args:
+        points: (n, 3) vertices.
+        triangles: (m, 3) vertex numbers.
+        colors: (n, 3) red, green and blue of the vertices, 0 to 1.
+        yaw: degrees about the vertical axis from the z axis to the viewer.
+        width: width of the picture, in pixels.
+        height: its height.
+
+    Returns:
+        (height, width, 3) pixels, rows from top to bottom.
+    """
+    angle = np.radians(yaw)
+    right, towards = np.array([[np.cos(angle), 0, -np.sin(angle)], [np.sin(angle), 0, np.cos(angle)]])
+    seen = points @ np.array([right, [0, 1, 0], towards]).T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    scale = FILLED * float((np.array([width, height]) / np.maximum(high - low, np.finfo(float).tiny)[:2]).min())
+    placed = (seen - (low + high) / 2) * scale + [width / 2, height / 2, 0]
+    return draw_triangles(placed, triangles, colors, width, height, PAPER)
 
 
 def encode_png(image: Bytes) -> bytes:

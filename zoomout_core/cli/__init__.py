@@ -16,7 +16,7 @@ SUMMARIES = {
     "collection": "Match many shapes, and make their maps agree.",
     "outfits": "Dress avatars in what others wear.",
     "library": "Prepare the characters in FOLDER for `zoomout find`.",
-    "find": "Find the characters of a library that fit TARGET.",
+    "find": "Find the characters of a library that fit TARGETS.",
     "symmetry": "Find the symmetries of MESH in any pose.",
     "evaluate": "Measure MAP: flipped area, coverage, distortion and error.",
     "info": "Show the contents of MESH that `zoomout transfer` can carry.",

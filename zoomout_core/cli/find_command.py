@@ -1,26 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command `zoomout find`: the character of a library that fits a new body best."""
+"""The command `zoomout find`: the characters of a library that fit new bodies best."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
-from zoomout_core.batch import FAILED
+from zoomout_core.assets.files import MESHES, inputs_of
+from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
 from zoomout_core.cli.report import json_option, say
+from zoomout_core.collection.report import PAGE, REPORT
+from zoomout_core.collection.shapes import items_of
 from zoomout_core.command_options import progress_bar
+from zoomout_core.library.find_all import MADE, PICTURES, RECORDS, Carry, find_all
 from zoomout_core.library.library import INDEX, Library, find_source
+from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.search import FoundSource, FoundSources
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import message, probability
+from zoomout_core.runtime.outputs import check_output
 
 NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout library` prepares them or says why not."
+# Places in the results that a run replaces.
+REPLACED = REPORT, PAGE, MADE, PICTURES, RECORDS
 
 
 @click.command()
-@click.argument("target", type=click.Path())
+@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--library",
     "folders",
@@ -34,25 +44,70 @@ NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout li
     type=click.Path(file_okay=False),
     help=f"Folder of the index of a single library (default: {INDEX} in it).",
 )
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The folder for the results; required for several targets.",
+)
+@click.option("--transfer", is_flag=True, help="Write each target with all data of its source, as `zoomout transfer`.")
+@click.option("--move-rig", is_flag=True, help="The same, and move the joints of the source into the target.")
+@click.option("--force", is_flag=True, help="Write a target even if its match is probably wrong.")
+@click.option(
+    "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
+)
 @json_option
-def find(target: str, folders: tuple[str, ...], index: str | None, as_json: bool) -> None:
-    """Find the characters of a library that fit TARGET.
+def find(
+    targets: tuple[Path, ...],
+    folders: tuple[str, ...],
+    index: str | None,
+    output: Path | None,
+    transfer: bool,
+    move_rig: bool,
+    force: bool,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Find the characters of a library that fit TARGETS.
 
-    It may be in any pose, orientation and unit. The exit code is 1 if nothing fits.
+    They may be in any pose, orientation and unit; a folder stands for the meshes in it.
+
+    With --output, OUTPUT/report.html shows each target beside its source in matching colours. With --transfer or
+    --move-rig, the targets are written to OUTPUT/targets with the data of their sources. An interrupted run resumes.
+
+    The exit code is 0 if a source was found for all targets, 1 if for none, and 3 if for some.
     """
     if index is not None and len(folders) > 1:
         raise click.UsageError("--index is of a single library: give one --library, or leave it out.")
+    if output is None and (transfer or move_rig or len(targets) > 1 or targets[0].is_dir()):
+        raise click.UsageError("Several targets, --transfer and --move-rig need a folder for the results: give -o.")
     try:
         libraries = [Library(folder, index) for folder in folders]
-        with progress_bar():
-            found = find_source(target, libraries)
         new = sum(len(library.new_files()) for library in libraries)
+        notes = [message(NOT_PREPARED, count=new)] if new else []
+        if output is None:
+            with progress_bar():
+                found = find_source(targets[0], libraries)
+            figures = {"target": str(targets[0]), **_figures(found), "notes": notes}
+            say([*_lines(found), *notes], figures, as_json)
+            sys.exit(FAILED if found.refusal else 0)
+        if output.is_file():
+            raise MeshError(f"{output} is a file: name a folder for the results.")
+        check_output(output / REPORT if output.is_dir() else output)
+        files = meshes_of_all(targets, MESHES)
+        check_inputs_outside([*inputs_of(*files), *map(Path, folders)], output, REPLACED)
+        carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
+        named = {item.name: item.path for item in items_of(files)}
+        with progress_bar():
+            result = find_all(named, libraries, output, carry, force=force, resume=resume)
+        write_reports(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    notes = [message(NOT_PREPARED, count=new)] if new else []
-    say([*_lines(found), *notes], {"target": target, **_figures(found), "notes": notes}, as_json)
-    if found.refusal:
-        sys.exit(FAILED)
+    lines = [*lines_of_targets(result), *notes, f"Written to {output}; open {output / PAGE}."]
+    say(lines, {**figures_of_targets(result), "notes": notes}, as_json)
+    fitting = [bool(record.source) for record in result.records.values()] + [False] * len(result.failures)
+    if not all(fitting):
+        sys.exit(PARTLY if any(fitting) else FAILED)
 
 
 def _lines(found: FoundSources) -> list[str]:

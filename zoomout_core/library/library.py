@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from zoomout_core.assets.files import MESHES, inputs_of
+from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import bodies_of
 from zoomout_core.library.index import Index, Listed, key_of, look_at
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
@@ -131,6 +132,10 @@ class Library:
             bodies = self._index.load(listed.key) if path.is_file() else None
             if bodies is not None:
                 yield LibraryAsset(path, bodies)
+
+    def content(self) -> str:
+        """A hash of the prepared files, for results that depend on all of them."""
+        return content_key(repr(sorted(self._index.read_list().items())).encode())
 
     def new_files(self) -> list[Path]:
         """Files of the folder that are not prepared: those added since `prepare`, and those that it skipped."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +73,7 @@ class FoundSource:
         certainty: the probability, in [0, 1], that the match is right as a whole.
         misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
             body in another pose, and above 0.12 for another species.
+        match: the match of small bodies that stand for both, for pictures; None if there was none.
 
     Example:
         >>> zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06).fits
@@ -83,6 +84,7 @@ class FoundSource:
     difference: float
     certainty: float
     misfit: float
+    match: MatchResult | None = field(default=None, repr=False, compare=False)
 
     @property
     def fits(self) -> bool:
@@ -140,7 +142,7 @@ def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
     for number, each in enumerate(chosen):
         with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
             result = match(each.source.surface, each.target.surface, match_options())
-        found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result)))
+        found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result))
     ranked = tuple(sorted(found, key=lambda each: (not each.fits, each.misfit)))
     return FoundSources(ranked, ranked[0].path if ranked else nearest.path, _refusal(ranked, nearest))
 

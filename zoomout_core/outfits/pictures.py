@@ -9,17 +9,15 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Bytes, Floats, Integers
 from zoomout_core.colors import BAD_TO_GOOD
-from zoomout_core.drawing import draw_triangles
+from zoomout_core.drawing import draw_upright
 from zoomout_core.outfits.check import REST, CheckedOutfit
 
 # Pixels of a picture.
 WIDTH, HEIGHT = 200, 320
-# The share of the picture that the avatar fills.
-FILLED = 0.92
 # Degrees by which poses are seen from the side.
 YAW = 25.0
-# Colours of paper and skin, and of the worn objects in turn; red marks cloth in the skin.
-PAPER, SKIN = np.full(3, 0.97), np.array([0.86, 0.72, 0.63])
+# Colours of skin, and of the worn objects in turn; red marks cloth in the skin.
+SKIN = np.array([0.86, 0.72, 0.63])
 WORN = np.array([[0.30, 0.45, 0.70], [0.75, 0.70, 0.50], [0.35, 0.55, 0.40], [0.45, 0.38, 0.55], [0.30, 0.30, 0.33]])
 MARK = BAD_TO_GOOD[0]
 
@@ -47,14 +45,8 @@ def draw_outfit(
 def _draw(checked: CheckedOutfit, pose: str, yaw: float, triangles: Integers, counts: Sequence[int]) -> Bytes:
     """A picture of a pose, turned about the vertical axis, in degrees."""
     body, cloth = checked.bodies[pose], checked.clothes[pose]
-    points, angle = np.concatenate([body, cloth]), np.radians(yaw)
-    right, towards = np.array([[np.cos(angle), 0, -np.sin(angle)], [np.sin(angle), 0, np.cos(angle)]])
-    seen = points @ np.array([right, [0, 1, 0], towards]).T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    scale = FILLED * float((np.array([WIDTH, HEIGHT]) / np.maximum(high - low, np.finfo(float).tiny)[:2]).min())
-    placed = (seen - (low + high) / 2) * scale + [WIDTH / 2, HEIGHT / 2, 0]
     colors = np.concatenate([np.tile(SKIN, (len(body), 1)), _colors(checked.marks[pose], counts)])
-    return draw_triangles(placed, triangles, colors, WIDTH, HEIGHT, PAPER)
+    return draw_upright(np.concatenate([body, cloth]), triangles, colors, yaw, WIDTH, HEIGHT)
 
 
 def _colors(marked: Booleans, counts: Sequence[int]) -> Floats:

@@ -4,20 +4,15 @@
 from __future__ import annotations
 
 import json
-from base64 import b64encode
 from collections import Counter
 from dataclasses import asdict
-from html import escape
-from pathlib import Path
-from string import Template
 from typing import Any
 
+from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.matching.verdict import LEVELS
 from zoomout_core.outfits.batch import OutfitName, OutfitsResult, Worn, place_of_picture
 from zoomout_core.runtime.outputs import atomic_write
-
-PAGE_TEMPLATE = Template((Path(__file__).parent / "report_page.html").read_text(encoding="utf-8"))
 
 
 def figures_of_outfits(result: OutfitsResult) -> dict[str, Any]:
@@ -60,18 +55,18 @@ def write_reports(result: OutfitsResult) -> None:
 
 def page_of(result: OutfitsResult) -> str:
     """The HTML page."""
-    failed = "".join(f"<p><b>{escape(name)}</b>: {escape(why)}</p>" for name, why in result.failures.items())
-    return PAGE_TEMPLATE.substitute(
-        title=escape(result.folder.absolute().name),
-        summary=f"<p>{escape(lines_of_outfits(result)[0])}</p>",
-        cards="".join(_card(result, name, worn) for name, worn in _in_order(result)),
-        failures=f"<h2>Failed</h2>{failed}" * bool(failed),
+    return picture_page(
+        result.folder.absolute().name,
+        lines_of_outfits(result)[0],
+        "All outfits, those to look at first",
+        "Each avatar from the front, from the back, and in two poses. Cloth that came into the skin is red.",
+        (_card(result, name, worn) for name, worn in _in_order(result)),
+        result.failures,
     )
 
 
 def _card(result: OutfitsResult, name: OutfitName, worn: Worn) -> str:
     """The picture of an outfit on an avatar, with its verdict and figures."""
-    data = b64encode((result.folder / place_of_picture(name)).read_bytes()).decode()
     inside = ", ".join(f"{share:.2%} ({pose})" for pose, share in worn.inside.items())
     about = [
         worn.verdict.line,
@@ -79,11 +74,7 @@ def _card(result: OutfitsResult, name: OutfitName, worn: Worn) -> str:
         f"{worn.output}: {', '.join(worn.objects)}.",
         *worn.notes,
     ]
-    return (
-        f'<figure class="{worn.level}"><img loading="lazy" alt="{escape(str(name))}" '
-        f'src="data:image/png;base64,{data}"><figcaption><b>{escape(str(name))}</b>'
-        f"{''.join(f'<small>{escape(line)}</small>' for line in about)}</figcaption></figure>"
-    )
+    return picture_card(str(name), worn.level, (result.folder / place_of_picture(name)).read_bytes(), about)
 
 
 def _in_order(result: OutfitsResult) -> list[tuple[OutfitName, Worn]]:

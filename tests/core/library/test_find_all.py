@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`zoomout find` finds the sources of a folder of targets, transfers from them, and resumes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.cli import main
+from zoomout_core.colors import place_colors
+from zoomout_core.library import find_all as batch
+from zoomout_core.library.bodies import Body, bodies_of
+from zoomout_core.library.library import Library
+from zoomout_core.library.search import FoundSource, FoundSources
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.samples import creature
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+pytestmark = pytest.mark.usefixtures("quick_search")
+
+
+@pytest.fixture(scope="module")
+def bodies() -> dict[str, Body]:
+    return bodies_of(creature(500, seed=2).surface)
+
+
+@pytest.fixture
+def folders(tmp_path: Path, bodies: dict[str, Body], monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """A prepared library of one coloured creature, and a folder with another mesh of it and a broken file.
+
+    Each search finds the creature at once.
+    """
+    library, scans = tmp_path / "library", tmp_path / "scans"
+    library.mkdir()
+    scans.mkdir()
+    hero = creature(500, seed=2).surface
+    color = Attribute(
+        "color 0",
+        Domain.POINT,
+        Kind.COLOR,
+        np.column_stack([place_colors(hero.vertices, hero.vertices), np.ones(len(hero.vertices))]),
+    )
+    write_asset(Asset(hero, (color,)), library / "hero.glb")
+    write_shape(creature(600, seed=3).surface, scans / "scan.ply")
+    (scans / "broken.obj").write_text("v 0 0\nf 1 2 3\n")
+    monkeypatch.setattr("zoomout_core.library.library.bodies_of", lambda _: bodies)
+    Library(library).prepare()
+    best = FoundSource(library / "hero.glb", 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
+    return library, scans
+
+
+def run(*arguments: object) -> tuple[int, dict]:
+    outcome = CliRunner().invoke(main, ["find", *map(str, arguments), "--json"])
+    return outcome.exit_code, json.loads(outcome.stdout)
+
+
+def test_a_folder_of_targets_receives_the_data_of_their_sources_once(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library, scans = folders
+    out = tmp_path / "out"
+    arguments = scans, "--library", library, "-o", out, "--transfer", "--force"
+    code, report = run(*arguments)
+    assert code == 3, report
+    assert list(report["failures"]) == ["broken"]
+    (row,) = report["targets"]
+    assert (row["output"], row["source"]) == ("targets/scan.glb", str(library / "hero.glb"))
+    made = read_asset(out / row["output"])
+    (color,) = (each for each in made.attributes if each.kind is Kind.COLOR)
+    assert np.ptp(color.values[:, :3], axis=0).min() > 0.5
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert (page.count("data:image/png;base64,"), "broken" in page) == (1, True)
+    # An interrupted run resumes; what is gone, or was made of other files, is made again.
+    monkeypatch.setattr(batch, "search", None)
+    assert run(*arguments)[1]["new"] == 0
+    (out / row["output"]).unlink()
+    with pytest.raises(TypeError):
+        CliRunner().invoke(main, ["find", *map(str, arguments)], catch_exceptions=False)
+
+
+def test_a_source_without_a_rig_or_of_blender_is_a_failure_of_its_target_only(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library, scans = folders
+    arguments = scans / "scan.ply", "--library", library, "-o", tmp_path / "out"
+    code, report = run(*arguments, "--move-rig", "--force")
+    assert code == 1
+    assert "has no joints to move" in report["failures"]["scan"]
+    best = FoundSource(library / "hero.blend", 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
+    assert "only Blender can transfer" in run(*arguments, "--transfer")[1]["failures"]["scan"]
+    assert not (tmp_path / "out" / "targets").exists()
+
+
+def test_what_does_not_fit_is_shown_beside_the_reason(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library, scans = folders
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((), library / "hero.glb", "Nothing fits."))
+    code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", "--transfer")
+    assert code == 1
+    assert report["targets"][0]["verdict"]["sentence"] == "Nothing fits."
+    assert (tmp_path / "out" / "pictures" / "scan.png").is_file()
+    assert not (tmp_path / "out" / "targets").exists()
+
+
+def test_several_targets_need_a_folder_that_is_not_one_of_inputs(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    library, scans = folders
+    assert run(scans, "--library", library)[0] == 2
+    inside = tmp_path / "out" / "targets"
+    inside.mkdir(parents=True)
+    write_shape(creature(300).surface, inside / "a.ply")
+    code, report = run(inside / "a.ply", "--library", library, "-o", tmp_path / "out")
+    assert code == 1
+    assert "in a place of" in report["error"]

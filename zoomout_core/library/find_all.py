@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find the source of each of many targets, and transfer from it; an interrupted run resumes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
+from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
+from zoomout_core.collection.shapes import content_key
+from zoomout_core.collection.tasks import write_whole
+from zoomout_core.colors import place_colors
+from zoomout_core.drawing import draw_upright, encode_png
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.library.library import NOT_PREPARED, Library
+from zoomout_core.library.search import FoundSources, LibraryAsset, search
+from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.verdict import RED, Verdict, check_verdict
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.decimation import decimate
+from zoomout_core.mesh.opening import existing, file_bytes
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.messages import NO_MEMORY
+from zoomout_core.runtime.progress import portion, renaming
+from zoomout_core.runtime.version import package_version
+
+# Folders of the results: targets with the data of their sources, pictures, and records of both.
+MADE, PICTURES, RECORDS = "targets", "pictures", "records"
+# Pixels of a picture of one shape, and degrees by which it is seen from the side.
+WIDTH, HEIGHT, YAW = 260, 320, 25.0
+# The most vertices of a surface to draw.
+MAX_VERTICES = 20_000
+# Fraction of the progress at the end of the search, and of the match with the source.
+SEARCHED, MATCHED = 0.4, 0.85
+# Kinds of data to transfer.
+TRANSFERRED = KINDS[:-1]
+
+
+class Carry(StrEnum):
+    """What becomes of a source that was found."""
+
+    NOTHING = "nothing"  # it is only named
+    DATA = "data"  # its data are transferred
+    RIG = "rig"  # the same, and its joints move into the target
+
+
+@dataclass(frozen=True)
+class TargetRecord:
+    """The source of a target, in values that JSON can store.
+
+    Attributes:
+        key: a hash of the target, the libraries, what is carried and the version of this package.
+        target: the target's file.
+        source: the file of the source; empty if nothing fits.
+        ranked: for each asset that was matched its `file`, `fit` and `certainty`, the best first.
+        output: the written file, relative to the folder of the results; empty if none was written.
+        level: level of the verdict on the match with the source.
+        sentence: its reason.
+        advice: what to do.
+        notes: sentences for the user.
+    """
+
+    key: str
+    target: str
+    source: str
+    ranked: tuple[Mapping[str, Any], ...]
+    output: str
+    level: str
+    sentence: str
+    advice: str
+    notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the match with the source."""
+        return Verdict(self.level, self.sentence, self.advice)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundForAll:
+    """The sources of many targets.
+
+    Attributes:
+        folder: folder of the results.
+        records: the outcome for each target, by its name.
+        failures: what failed and why, by the name of a target.
+        new: the number of targets that were searched for in this run.
+    """
+
+    folder: Path
+    records: dict[str, TargetRecord]
+    failures: dict[str, str]
+    new: int
+
+
+def find_all(
+    targets: Mapping[str, Path],
+    libraries: Sequence[Library],
+    folder: Path,
+    carry: Carry = Carry.NOTHING,
+    *,
+    force: bool = False,
+    resume: bool = True,
+) -> FoundForAll:
+    """Find the source of each target, and write the target with its data to `targets/NAME.glb` in a folder.
+
+    Args:
+        targets: files of meshes, by a name for the results.
+        libraries: where the sources are.
+        folder: folder of the results, created if missing.
+        carry: what to transfer.
+        force: transfer even if the match is probably wrong.
+        resume: keep what an earlier run wrote from the same files.
+
+    Raises:
+        MeshError: a library is not prepared.
+        OutputError: a record or picture cannot be written.
+    """
+    assets: dict[Path, LibraryAsset] = {}
+    for library in libraries:
+        found = {asset.path: asset for asset in library.assets()}
+        if not found:
+            raise MeshError(NOT_PREPARED, folder=library.folder)
+        assets |= found
+    prepared = sorted(f"{library.folder} {library.content()}" for library in libraries)
+    result = FoundForAll(folder, {}, {}, 0)
+    new = 0
+    for number, (name, path) in enumerate(targets.items()):
+        place = f"{number + 1}/{len(targets)} "
+        with portion(number / len(targets), (number + 1) / len(targets)), renaming(place.__add__):
+            try:
+                contents = [content_key(file_bytes(existing(each))) for each in inputs_of(path)]
+                key = content_key(repr((contents, prepared, carry, force, package_version())).encode())
+                record = _read_record(folder, name, key) if resume else None
+                if record is None:
+                    record = _find(name, path, key, list(assets.values()), folder, carry, force)
+                    new += 1
+                result.records[name] = record
+            except (ValueError, OSError, ImportError) as error:
+                result.failures[name] = str(error)
+            except MemoryError:
+                result.failures[name] = NO_MEMORY
+    return FoundForAll(folder, result.records, result.failures, new)
+
+
+def place_of_picture(folder: Path, name: str) -> Path:
+    """The picture of a target beside its source."""
+    return folder / PICTURES / f"{name}.png"
+
+
+def _find(
+    name: str, path: Path, key: str, assets: Sequence[LibraryAsset], folder: Path, carry: Carry, force: bool
+) -> TargetRecord:
+    """Find the source of a target, transfer from it, and write the results; the record last."""
+    target = read_asset(path)
+    with portion(0, SEARCHED):
+        found = search(target.surface, assets)
+    result = found.ranked[0].match if found.ranked else None
+    output, notes = "", list[str]()
+    if found.best is None:
+        verdict = Verdict(RED, str(found.refusal), "")
+    elif carry is Carry.NOTHING:
+        assert result is not None
+        verdict = result.verdict
+    else:
+        if found.best.path.suffix.lower() in OF_BLENDER:
+            raise MeshError(
+                f"The best source is {found.best.path}, from which only Blender can transfer: export it as .glb, or "
+                "use Blender's sidebar."
+            )
+        source = read_asset(found.best.path)
+        if carry is Carry.RIG and source.skin is None:
+            raise MeshError(
+                f"The best source, {found.best.path}, has no joints to move: leave out --move-rig, or rig it."
+            )
+        with portion(SEARCHED, MATCHED):
+            result = match(source.surface, target.surface)
+        verdict = result.verdict
+        check_verdict(verdict, force)
+        with portion(MATCHED, 1):
+            made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
+        output = f"{MADE}/{name}.glb"
+        (folder / output).parent.mkdir(parents=True, exist_ok=True)
+        check_avatar(base_of(source, target, TRANSFERRED), folder / output)
+        left_out = write_asset(made.asset, folder / output, inputs_of(path, found.best.path))
+        notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
+    record = TargetRecord(
+        key,
+        str(path),
+        "" if found.best is None else str(found.best.path),
+        tuple(_ranked(found)),
+        output,
+        verdict.level,
+        str(verdict.sentence),
+        str(verdict.advice),
+        tuple(map(str, dict.fromkeys(notes))),
+    )
+    picture = _draw(target.surface, target.surface.vertices) if result is None else draw_beside_source(result)
+    write_whole(place_of_picture(folder, name), encode_png(picture))
+    write_whole(folder / RECORDS / f"{name}.json", json.dumps(asdict(record), indent=1).encode())
+    return record
+
+
+def _ranked(found: FoundSources) -> list[dict[str, Any]]:
+    return [
+        {"file": str(each.path), "fit": 1 - each.misfit, "certainty": each.certainty, "fits": each.fits}
+        for each in found.ranked
+    ]
+
+
+def draw_beside_source(result: MatchResult) -> Bytes:
+    """Draw the source of a match, and the target as large and turned like it; equal colours correspond.
+
+    Returns:
+        (height, width, 3) pixels, rows from top to bottom.
+    """
+    images = result.surface_map.interpolate(result.source.vertices)
+    placed = procrustes(result.target.vertices, images, result.confidence + np.finfo(float).eps)
+    shapes = (
+        (result.source, result.source.vertices, result.source.vertices),
+        (result.target.with_vertices(placed(result.target.vertices[:, None])[:, 0]), images, result.source.vertices),
+    )
+    return np.concatenate([_draw(surface, places, around) for surface, places, around in shapes], axis=1)
+
+
+def _draw(surface: Surface, places: Floats, around: Floats | None = None) -> Bytes:
+    """Draw a surface with the colours of places (n, 3)."""
+    colors = place_colors(places, places if around is None else around)
+    vertices, triangles = surface.vertices, surface.triangles
+    if len(vertices) > MAX_VERTICES:
+        vertices, triangles, _ = decimate(vertices, triangles, MAX_VERTICES)
+        colors = colors[cKDTree(surface.vertices).query(vertices)[1]]
+    return draw_upright(vertices, triangles, colors, YAW, WIDTH, HEIGHT)
+
+
+def _read_record(folder: Path, name: str, key: str) -> TargetRecord | None:
+    """What an earlier run recorded from the same files; None if there is nothing, or what it wrote is gone."""
+    try:
+        held: dict[str, Any] = json.loads((folder / RECORDS / f"{name}.json").read_bytes())
+        record = TargetRecord(**{**held, "ranked": tuple(held["ranked"]), "notes": tuple(held["notes"])})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    written = [place_of_picture(folder, name), *([folder / record.output] if record.output else [])]
+    return record if record.key == key and all(each.is_file() for each in written) else None
