@@ -39,6 +39,8 @@ AT_ONCE = 50_000
 # Samples of all parts, the nearest ones to a vertex among which another part may cover it, as a shirt covers a body,
 # and the cosine of the angle to its normal below which a sample is beside it, not above.
 COVERING_POINTS, COVERING_NEIGHBOURS, STRAIGHT_ABOVE = 40_000, 32, 0.7
+# Share of a surface's area that clothes make up at least: the plates of robots, which slide over each other, are less.
+COVERING_AREA = 0.1
 
 
 @dataclass(frozen=True)
@@ -208,11 +210,15 @@ def _covered(side: Side, outside: Booleans) -> Booleans:
     covered = np.zeros(len(outside), dtype=bool)
     if component.max() == 0:
         return covered
-    samples, on = surface_samples(side.points, triangles, COVERING_POINTS)
+    area = np.bincount(component, side.areas)
+    large = np.flatnonzero((area >= COVERING_AREA * area.sum())[component[triangles[:, 0]]])
+    if not len(large):
+        return covered
+    samples, on = surface_samples(side.points, triangles[large], COVERING_POINTS)
     own = np.flatnonzero(outside)
     near = np.asarray(cKDTree(samples).query(side.points[own], COVERING_NEIGHBOURS)[1])
-    row, column = np.nonzero(component[triangles[on[near], 0]] != component[own, None])
-    a, b, c = (side.points[triangles[on[near[row, column]], i]] for i in range(3))
+    row, column = np.nonzero(component[triangles[large[on[near]], 0]] != component[own, None])
+    a, b, c = (side.points[triangles[large[on[near[row, column]]], i]] for i in range(3))
     _, below = closest_on_triangles(side.points[own[row]], a, b, c)
     depth = -np.einsum("qx,qx->q", below, side.mesh.vertex_normals[own[row]])
     distance = np.linalg.norm(below, axis=1)
