@@ -198,7 +198,7 @@ def _find(
         key,
         str(path),
         "" if found.best is None else str(found.best.path),
-        tuple(_ranked(found)),
+        tuple(_rows(found)),
         output,
         verdict.level,
         str(verdict.sentence),
@@ -211,7 +211,7 @@ def _find(
     return record
 
 
-def _ranked(found: FoundSources) -> list[dict[str, Any]]:
+def _rows(found: FoundSources) -> list[dict[str, Any]]:
     return [
         {"file": str(each.path), "fit": 1 - each.misfit, "certainty": each.certainty, "fits": each.fits}
         for each in found.ranked
