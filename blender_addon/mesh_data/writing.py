@@ -16,7 +16,7 @@ from bpy.types import ID, Key, Object
 from .armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
-ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "node_groups")
+ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "materials", "node_groups", "images")
 
 
 class Writing:
@@ -36,7 +36,11 @@ class Writing:
 
     def replace(self, obj: Object) -> None:
         """Free the names of an object and its data for others; both are removed when all is written."""
-        for one in (obj, obj.data):
+        self.free_names(obj, obj.data)
+
+    def free_names(self, *blocks: ID) -> None:
+        """Free the names of data-blocks for others; objects, and all that nothing uses, are removed at the end."""
+        for one in blocks:
             self._replaced.append((one, one.name))
             one.name = f"{one.name} before"
 
@@ -56,12 +60,15 @@ class Writing:
         bpy.context.view_layer.update()
 
     def finish(self) -> None:
-        """Remove replaced objects and forget the state before."""
-        objects, data = ([one for one, _ in self._replaced[first::2]] for first in (0, 1))
-        bpy.data.batch_remove(objects)
-        bpy.data.batch_remove([one for one in data if not one.users])
+        """Forget the state before, and remove what was replaced."""
         for before in self._before:
             before.forget()
+        replaced = [one for one, _ in self._replaced]
+        bpy.data.batch_remove([one for one in replaced if isinstance(one, Object)])
+        others = [one for one in replaced if not isinstance(one, Object)]
+        while unused := [one for one in others if not one.users]:  # a material may use an image
+            others = [one for one in others if one.users]
+            bpy.data.batch_remove(unused)
 
 
 # Nested writings, the innermost last: writing for several targets encloses the writing of each.
