@@ -16,6 +16,9 @@ True
 >>> api.keep_linked(context, scan)["UVMap"] > 0.9
 True
 
+`bake_textures(context, scan, api.Baking(size=4096))` bakes the images of the source's materials into the UV map of a
+matched target, and gives it materials that show them.
+
 Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 
 >>> api.set_landmark(context, hero, number=1, vertex=12)
@@ -84,6 +87,7 @@ from .adapters import DATA, USUAL_DATA, Binding, Settings
 from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
+from .services.bake import Baking, bake_textures
 from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
@@ -105,12 +109,14 @@ from .storage.stored_symmetry import read as symmetry_of
 __all__ = [
     "DATA",
     "USUAL_DATA",
+    "Baking",
     "Binding",
     "Dressing",
     "LandmarkPairs",
     "Settings",
     "Wrapping",
     "append_source",
+    "bake_textures",
     "bind_to_rig",
     "check_symmetry",
     "choose_symmetry",

@@ -27,6 +27,8 @@ from .base import (
 )
 from .body_keys import BodyKeys, read_body_keys, write_body_keys
 from .cutting import divide, write_divided
+from .image_nodes import ImageRole, ImageUse, copy_with_images, read_image_uses
+from .images import ImageFormat, read_tiles, write_image
 from .inspection import MeshFacts, content_hash, inspect_mesh
 from .joined import (
     EvaluatedObject,
@@ -38,6 +40,7 @@ from .joined import (
     read_joined_marks,
     read_joined_materials,
     read_joined_normals,
+    read_joined_uv,
     read_joined_weights,
 )
 from .layers import (
@@ -69,7 +72,7 @@ from .live_link import (
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones
-from .normals import read_custom_normals, read_own_normals, write_custom_normals
+from .normals import read_custom_normals, read_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
 from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
 from .selection import read_selection, select_only, write_selection
@@ -157,6 +160,9 @@ __all__ = [
     "Fingerprint",
     "HeldKeys",
     "HeldPose",
+    "ImageFormat",
+    "ImageRole",
+    "ImageUse",
     "JoinedLayer",
     "Layer",
     "LinkedLayer",
@@ -189,6 +195,7 @@ __all__ = [
     "content_hash",
     "content_of",
     "copy_rig",
+    "copy_with_images",
     "count_layers",
     "deforming_bones",
     "directions_in_world",
@@ -221,6 +228,7 @@ __all__ = [
     "read_custom_normals",
     "read_faces",
     "read_full_offsets",
+    "read_image_uses",
     "read_joined_active_layers",
     "read_joined_active_uv_map",
     "read_joined_at_rest",
@@ -228,6 +236,7 @@ __all__ = [
     "read_joined_marks",
     "read_joined_materials",
     "read_joined_normals",
+    "read_joined_uv",
     "read_joined_weights",
     "read_key_positions",
     "read_layer",
@@ -236,6 +245,7 @@ __all__ = [
     "read_mask",
     "read_materials",
     "read_mirrored_surface",
+    "read_normals",
     "read_outfit_bones",
     "read_own_normals",
     "read_own_shape_keys",
@@ -249,6 +259,7 @@ __all__ = [
     "read_surface_at_rest",
     "read_target_faces",
     "read_target_surface",
+    "read_tiles",
     "read_undeformed_positions",
     "read_weights",
     "read_weights_in_pieces",
@@ -275,6 +286,7 @@ __all__ = [
     "write_body_keys",
     "write_custom_normals",
     "write_divided",
+    "write_image",
     "write_layer",
     "write_link",
     "write_marks",

@@ -15,6 +15,7 @@ from bpy.types import Mesh, Object
 from scipy.sparse import csr_array, vstack
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.attribute import nothing
@@ -103,9 +104,19 @@ def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
         )
     parts = []
     for obj in objects:
-        own = name if name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv
+        own = name if name and name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv
         parts.append(own and replace(read_layer(obj.mesh, own, Role.UV_MAP).attribute, name=name))
     return _join([part or None for part in parts], objects)
+
+
+def read_joined_uv(objects: Sequence[EvaluatedObject], name: str | None) -> Floats:
+    """(c, 2) the UV map of a name of each object, or the one that renders show; zero where there is none."""
+    parts = []
+    for obj in objects:
+        own = name if name and name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv_render
+        found = read_layer(obj.mesh, own, Role.UV_MAP).attribute.values if own else np.zeros((len(obj.mesh.loops), 2))
+        parts.append(np.asarray(found, dtype=np.float64))
+    return np.concatenate(parts)
 
 
 def read_joined_marks(objects: Sequence[EvaluatedObject]) -> list[Attribute]:

@@ -16,7 +16,7 @@ from bpy.types import ID, Key, Object
 from .armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
-ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "node_groups")
+ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "materials", "node_groups", "images")
 # Kinds of which an added data-block stays while it has users: it may hold what was restored, see `outfit_bones`.
 ADDED_IF_UNUSED = ("armatures",)
 
@@ -72,7 +72,10 @@ class Writing:
             before.forget()
         replaced = [one for one, _ in self._replaced]
         bpy.data.batch_remove([one for one in replaced if isinstance(one, Object)])
-        bpy.data.batch_remove([one for one in replaced if not isinstance(one, Object) and not one.users])
+        others = [one for one in replaced if not isinstance(one, Object)]
+        while unused := [one for one in others if not one.users]:  # a material may use an image
+            others = [one for one in others if one.users]
+            bpy.data.batch_remove(unused)
 
 
 # Nested writings, the innermost last: writing for several targets encloses the writing of each.

@@ -2,6 +2,7 @@
 """Operators: thin wrappers of functions that scripts can call as well."""
 
 from . import find_source, live_link, select_faults, symmetry
+from .bake_textures import ZOOMOUT_OT_bake_textures
 from .bend_match import ZOOMOUT_OT_bend_match
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
@@ -40,6 +41,7 @@ CLASSES = (
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
     *live_link.CLASSES,
+    ZOOMOUT_OT_bake_textures,
     ZOOMOUT_OT_rename_shape_keys,
     ZOOMOUT_OT_play_expressions,
     ZOOMOUT_OT_bind_to_rig,

@@ -7,6 +7,7 @@ Blender needs evaluated property annotations, so this module does not postpone t
 from bpy.props import BoolProperty, PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
 
+from .bake import BakeOptions
 from .collections import CollectionSettings
 from .dress import DressCollection, DressOptions
 from .landmarks import LandmarkSettings
@@ -57,6 +58,7 @@ class ZOOMOUT_PG_settings(
     BindOptions,
     BindView,
     WrapOptions,
+    BakeOptions,
     DressOptions,
     DressCollection,
     LandmarkSettings,

@@ -16,6 +16,7 @@ from bpy.types import Context, Menu, Operator, UILayout
 from zoomout_core.messages import as_message, message
 
 from ..operators import landmarks, live_link, select_faults, symmetry
+from ..operators.bake_textures import ZOOMOUT_OT_bake_textures
 from ..operators.bend_match import ZOOMOUT_OT_bend_match
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
@@ -52,6 +53,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_find_source,
             ZOOMOUT_OT_transfer,
             *live_link.CLASSES,
+            ZOOMOUT_OT_bake_textures,
             ZOOMOUT_OT_bind_to_rig,
             ZOOMOUT_OT_move_rig,
             ZOOMOUT_OT_test_poses,

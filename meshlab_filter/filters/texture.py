@@ -72,13 +72,14 @@ def transfer_texture_by_zoomout(
     mapped = map_target(found, source.surface, target.surface)
     with portion(0.7, 1.0):
         baked = bake(mapped, [picture], atlas, textw, texth)
+    image = np.asarray(baked.images[0], dtype=np.uint8)  # no triangle lacks a texture
     name = f"{Path(textname).stem or 'baked'}.png"
     number = np.zeros(len(target.faces), dtype=np.int64)
     new = replace(
         target,
         label=f"{target.label}_baked",
         components={**target.components, TEXCOORD: Attribute(TEXCOORD, Domain.CORNER, Kind.UV, atlas)},
-        textures=Textures.of([name], {name: image_of(baked.images[0])}, atlas, number),
+        textures=Textures.of([name], {name: image_of(image)}, atlas, number),
     )
     outside = int(baked.outside.sum())
     notes = [*report["notes"]]

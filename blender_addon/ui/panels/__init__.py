@@ -2,6 +2,7 @@
 """The sidebar of the 3D view."""
 
 from . import symmetry
+from .bake import ZOOMOUT_PT_bake
 from .binding import ZOOMOUT_PT_binding, ZOOMOUT_PT_binding_check
 from .collections import ZOOMOUT_PT_collections
 from .dress import ZOOMOUT_PT_dress
@@ -29,6 +30,7 @@ CLASSES = (
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_live_link,
+    ZOOMOUT_PT_bake,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,

@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, SingleFloats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.groups import find, first_of_each
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
 # Maximum distance, in texels, of a place from the four texels that it is interpolated from.
 REACH = 2**0.5
 
-# (height, width, channels), rows from top to bottom.
-Pixels: TypeAlias = Bytes | SingleFloats
+# (height, width, channels) of eight bits or of single precision, rows from top to bottom.
+Pixels: TypeAlias = NDArray[Any]
 
 
 class Islands:
