@@ -14,6 +14,7 @@ by their normals.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,18 +36,35 @@ from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.face_landmarks import KEYS, find_offsets
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
 
-# All lengths are relative to the square root of the area of the face, about 25 cm.
-# Factors of the bending energy, each with its rounds: features above about 8 mm align first, those above 1 mm last.
-# Beginning at 1e-7 takes a fifth less time, and errors of keys are 5 % larger.
-BENDING = ((1e-6, 3), (1e-7, 3), (1e-9, 3))
-# Factor of the bending energy of the deformation that the map implies: it smooths the map's errors over 1 cm.
-FIRST_BENDING, FIRST_ROUNDS = 1e-5, 2
+
+@dataclass(frozen=True)
+class FaceRegistrationTuning(Tuning, set_by="faces"):
+    """How the face of a source is deformed. All lengths are relative to the square root of its area, about 25 cm.
+
+    Attributes:
+        bending: factor of the bending energy in each round: features above about 8 mm align first, those above 2 mm
+            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are alike, and on a voxel skin with
+            closed lips three times as many edges are torn.
+        first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
+            errors over 1 cm.
+        iterations: conjugate gradient steps of a round.
+        moved: the face is what the keys move by more than this share of the largest motion.
+    """
+
+    bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
+    first_bending: float = tuned(1e-5, "at unit area", 1e-12, 1)
+    iterations: int = tuned(5, "steps", 1, 1000)
+    moved: float = tuned(0.02, "1", 0, 1)
+
+
+FACE_REGISTRATION = FaceRegistrationTuning()
 SLIDING = 0.1  # weight of a squared distance along the surface against one across it
 NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of normals
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
-ITERATIONS, SOLVED = 12, 1e-3  # of conjugate gradients, and the share of the first residual at which they end
+SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
 # A face of fewer vertices has no details to register, and images farther from the target or from those of the map than
 # this are wrong.
@@ -99,7 +117,8 @@ class _Face:
         The expressions (n_s, 3) tell the skin from other parts.
         """
         source, target = mapped.source.working, mapped.target.working
-        moved = on_working_mesh(source, offsets.any(axis=(1, 2)))
+        motion = on_working_mesh(source, np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets).max(axis=1)))
+        moved = motion > FACE_REGISTRATION.moved * motion.max()
         most = on_working_mesh(source, np.sum([row_norms(each) for each in expressions], axis=0))
         skin = source.component == np.argmax(np.bincount(source.component, most))
         moved &= skin
@@ -145,7 +164,7 @@ class _Face:
         energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
         there = OrientedSurface(self.places, self.triangles, np.zeros(len(self.triangles), dtype=bool), NORMAL_WEIGHT)
         displacement = self._first_displacement(energy)
-        for factor, rounds in BENDING:
+        for factor, rounds in Counter(FACE_REGISTRATION.bending).items():
             bending = csc_array(factor * energy)
             factors = factorise(csc_array(bending + diags_array(areas / 2)))
             for _ in range(rounds):
@@ -182,14 +201,9 @@ class _Face:
     def _first_displacement(self, energy: csc_array) -> Floats:
         """(n, 3) the smooth displacement that the map implies."""
         missed = self.places - self.images @ self.mesh.vertices
-        weight = self.areas
-        for _ in range(FIRST_ROUNDS):
-            weighted = csc_array(self.images.T @ diags_array(weight))
-            factors = factorise(csc_array(FIRST_BENDING * energy + weighted @ self.images))
-            found = factors.solve(np.asfortranarray(weighted @ missed))
-            off = row_norms(self.images @ found - missed)
-            weight = self.areas / (1 + (off / (OUTLIER / 2 * np.median(off) + 1e-6)) ** 2)
-        return np.asarray(found)
+        weighted = csc_array(self.images.T @ diags_array(self.areas))
+        factors = factorise(csc_array(FACE_REGISTRATION.first_bending * energy + weighted @ self.images))
+        return np.asarray(factors.solve(np.asfortranarray(weighted @ missed)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +224,7 @@ def _solve(bending: csc_array, data: _Residuals, factors: SuperLU, right: Floats
     solution, residual = np.zeros_like(right), right
     direction = preconditioned = factors.solve(np.asfortranarray(residual))
     product = first = float((residual * preconditioned).sum())
-    for _ in range(ITERATIONS):
+    for _ in range(FACE_REGISTRATION.iterations):
         if product <= SOLVED**2 * first:
             break
         image = bending @ direction + data.of(direction)
