@@ -17,6 +17,7 @@ import zoomout_core as zo
 from benchmarks.binding.pictures import draw
 from benchmarks.outfits.cases import KINDS, WITHIN, Case, cases
 from benchmarks.outfits.clothes import Body, Wardrobe
+from benchmarks.outfits.layers import Layers
 from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS, Fitted, bind_to_nearest
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
@@ -103,6 +104,7 @@ class _Measure:
     def __init__(self, case: Case, strict_keys: frozenset[str]) -> None:
         self._case, self._strict_keys = case, strict_keys
         self._expected = _at_rest(case)
+        self._layers = {name: Layers(thing, case.source, case.centimetre) for name, thing in case.things.items()}
         self._expected_in_poses = [] if case.body is None else _in_poses(case, case.body)
         keys = {} if case.body is None else case.body.keys
         self._skin = Skin(case.target)
@@ -118,7 +120,7 @@ class _Measure:
         for number, name in enumerate(case.things):
             found = fitted.vertices[number]
             record: Record = {"thing": name, "worn": EYES if name in WITHIN else CLOTHES, "vertices": len(found)}
-            record |= self._expected[name].figures(found)
+            record |= self._expected[name].figures(found) | self._layers[name].figures(found)
             if case.body is not None:
                 garment = case.garments[name]
                 in_poses = [

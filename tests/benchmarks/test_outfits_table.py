@@ -13,6 +13,7 @@ from benchmarks import outfits
 from benchmarks.binding import pictures
 from benchmarks.outfits.cases import LOOSE, REMESHED, SAME, STRICT, Case, cases
 from benchmarks.outfits.clothes import Wardrobe
+from benchmarks.outfits.layers import Layers
 from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS
 from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
@@ -35,6 +36,20 @@ def test_what_stays_as_it_was_has_no_faults() -> None:
     shirt = ball(1.1, count=300)
     found = figures(shirt, shirt.vertices, shirt.vertices)
     assert found == dict.fromkeys(found, 0)
+
+
+def test_cloth_in_the_layer_below_is_counted() -> None:
+    shirt, jacket = ball(1.1, count=900), ball(1.2, count=900, seed=3)
+    triangles = np.concatenate([shirt.triangles, jacket.triangles[:, ::-1] + 900])  # either may face inwards
+    both = Surface(np.concatenate([shirt.vertices, jacket.vertices]), triangles)
+    layers = Layers(both, ball(1.0, count=900), 0.1)
+    assert layers.figures(both.vertices) == {"in layer": 0, "layer change": 0}
+    sunk = both.vertices.copy()
+    sunk[900::4] *= 1.05 / 1.2
+    assert layers.figures(sunk)["in layer"] == pytest.approx(25, abs=3)
+    closer = np.concatenate([shirt.vertices, 1.15 / 1.2 * jacket.vertices])
+    assert layers.figures(closer)["layer change"] == pytest.approx(0.5, abs=0.05)
+    assert Layers(shirt, ball(1.0, count=900), 0.1).figures(shirt.vertices) == {}
 
 
 def test_faults_are_counted() -> None:
