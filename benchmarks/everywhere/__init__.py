@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.everywhere.cases import LEGS, OTHER, SKIN, TOUCH, Case, cases
-from benchmarks.everywhere.left_out import LEFT_OUT, left_out_cases
+from benchmarks.everywhere.left_out import LEFT_OUT, cases_left_out
 from benchmarks.everywhere.measures import Row, is_wrong, measure, measure_binding
 from benchmarks.everywhere.pictures import draw
 from benchmarks.tables import Tables
@@ -38,7 +38,7 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None, left_out: bo
     """
     rows: list[Row] = []
     worst: dict[str, list[tuple[float, Row, Case, zo.SurfaceMap]]] = {}
-    chosen = left_out_cases(data, pairs) if left_out else cases(data, pairs)
+    chosen = cases_left_out(data, pairs) if left_out else cases(data, pairs)
     for case in tqdm(chosen, desc="everywhere", leave=False):
         zo.forget_shapes()
         begin = perf_counter()

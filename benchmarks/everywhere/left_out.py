@@ -56,7 +56,7 @@ FAR, STEPS = 8, (1, 4)
 SETS, SEED = (("faust_r", 6), ("shrec19_r", 8), ("smal_r", 10), ("tosca_nonisometric", 6)), 35
 
 
-def left_out_cases(data: Path, most: int | None) -> Iterator[Case]:
+def cases_left_out(data: Path, most: int | None) -> Iterator[Case]:
     """All cases whose files a data folder has, or about `most` of each kind, evenly spread."""
     packs = data / "characters" / "game"
     moving = [path for path in sorted(packs.glob("*/*.glb")) if not path.parent.name.startswith("modular")]
@@ -65,12 +65,12 @@ def left_out_cases(data: Path, most: int | None) -> Iterator[Case]:
     sets = [(data / name, count) for name, count in SETS if (data / name / CORRESPONDENCE).is_file()]
     kinds: dict[str, list[Maker]] = {
         FRAMES: [partial(skin_case, path, True, voxels, bend) for path, (bend, voxels) in product(moving, IN_FRAMES)],
-        CROSSED: [partial(_crossed, path, people[(i + FAR) % len(people)]) for i, path in enumerate(people)],
+        CROSSED: [partial(_cross, path, people[(i + FAR) % len(people)]) for i, path in enumerate(people)],
         ANIMALS: [
-            partial(_crossed, path, beasts[(i + step) % len(beasts)])
+            partial(_cross, path, beasts[(i + step) % len(beasts)])
             for step, (i, path) in product(STEPS, enumerate(beasts))
         ],
-        WHOLE: [partial(_whole, folder, *pair) for folder, count in sets for pair in _unlisted(folder, count)],
+        WHOLE: [partial(_whole, folder, *pair) for folder, count in sets for pair in _draw_unlisted(folder, count)],
     }
     if (data / "clothes" / "bodies.npz").exists():
         clothes = read_module(data / "clothes" / "clothes.py")
@@ -89,7 +89,7 @@ def left_out_cases(data: Path, most: int | None) -> Iterator[Case]:
                 yield replace(case, kind=kind)
 
 
-def _crossed(source_path: Path, target_path: Path) -> Case | None:
+def _cross(source_path: Path, target_path: Path) -> Case | None:
     source, target = character_as_skin(source_path), character_as_skin(target_path)
     if source is None or target is None:
         return None
@@ -108,7 +108,7 @@ def _whole(folder: Path, target_name: str, source_name: str) -> Case:
     return replace(case_of_bodies(WHOLE, name, pair.source, pair.target, *limbs, None), image=image)
 
 
-def _unlisted(folder: Path, count: int) -> list[tuple[str, str]]:
+def _draw_unlisted(folder: Path, count: int) -> list[tuple[str, str]]:
     """Random pairs of a set's shapes of one correspondence that its list lacks."""
     listed = set(pair_names(folder, None))
     names = sorted({name for pair in listed for name in pair})

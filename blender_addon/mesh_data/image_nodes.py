@@ -123,7 +123,7 @@ def _placing(node: Node) -> tuple[str | None, Floats] | None:
         mapping = socket.node
         if mapping.vector_type not in ("POINT", "TEXTURE") or any(each.is_linked for each in list(mapping.inputs)[1:]):
             return None
-        placing = _mapped(mapping)
+        placing = _placement(mapping)
         socket = _origin(mapping.inputs["Vector"])
         if socket is None:
             return None
@@ -146,7 +146,7 @@ def _origin(socket: NodeSocket) -> NodeSocket | None:
     return None
 
 
-def _mapped(mapping: Node) -> Floats:
+def _placement(mapping: Node) -> Floats:
     """(2, 3) the map of a Mapping node between points of the plane."""
     place, turn, size = (np.array(mapping.inputs[name].default_value) for name in ("Location", "Rotation", "Scale"))
     cosine, sine = np.cos(turn[2]), np.sin(turn[2])

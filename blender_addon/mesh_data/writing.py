@@ -55,14 +55,14 @@ class Writing:
         for before in reversed(self._before):
             before.restore()
         for kind in ADDED_TO:
-            bpy.data.batch_remove(self._added(kind))
+            bpy.data.batch_remove(self._find_added(kind))
         for kind in ADDED_IF_UNUSED:
-            bpy.data.batch_remove([one for one in self._added(kind) if not one.users])
+            bpy.data.batch_remove([one for one in self._find_added(kind) if not one.users])
         for one, name in self._replaced:
             one.name = name
         bpy.context.view_layer.update()
 
-    def _added(self, kind: str) -> list[ID]:
+    def _find_added(self, kind: str) -> list[ID]:
         """The data-blocks of a kind that were added to the file since."""
         return [one for one in getattr(bpy.data, kind) if one.session_uid not in self._present]
 

@@ -119,7 +119,7 @@ async def prepare_bake(context: Context, target_name: str, baking: Baking) -> Wr
     def write() -> dict[str, Any]:
         _, target = check_not_edited(context, pair)
         with mesh_data.all_or_nothing(target) as writing:
-            writing.replace(*_baked_for(target))
+            writing.replace(*_find_baked(target))
             made = _write_images(target, images, folder)
             materials = _write_materials(target, textures, face_slots, made)
         return {
@@ -279,7 +279,7 @@ def _bake(
     return {role: of_role for role, of_role in images.items() if of_role}, slots, notes
 
 
-def _baked_for(target: Object) -> list[Any]:
+def _find_baked(target: Object) -> list[Any]:
     """The materials and images of an earlier bake."""
     return [
         block

@@ -115,7 +115,7 @@ class MatchResult(Summary):
     @property
     def arrived(self) -> Floats:
         """(c,) the part of the target's area that receives from each component of the source."""
-        return self._received(np.ones(len(self.confidence)))
+        return self._receiver_areas(np.ones(len(self.confidence)))
 
     @property
     def silent(self) -> Integers:
@@ -129,11 +129,11 @@ class MatchResult(Summary):
 
         These include the silent ones. What arrives counts as much as it is trusted.
         """
-        visible, trusted = self.pair.shares, self._received(self.confidence)[: len(self.pair.shares)]
+        visible, trusted = self.pair.shares, self._receiver_areas(self.confidence)[: len(self.pair.shares)]
         doubted = np.flatnonzero((visible >= VERDICT.visible) & (trusted < VERDICT.trusted * visible))
         return np.union1d(self.silent, doubted)
 
-    def _received(self, weights: Floats) -> Floats:
+    def _receiver_areas(self, weights: Floats) -> Floats:
         """(c,) the part of the target's area, times weights (n_t,), that receives from each component of the source."""
         component, areas = self.source.components[self.surface_map.vertex], self.target.vertex_areas
         received = np.bincount(component, areas * weights, len(self.pair.shares))

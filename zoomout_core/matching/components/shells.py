@@ -105,7 +105,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     points, normals, around = _carry(motion, target.points, target.mesh.vertex_normals)
     of_source, of_target = _outside(source, pair.source_shape), _outside(target, pair.target_shape)
     image = _beneath(points, normals, source, of_source, of_target, in_place)
-    visible, may_lift = of_source & ~_covered(source, of_source), of_target & ~_covered(target, of_target)
+    visible, may_lift = of_source & ~_find_covered(source, of_source), of_target & ~_find_covered(target, of_target)
     if not in_place:
         _uncover(image, points, normals, source, visible, may_lift)
     among = np.flatnonzero(visible[source.mesh.triangles].any(axis=1) | in_place)
@@ -204,7 +204,7 @@ def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
     return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < SHELLS.outside)
 
 
-def _covered(side: Side, outside: Booleans) -> Booleans:
+def _find_covered(side: Side, outside: Booleans) -> Booleans:
     """(n,) which of the vertices near the hull (n,) are below another part, as a body is below a shirt."""
     component, triangles = side.mesh.component, side.mesh.triangles
     covered = np.zeros(len(outside), dtype=bool)
