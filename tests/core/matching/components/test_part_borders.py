@@ -9,7 +9,7 @@ import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.components.part_borders import PART_BORDERS, straighten_borders
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shells import SHELLS, _covered, _Image, _uncover
+from zoomout_core.matching.components.shells import SHELLS, _find_covered, _Image, _uncover
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.tuning import retune
 
@@ -75,7 +75,7 @@ def test_without_a_cost_of_borders_each_vertex_keeps_the_nearest_part() -> None:
 def test_a_shirt_covers_what_is_below_it() -> None:
     surface = both(sheet(0, 1), sheet(0.3, 0.7, 0.01))
     side = side_of(surface)
-    covered = _covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
+    covered = _find_covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
     x, is_body = surface.vertices[:, 0], surface.vertices[:, 2] == 0
     assert not covered[~is_body].any()
     assert covered[is_body & (np.abs(x - 0.5) < 0.19)].all()
@@ -92,7 +92,7 @@ def images_below_a_shirt(cover: float) -> np.ndarray:
     triangle, barycentric = closest_points(points, side.points, side.mesh.triangles[below])
     image = _Image(below[triangle], barycentric, np.full(20, 0.001))
     every = np.ones(20, dtype=bool)
-    visible = ~_covered(side, np.ones(len(side.points), dtype=bool))
+    visible = ~_find_covered(side, np.ones(len(side.points), dtype=bool))
     with retune(SHELLS, cover=cover):
         _uncover(image, points, normals, side, visible, every)
     return component[image.triangle] != component[0]
