@@ -73,6 +73,7 @@ DAMAGES: dict[str, Callable[[Path, Path], object]] = {
 }
 
 
+@pytest.mark.slow(but=3)
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_stored_shape_that_is_not_the_one_is_as_good_as_none(folder: Path, damage: str) -> None:
     right = matched()

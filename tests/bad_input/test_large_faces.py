@@ -58,6 +58,7 @@ def test_those_of_a_vertex_of_less_triangles_do() -> None:
     np.testing.assert_array_equal(np.diff(near.first_triangle), 2 * HUB)
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("kind", [zo.Kind.SCALAR, zo.Kind.LABEL])
 def test_a_transfer_between_fans_needs_little_memory(kind: zo.Kind) -> None:
     source, target = bicone(MANY), bicone(MANY)

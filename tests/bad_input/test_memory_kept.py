@@ -54,6 +54,7 @@ KEEPING: dict[str, tuple[int, Callable[[Surface], None]]] = {
 }
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("case", KEEPING)
 def test_memory_stays_within_the_bound(case: str) -> None:
     count, keep = KEEPING[case]

@@ -2,10 +2,12 @@
 """The tables of live links and of levels of detail measure each kind of data, and each level."""
 
 import numpy as np
+import pytest
 
 from benchmarks import production
 
 
+@pytest.mark.slow
 def test_each_kind_of_data_is_linked_and_equals_the_operator() -> None:
     tables = production.run(cell=0.04, voxel=0.03, vertices=2000, detailed=0.04)
     rows = tables["link"]

@@ -45,6 +45,7 @@ def test_a_search_lists_files_and_appends_none(target, folder):
     assert bpy.context.active_object == target
 
 
+@pytest.mark.slow
 def test_scripts_find_sources_without_a_selection(target, folder):
     search = api.find_source(bpy.context, target, [str(folder)])
     assert [each.path.stem for each in search.found.ranked] == ["hero"]

@@ -36,6 +36,7 @@ def body(character, found):
     return obj
 
 
+@pytest.mark.slow
 def test_what_is_known_of_one_side_is_exchanged_with_nothing_on_the_other(body, character):
     mesh_data.write_weights(body, character.broken)  # the right side has none
     truth, right = character.truth.values.toarray(), character.right

@@ -66,6 +66,7 @@ def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
     assert found["c"] is results["c"]
 
 
+@pytest.mark.slow
 def test_where_it_has_no_such_candidate_the_map_leads_through_another_target(
     results: dict[str, zo.MatchResult],
 ) -> None:

@@ -130,6 +130,7 @@ def test_fingers_that_were_matched_anew_are_not_filled_in_from_their_bases(pair:
     np.testing.assert_array_equal(found.surface_map.triangle[matched], exchanged.triangle[matched])
 
 
+@pytest.mark.slow
 def test_vertices_that_are_split_like_at_uv_seams_make_no_difference(pair: Pair) -> None:
     torn = send({4: 5})
     corners = [surface.triangles.ravel() for surface in (pair.source, pair.target)]

@@ -67,6 +67,7 @@ def test_a_surface_of_the_same_arrays_has_one_hull_of_each_kind() -> None:
     assert cached_hull(other) is not hull
 
 
+@pytest.mark.slow(but=2)
 @pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
 def test_any_difference_makes_it_another_shape(part: WorkingMesh, field: str) -> None:
     value = getattr(part, field)

@@ -59,6 +59,7 @@ def test_landmarks_are_more_exact_than_the_map_and_on_the_side_that_they_were_on
             assert 3 * errors[sure].mean() < errors[~sure].mean()
 
 
+@pytest.mark.slow
 def test_placement_and_unit_do_not_matter(source: Surface, target: Surface, result: MatchResult) -> None:
     points = source.vertices[farthest_points(source.vertices[:COUNT], 20)]
     rotation = Rotation.from_rotvec([2.0, 0.5, -1.0])
@@ -101,6 +102,7 @@ def test_a_landmark_whose_surroundings_are_missing_has_little_confidence(
     assert found.confidence < 0.5
 
 
+@pytest.mark.slow
 def test_a_bent_warp_has_little_confidence(source: Surface, result: MatchResult) -> None:
     points = source.vertices[farthest_points(source.vertices[:COUNT], 20)]
     confidence = zo.transfer_landmarks(result, points).confidence

@@ -142,6 +142,7 @@ def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
     assert np.isin(image[np.abs(at_rest(rest)[:, 0]) < 0.6], source.parts["bodice"]).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_more_hair_than_can_be_paired_lies_on_hair_nearby(sewn: Match) -> None:
     result, source, target = sewn
     cards = np.concatenate([vertices for name, vertices in target.parts.items() if name.startswith("card")])

@@ -75,6 +75,7 @@ def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
     assert missed(result, at_rest, target).mean() < 0.03
 
 
+@pytest.mark.slow
 def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> None:
     hull = as_one_skin(STEP)
     assert right_parts(zo.match(at_rest.surface, hull.surface), at_rest, hull) > 0.95
