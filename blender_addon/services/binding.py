@@ -199,9 +199,7 @@ def _names(obj: Object) -> str:
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
 
-async def prepare_binding(
-    context: Context, job: TransferJob, weights: WeightAdapter, binding: Binding
-) -> Bound:
+async def prepare_binding(context: Context, job: TransferJob, weights: WeightAdapter, binding: Binding) -> Bound:
     """Find the pose of a target, transfer weights from the source at rest, and move the target to rest.
 
     Args:
