@@ -38,9 +38,9 @@ from ..storage import stored_match
 
 # Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Fractions of the progress at which weights are read again, the target is moved to rest, and the rig is moved and
+# Fractions of the progress at which weights are transferred, the target is moved to rest, and the rig is moved and
 # played.
-READING_ANEW, TAKING, CHECKING, MOVED = 0.6, 0.7, 0.8, 0.9
+READING, TAKING, CHECKING, MOVED = 0.6, 0.7, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,16 +199,13 @@ def _names(obj: Object) -> str:
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
 
-async def prepare_binding(
-    context: Context, job: TransferJob, weights: WeightAdapter, untouched: WeightAdapter, binding: Binding
-) -> Bound:
-    """Find the pose of a target, read its weights again from the source at rest, and move it to rest.
+async def prepare_binding(context: Context, job: TransferJob, weights: WeightAdapter, binding: Binding) -> Bound:
+    """Find the pose of a target, transfer weights from the source at rest, and move the target to rest.
 
     Args:
         context: Blender's.
         job: the transfer.
-        weights: the transferred vertex groups; weights that are read again replace them.
-        untouched: the same vertex groups on the source.
+        weights: the source's vertex groups, which are transferred.
         binding: how to bind the target.
 
     Raises:
@@ -217,7 +214,7 @@ async def prepare_binding(
     pair = job.pair
     _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
     rigged = _read_rigged(context, pair)
-    posed = await compute(partial(_pose, job, rigged, weights, untouched))
+    posed = await compute(partial(_pose, job, rigged, weights))
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
     keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
     notes = []
@@ -338,19 +335,18 @@ def _check_weights(
     return checked.stretched, tuple(notes)
 
 
-def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: WeightAdapter) -> PosedTarget:
-    """The pose of a target; weights are read again if the pose changes the map to the source."""
+def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter) -> PosedTarget:
+    """The pose of a target; the weights are transferred along the map to the source in that pose."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
-    with stage("Finding the pose", 0, READING_ANEW):
+    with stage("Finding the pose", 0, READING):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
     if posed.mapped.surface_map is not mapped.surface_map:
         anew = stored_match.StoredMatch(
             posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
         )
-        again = replace(untouched)
-        with portion(READING_ANEW, TAKING):
-            again.transfer(job.along(anew))
-        weights.weights = again.weights
+        job = job.along(anew)
+    with portion(READING, TAKING):
+        weights.transfer(job)
     return posed
 
 

@@ -7,7 +7,7 @@ All are soft constraints, which `zoomout_core` weighs: if they contradict the sh
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import fields, replace
 from functools import partial
@@ -40,7 +40,7 @@ from .parts import read_labels
 MEMBER = 0.5
 # Maximum number of regions; the largest are used, since smaller ones inside or beside them add little.
 MAX_REGIONS = 36
-# Above this score of the regions, the fraction where map and names disagree, a note warns the user.
+# From this part of the area of named regions on that the map takes elsewhere, a note warns the user.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
 # Singular and plural of hints that help a match.
@@ -127,7 +127,7 @@ async def match_pair(
         raise zo.MeshError(
             "Landmark {number} on '{name}', {fault}", number=number, name=name, fault=error.fault
         ) from error
-    if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
+    if _contradicts_names(result, arguments.get("regions", ())):
         notes.append(
             "The map contradicts most names that the two objects share: check whether names or sides are swapped."
         )
@@ -138,8 +138,14 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
-    part_names = labels.name_components(pair.source.components)
-    return replace(result, notes=(*notes, *notes_on_parts(result, part_names), *result.notes))
+    return replace(result, notes=(*notes, *notes_on_parts(result, *labels), *result.notes))
+
+
+def _contradicts_names(result: zo.MatchResult, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
+    """Whether a map takes most of the area of the target's regions, each pair (source, target), out of the source's."""
+    vertex, areas = result.surface_map.vertex, result.target.vertex_areas
+    outside = [areas[ours[~np.isin(vertex[ours], theirs)]].sum() for theirs, ours in regions]
+    return bool(sum(outside) > CONTRADICTION * sum(areas[ours].sum() for _, ours in regions))
 
 
 def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:

@@ -216,7 +216,8 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
                 count=known.non_manifold_edges,
             )
     parts = {obj.name: known.parts for obj in both if (known := latest_facts(obj))}
-    if len(parts) == len(both) and max(parts.values()) > 1:
+    # After a match, its verdict says whether the parts have arrived.
+    if len(parts) == len(both) and max(parts.values()) > 1 and match_source(context, target) != source.name:
         counts = enumeration(message("{count} in '{name}'", count=number, name=name) for name, number in parts.items())
         yield message(
             "Loose parts ({counts}) are paired by position and size: check eyes, teeth and clothes after the match.",

@@ -199,6 +199,10 @@ async def prepare_transfer(
     pair = await stored_pair(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = await _collect(context, pair, data, settings)
+    # Those of a bound target are transferred once its pose is known.
+    weights = [one for one in adapters if binding is not None and isinstance(one, WeightAdapter)]
+    if binding is not None and not weights:
+        raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
     match: stored_match.Match
     if stored is None:
         with portion(0, MATCHING):
@@ -211,14 +215,11 @@ async def prepare_transfer(
     job = TransferJob(match, pair, remarks, settings, blend)
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
-    weights = [(one, replace(one)) for one in adapters if isinstance(one, WeightAdapter)]
     with portion(begun, done):
-        await compute(partial(transfer_all, adapters, job))
+        await compute(partial(transfer_all, [one for one in adapters if one not in weights], job))
     if binding is not None:
-        if not weights:
-            raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
         with portion(done, 1):
-            bound = await prepare_binding(context, job, *weights[0], binding)
+            bound = await prepare_binding(context, job, weights[0], binding)
         remarks.notes.extend(bound.notes)
         bind_worn = await take_to_rest(context, pair, bound.rest.positions)
 

@@ -2,7 +2,7 @@
 """The preview of an object by colours in the 3D views; `services.previews` computes the colours.
 
 There is one preview at a time. It belongs to one object, may colour others as well, and does not change the file. A
-caption in the views names it.
+caption in the views names and explains it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ OUTDATED = "Hidden: a mesh was changed"
 NOTHING_STRETCHES = "No vertex stretches far more than on the source"
 LOST = "Hidden: the modifiers leave no faces to color"
 HIDDEN = "Hidden in this mode; shown in Object Mode"
-# Size of the caption, and its distance from the lower border of a view, in pixels at an interface scale of 1.
-TEXT, BORDER = 13, 24
+# Size of the caption, its distance from the lower border of a view, and the distance of its lines, in pixels at an
+# interface scale of 1.
+TEXT, BORDER, LINE = 13, 24, 20
 # White with a dark shadow (its blur in pixels, and its colour) is legible on every background.
 TEXT_COLOR, SHADOW = (1.0, 1.0, 1.0, 1.0), (3, 0.0, 0.0, 0.0, 0.8)
 
@@ -183,14 +184,16 @@ def clear() -> None:
         _caption_handler = None
 
 
-def caption() -> str:
-    """The name of the current preview, and the way to end it or its work; empty if none is drawn."""
+def caption() -> tuple[str, ...]:
+    """The name of the current preview, the way to end it or its work, and its legend; empty if none is drawn."""
     if _shown is None or not overlay.visible():
-        return ""
-    kind = (OF_MATCH | OF_BINDING | OF_SYMMETRY)[_shown.kind]
+        return ()
+    name = as_message((OF_MATCH | OF_BINDING | OF_SYMMETRY)[_shown.kind].label)
     if _shown.preliminary:
-        return translated(message("{preview}, preliminary: ESC cancels the match", preview=as_message(kind.label)))
-    return translated(message("{preview}: the X in the tab ZoomOut hides the colors", preview=as_message(kind.label)))
+        how_to_end = message("{preview}, preliminary: ESC cancels the match", preview=name)
+    else:
+        how_to_end = message("{preview}: the X in the tab ZoomOut hides the colors", preview=name)
+    return translated(how_to_end), translated(legend(_shown))
 
 
 def follow_selection() -> None:
@@ -201,16 +204,18 @@ def follow_selection() -> None:
 
 def _draw_caption() -> None:
     context, font = bpy.context, 0
-    text = caption() if context.space_data.overlay.show_overlays else ""
-    if not text:
+    lines = caption() if context.space_data.overlay.show_overlays else ()
+    if not lines:
         return
     scale = context.preferences.system.ui_scale
     blf.size(font, TEXT * scale)
     blf.color(font, *TEXT_COLOR)
     blf.enable(font, blf.SHADOW)
     blf.shadow(font, *SHADOW)
-    blf.position(font, (context.region.width - blf.dimensions(font, text)[0]) / 2, BORDER * scale, 0)
-    blf.draw(font, text)
+    for number, line in enumerate(lines):
+        height = (BORDER + number * LINE) * scale
+        blf.position(font, (context.region.width - blf.dimensions(font, line)[0]) / 2, height, 0)
+        blf.draw(font, line)
     blf.disable(font, blf.SHADOW)
 
 

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import bpy
 
+# Names of panels within panels that the user has opened.
+OPENED = set[str]()
 ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
 
 
@@ -69,7 +71,7 @@ class Layout:
 
     def panel(self, name, default_closed=False):
         assert self.above is None  # Blender allows panels only in the layout of a panel
-        return Layout(self.drawn, self), None if default_closed else Layout(self.drawn, self)
+        return Layout(self.drawn, self), None if default_closed and name not in OPENED else Layout(self.drawn, self)
 
     def separator(self):
         pass
@@ -82,7 +84,9 @@ class Context:
     """Blender's context with a region of some width."""
 
     region = SimpleNamespace(width=300)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    preferences = SimpleNamespace(
+        system=SimpleNamespace(ui_scale=1.0), ui_styles=[SimpleNamespace(widget=SimpleNamespace(points=11))]
+    )
 
     def __getattr__(self, name):
         return getattr(bpy.context, name)

@@ -291,6 +291,15 @@ def test_weights_are_limited_and_sum_to_one():
     assert (weights > 0).sum(axis=0).max() == 1
 
 
+def test_vertices_whose_weights_are_filled_in_are_counted_once():
+    source, armature = source_and_rig()
+    target, at_rest = pose_target(source, armature)
+    keep_true_match(target, at_rest, doubtful=40)
+    settings = api.Settings(fill_below=0.2)
+    notes = api.bind_to_rig(bpy.context, source, target, settings=settings)["notes"]
+    assert len([note for note in notes if "usable match" in note]) == 1
+
+
 def test_a_locked_group_of_a_bone_counts_as_it_is():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)

@@ -75,7 +75,7 @@ def test_the_best_candidate_is_shown_in_rough_colours_marked_as_preliminary(sour
     current = preview.preview_of(target)
     assert current.preliminary
     assert preview.legend(current) == preview.PRELIMINARY
-    assert preview.caption() == "Matching Colors, preliminary: ESC cancels the match"
+    assert preview.caption()[0] == "Matching Colors, preliminary: ESC cancels the match"
     points = np.array([source.matrix_world @ vertex.co for vertex in source.data.vertices])
     assert set(shown()) == {"Source", "Target"}
     np.testing.assert_allclose(shown()["Source"], place_colors(points, points), atol=1e-6)

@@ -3,6 +3,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -13,12 +14,14 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
+from blender_addon.services.constraints import _contradicts_names
 from blender_addon.services.match import match_objects
 from blender_addon.services.parts import read_labels
 from blender_addon.services.select_faults import TORN, select_faults
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.matching.verdict import GREEN, RED, judge
+from zoomout_core.samples.spheres import ball
 
 WRONG = judge(0.1)
 
@@ -126,13 +129,24 @@ def two_parts():
     return body, obj
 
 
-def test_parts_have_the_names_of_their_objects_and_materials():
+def test_a_map_contradicts_names_by_their_area_and_not_by_their_number():
+    target = ball(1.0)
+    vertex = np.arange(len(target.vertices))
+    result = SimpleNamespace(target=target, surface_map=zo.SurfaceMap.from_vertices(vertex, target))
+    right = [(vertex[half::2], vertex[half::2]) for half in (0, 1)]
+    fingers = [(vertex[:1], vertex[i : i + 1]) for i in range(1, 9)]
+    assert not _contradicts_names(result, right + fingers)
+    swapped = [(vertex[::2], vertex[1::2]), (vertex[1::2], vertex[::2])]
+    assert _contradicts_names(result, swapped)
+    assert not _contradicts_names(result, ())
+
+
+def test_faces_have_the_names_of_their_objects_and_materials():
     body, both = two_parts()
     pair = jobs.run(read_pair(bpy.context, both.name, body.name))
-    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Both: Skin", "Both: Hair"]
-    # A few faces of another material do not name the part, even around its first vertex.
-    for number in {polygon.index for polygon in both.data.polygons if 0 in polygon.vertices}:
-        both.data.polygons[number].material_index = 1
-    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Both: Skin", "Both: Hair"]
+    labels, number = read_labels(bpy.context, pair)
+    assert labels == ["Both: Skin", "Both: Hair"]
+    assert number.tolist() == [polygon.material_index for polygon in both.data.polygons]
     pair = jobs.run(read_pair(bpy.context, body.name, both.name))
-    assert read_labels(bpy.context, pair).name_components(pair.source.components) == ["Body"]
+    labels, number = read_labels(bpy.context, pair)
+    assert (labels, set(number.tolist())) == (["Body"], {0})

@@ -7,7 +7,9 @@ from itertools import pairwise
 from time import perf_counter
 from types import SimpleNamespace
 
+import blf
 import bpy
+import drawing
 import numpy as np
 import pytest
 from drawing import Context, Layout
@@ -23,11 +25,12 @@ from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels
-from blender_addon.ui.panels import result
+from blender_addon.ui.panels import result, sidebar
+from blender_addon.ui.panels.sidebar import VERDICT_ICONS
 from blender_addon.viewport import preview
 from zoomout_core.matching.notes import UNSURE
 from zoomout_core.matching.verdict import judge
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
 
 
@@ -63,15 +66,20 @@ def source():
     return obj
 
 
+@pytest.fixture
+def open_notes(monkeypatch):
+    monkeypatch.setattr(drawing, "OPENED", {result.NOTES})
+
+
 def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert "Source (selected)" in texts()
     assert "Target (active)" in texts()
     assert buttons()["Match"]
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
-    below = "Blending", "Groups and Attributes", "Topology", "Bind to Rig", "Check Binding", "Wrap", "Dress"
-    of_match = "Landmarks", "Hints", "Collections", "Libraries", "Advanced"
-    assert names == ["Match", *of_match, "Transfer", *below, "Symmetry"]
+    of_match, of_transfer = ("Landmarks", "Hints", "Advanced"), ("Blending", "Groups and Attributes", "Topology")
+    below = "Bind to Rig", "Check Binding", "Wrap", "Dress", "Collections", "Libraries", "Symmetry"
+    assert names == ["Match", *of_match, "Transfer", *of_transfer, *below]
 
 
 def place_of_button():
@@ -92,6 +100,28 @@ def test_doubts_that_arrive_late_do_not_move_the_button(source, target):
     assert place_of_button() == before
 
 
+def test_after_a_match_its_verdict_replaces_the_doubt_about_loose_parts(source, target):
+    bpy.ops.mesh.primitive_ico_sphere_add(location=(0, 0, 3))
+    activate(source, bpy.context.active_object)
+    bpy.ops.object.join()
+    match_objects(bpy.context, source, target, k_final=30)
+    activate(target, source)
+    drawn()
+    mesh_facts.inspect_now()
+    assert "Loose parts" not in texts()
+
+
+def test_lines_are_as_long_as_fits_in_letters_of_any_width():
+    text = "The match is right as a whole (over 99% certain). " + "対応は全体として正しいです。" * 4
+    blf.size(sidebar.FONT, 11)
+    lines = sidebar._wrap(text, 200)
+    assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+    widths = [blf.dimensions(sidebar.FONT, line)[0] for line in lines]
+    assert max(widths) <= 200
+    assert min(widths[:-1]) > 140
+    assert sidebar._wrap("", 200) == []
+
+
 def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
     drawn()
     mesh_facts.inspect_now()
@@ -110,21 +140,15 @@ def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(t
     assert grey == {"shape_keys", "color_attributes", "custom_normals"}
 
 
-def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, target):
+def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, target, open_notes):
     match_objects(bpy.context, source, target, k_final=30)
     assert "Candidates" in texts()
     assert "Most Likely" not in texts()  # folded up while the match is certain
 
-    def mark():
-        everything = drawn()
-        (place,) = (i for i, (_, text, _) in enumerate(everything) if str(text).startswith("Matched with"))
-        return everything[place + 1][1]
-
-    assert mark() == "DOT"
+    assert "Matched with" not in texts()  # the row of the source says it
     assert ("mark", "CHECKMARK", True) in drawn()
     listing = stored_candidates.read(target.data)
     use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
-    assert mark() == "MOD_MIRROR"
     shown = texts()
     assert "Most Likely" in shown
     assert "Mirror Image" in shown
@@ -179,14 +203,25 @@ def test_no_two_candidates_share_a_name():
     assert names == ["Most Likely", "Legs Swapped", "Sides Swapped", "Legs Swapped 2", "Legs Swapped 3"]
 
 
+def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    kept = stored_match.description(target.data)
+    for note, icon in ((message("A note"), "NONE"), (warning("A warning"), "ERROR")):
+        target.data[stored_match.PROPERTY] = json.dumps(kept | {"notes": to_json([note])})
+        everything = drawn()
+        assert (("label", "Notes", True), ("mark", icon, True)) in pairwise(everything)
+        assert note not in texts()
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"notes": to_json([warning(UNSURE, certainty="60%")])})
+    assert "Notes" not in texts()  # the verdict says it
+
+
 def test_no_button_moves_whatever_is_shown(source, target):
     match_objects(bpy.context, source, target, k_final=30)
-    heights = {len([1 for kind, *_ in drawn() if kind == "label"])}
+    labels = [text for kind, text, _ in drawn() if kind == "label"]
     for kind in preview.OF_MATCH:
         bpy.ops.zoomout.preview(kind=kind)
-        assert preview.OF_MATCH[kind].legend.split()[0] in texts()
-        heights.add(len([1 for kind, *_ in drawn() if kind == "label"]))
-    assert len(heights) == 1
+        assert preview.caption()[1] == preview.OF_MATCH[kind].legend
+        assert [text for kind, text, _ in drawn() if kind == "label"] == labels
 
 
 def test_all_check_marks_are_set_or_cleared_at_once(target):
@@ -206,7 +241,7 @@ def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
     assert buttons()["Match and Transfer"] is False
 
 
-def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(source, target):
+def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(source, target, open_notes):
     match_objects(bpy.context, source, target, k_final=30)
     shown = buttons()
     for name in (
@@ -222,20 +257,19 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
         "Next",
     ):
         assert shown[name], name
-    assert "Matched with 'Source'" in texts()
     assert "Without a partner" not in texts()
     kept = stored_match.description(target.data)
     target.data[stored_match.PROPERTY] = json.dumps(kept | {"without_partner": [0.0, 0.58]})
     assert "Without a partner: 0% of the target, 58% of the source" in texts()
     bpy.ops.zoomout.preview(kind="PLACES")
-    assert "Same color, same point" in texts()
+    assert preview.OUTDATED not in texts()
     target.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()
     mesh_facts.inspect_now()
     assert "The target 'Target' was edited after the match: match again." in texts()
     assert preview.OUTDATED in texts()
-    assert "Same color, same point" not in texts()
+    assert preview.caption() == ()
     shown = buttons()
     assert shown["Match Again"]
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
@@ -245,18 +279,18 @@ def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
-    for verdict, icon in ((judge(0.6), "ERROR"), (judge(0.1), "CANCEL"), (None, "DOT")):
+    for verdict, icon in ((judge(0.6), "ERROR"), (judge(0.1), "CANCEL"), (None, "")):
         stored = None if verdict is None else list(verdict)
         target.data[stored_match.PROPERTY] = json.dumps(kept | {"verdict": stored})
         everything = drawn()
-        assert ("mark", icon, True) in everything
-        assert ("mark", "CHECKMARK", True) not in everything
+        marks = {name for kind, name, _ in everything if kind == "mark"}
+        assert marks.intersection(VERDICT_ICONS.values()) == {icon} - {""}
         for text in () if verdict is None else (verdict.sentence, verdict.advice):
             assert text.split()[-1] in texts()
 
 
 @pytest.mark.slow
-def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target):
+def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target, open_notes):
     def changed():
         return "Landmarks have changed since the match" in texts()
 
@@ -280,6 +314,7 @@ def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, ta
     activate(target)
     bpy.context.view_layer.update()
     assert "The source is now 'Other': match again to use it." in texts()
+    assert "Matched with 'Source'" in texts()
     assert buttons()["Match and Transfer"]
 
 
@@ -348,7 +383,7 @@ def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
         assert buttons()[name], name
     assert sum(kind == "icon" for kind, *_ in drawn()) == len(stored_symmetry.description(body.data)["candidates"])
     bpy.ops.zoomout.preview(kind="SIDES")
-    assert "Blue is left" in texts()
+    assert preview.caption()[1].startswith("Blue is left")
     body.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()

@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import READERS, read_asset
 from zoomout_core.assets.part_names import PartName, name_parts_of
 from zoomout_core.cli.group import JSON
@@ -85,11 +85,16 @@ def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
     return [
         result.verdict.line,
         *_ways_out(result),
-        *notes_on_parts(result, [part.label for part in parts]),
+        *notes_on_parts(result, [part.label for part in parts], _part_of_faces(result.source)),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]
+
+
+def _part_of_faces(surface: Surface) -> Integers:
+    """(f,) the connected component of each face."""
+    return surface.components[surface.corner_vertex[surface.face_start[:-1]]]
 
 
 def _ways_out(result: MatchResult) -> list[str]:

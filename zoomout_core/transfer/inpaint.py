@@ -21,7 +21,7 @@ from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.messages import message
+from zoomout_core.messages import plural
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.groups import first_of_each
 
@@ -92,19 +92,25 @@ class Filling:
     def notes(self, following: bool = False) -> tuple[str, ...]:
         """Sentences for the user; `following` as for `fill`."""
         left = self.left + (0 if following else len(self.follower))
-        told = (
-            (len(self.filled), "{count:,} vertices without a usable match took their neighbors' values."),
-            (
+        counted = (
+            plural(
+                len(self.filled),
+                "1 vertex without a usable match took its neighbors' values.",
+                "{count:,} vertices without a usable match took their neighbors' values.",
+            ),
+            plural(
                 len(self.follower) * following,
+                "1 vertex of a small part without a usable match follows the nearest part.",
                 "{count:,} vertices of small parts without a usable match follow the nearest part.",
             ),
-            (
+            plural(
                 left,
+                "1 vertex without a usable match was left as mapped, because no vertex of its part has one.",
                 "{count:,} vertices without a usable match were left as mapped, because no vertex of their part "
                 "has one.",
             ),
         )
-        return tuple(message(text, count=count) for count, text in told if count)
+        return tuple(note for note in counted if note.values["count"])
 
     def _solve(self, right: Floats) -> Floats:
         """(u, b) solutions for right-hand sides (u, b)."""

@@ -24,8 +24,6 @@ CLASSES = (
     ZOOMOUT_PT_result,
     ZOOMOUT_PT_landmarks,
     ZOOMOUT_PT_hints,
-    ZOOMOUT_PT_collections,
-    ZOOMOUT_PT_library,
     ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
@@ -39,5 +37,7 @@ CLASSES = (
     ZOOMOUT_PT_binding_check,
     ZOOMOUT_PT_wrap,
     ZOOMOUT_PT_dress,
+    ZOOMOUT_PT_collections,
+    ZOOMOUT_PT_library,
     *symmetry.CLASSES,
 )

@@ -13,7 +13,7 @@ from ...operators.test_poses import ZOOMOUT_OT_test_poses
 from ...properties.transfer import BindOptions, BindView
 from ...services.preflight import likely_source
 from ...viewport.preview import OF_BINDING
-from .sidebar import SidebarPanel, preview_buttons, split_properties
+from .sidebar import SidebarPanel, explain_hidden_preview, preview_buttons, split_properties
 
 
 class ZOOMOUT_PT_binding(SidebarPanel, Panel):
@@ -43,4 +43,5 @@ class ZOOMOUT_PT_binding_check(SidebarPanel, Panel):
         layout.operator(ZOOMOUT_OT_test_poses.bl_idname, icon="POSE_HLT")
         layout.operator(ZOOMOUT_OT_select_stretched.bl_idname, icon="RESTRICT_SELECT_OFF")
         enabled = ZOOMOUT_OT_select_stretched.poll(context)
-        preview_buttons(context, layout, OF_BINDING, "No preview of the binding", enabled)
+        preview_buttons(context, layout, OF_BINDING, enabled)
+        explain_hidden_preview(context, layout, OF_BINDING)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subpanel of the match: find a source in libraries."""
+"""The panel that finds a source in libraries."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from bpy.types import Context, Panel
 
 from ...operators.find_source import ZOOMOUT_OT_append_source, ZOOMOUT_OT_find_source
 from ...properties.library import LibrarySettings
-from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
 
 
 class ZOOMOUT_PT_library(SidebarPanel, Panel):
     bl_label = "Libraries"
-    bl_parent_id = ZOOMOUT_PT_match.__name__
     bl_options = {"DEFAULT_CLOSED"}
-    bl_order = 26
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout

@@ -9,6 +9,7 @@ from bpy.types import Context, Object, Panel, UILayout
 
 from zoomout_core.matching.verdict import RED
 from zoomout_core.messages import message
+from zoomout_core.messages import sentences as join_sentences
 
 from ...operators.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
@@ -52,9 +53,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
         if settings.initial not in ("NEAREST", "SAME_ORDER"):
-            detail = layout.column(align=True)
-            detail.label(text="Detail")
-            row = detail.row(align=True)
+            row = layout.row(align=True)
             row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
         found = findings(context)
@@ -82,9 +81,7 @@ def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) ->
         return
     box = layout.box()
     box.alert = verdict.level == RED
-    sentences(context, box, [verdict.sentence], VERDICT_ICONS[verdict.level])
-    if verdict.advice:
-        sentences(context, box, [verdict.advice], "BLANK1")
+    sentences(context, box, [join_sentences(verdict.sentence, verdict.advice)], VERDICT_ICONS[verdict.level])
 
 
 def _describe_source(source: Object | None, target: Object | None) -> str:

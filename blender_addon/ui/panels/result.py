@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
+from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching import candidate_differences
 from zoomout_core.matching.verdict import VERDICT
-from zoomout_core.messages import message
+from zoomout_core.messages import is_warning, message
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ...operators.select_faults import (
@@ -18,19 +20,28 @@ from ...operators.select_faults import (
     ZOOMOUT_OT_select_torn,
     ZOOMOUT_OT_select_without_partner,
 )
-from ...services.preflight import Finding, find_outdated, stale
+from ...services.preflight import Finding, find_outdated, likely_source, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...translations import translated
 from ...viewport import preview
 from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
-from .sidebar import PICTURE, SidebarPanel, draw_notes, preview_buttons, sentences, show_findings
+from .sidebar import (
+    PICTURE,
+    SidebarPanel,
+    draw_notes,
+    explain_hidden_preview,
+    preview_buttons,
+    select_notes,
+    sentences,
+    show_findings,
+)
 
 # From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
-# Names of the panel of candidates, of which Blender remembers whether they are open.
-CERTAIN, UNCERTAIN = "zoomout_candidates_certain", "zoomout_candidates_uncertain"
+# Names of the panels of candidates and of notes, of which Blender remembers whether they are open.
+CERTAIN, UNCERTAIN, NOTES = "zoomout_candidates_certain", "zoomout_candidates_uncertain", "zoomout_notes"
 # Number of thumbnails in a row, so that the candidates' differences fit below them.
 COLUMNS = 2
 # Differences of a candidate from the most likely one.
@@ -81,13 +92,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             box = layout.box()
             box.alert = True
             sentences(context, box, [reason], "ERROR")
-        else:
-            others = (source["name"] for source in stored_match.others(stored))
-            names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
-            matched = message("Matched with {sources}", sources=names)
-            mirrored = listing is not None and listing.candidates[listing.chosen].mirrored
-            sentences(context, layout, [matched], "MOD_MIRROR" if mirrored else "DOT")
-        preview_buttons(context, layout, PREVIEWS, "No preview of the match", enabled=not reason)
+        preview_buttons(context, layout, PREVIEWS, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
         # In two rows: side by side the labels would be cut off.
@@ -97,17 +102,45 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         if listing is not None:
             _draw_candidates(layout, listing, enabled=not reason)
         # Content that changes with the candidate is below the buttons, so that these do not move.
+        explain_hidden_preview(context, layout, PREVIEWS)
         if not reason:
-            of_target, of_source = stored.get("without_partner") or (0, 0)
-            if max(of_target, of_source) >= TOLD:
-                without = message(
-                    "Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source",
-                    of_target=of_target,
-                    of_source=of_source,
-                )
-                sentences(context, layout, [without], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
-        draw_notes(context, layout, stored["notes"], None if reason else stored_match.verdict_of(stored))
+        notes = stored["notes"]
+        if not reason:
+            notes = [*_describe_sources(context, stored), *_describe_areas_without_partner(stored), *notes]
+        _draw_notes(context, layout, select_notes(notes, None if reason else stored_match.verdict_of(stored)))
+
+
+def _describe_sources(context: Context, stored: dict[str, Any]) -> list[str]:
+    """A sentence about what the target was matched with, unless the row of the source in the panel says it."""
+    source, others = likely_source(context), stored_match.others(stored)
+    if source is not None and source.name == stored["source"] and not others:
+        return []
+    names = ", ".join(f"'{name}'" for name in (stored["source"], *(other["name"] for other in others)))
+    return [message("Matched with {sources}", sources=names)]
+
+
+def _describe_areas_without_partner(stored: dict[str, Any]) -> list[str]:
+    of_target, of_source = stored.get("without_partner") or (0, 0)
+    if max(of_target, of_source) < TOLD:
+        return []
+    return [
+        message(
+            "Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source",
+            of_target=of_target,
+            of_source=of_source,
+        )
+    ]
+
+
+def _draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None:
+    """Draw notes on the match in a panel that is closed by default, as the verdict above sums them up."""
+    if not notes:
+        return
+    header, body = layout.panel(NOTES, default_closed=True)
+    header.label(text="Notes", icon="ERROR" if any(map(is_warning, notes)) else "NONE")
+    if body is not None:
+        draw_notes(context, body, notes)
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) -> None:

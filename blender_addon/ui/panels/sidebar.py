@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 
+import blf
 from bpy.types import Context, Object, UILayout
 
 from zoomout_core.matching.notes import UNSURE
@@ -21,12 +21,12 @@ from ...translations import CONTEXT, translated
 from ...viewport import preview
 from .. import manual
 
-# Width of a letter and of the border around a panel's text, in pixels at a scale of 1.
-LETTER, BORDER = 6.5, 60
+# Width of the border around a panel's text, in pixels at a scale of 1, and the font of labels.
+BORDER, FONT = 86, 0
 # Height of a panel's main button, relative to others.
 BUTTON = 1.5
-# Letters of a label that fits beside two others; number of lines of the longest legend.
-NARROW, LEGEND = 12, 2
+# Letters of a label that fits beside two others.
+NARROW = 12
 # Icons of verdicts on a match.
 VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
 # Size of the thumbnails of candidates, in icons.
@@ -42,27 +42,45 @@ class SidebarPanel:
     bl_translation_context = CONTEXT
 
 
-def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE", lines: int = 0) -> None:
-    """Draw sentences in the user's language, wrapped to the width of the panel.
-
-    Each sentence may have an icon, and takes at least `lines` lines.
-    """
+def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE") -> None:
+    """Draw sentences in the user's language, wrapped to the width of the panel; each may have an icon."""
     scale = context.preferences.system.ui_scale
-    letters = max(20, int((context.region.width / scale - BORDER) / LETTER))
+    blf.size(FONT, context.preferences.ui_styles[0].widget.points * scale)
     for text in texts:
         column = layout.column(align=True)
-        broken = textwrap.wrap(translated(text), letters)
-        for number, line in enumerate(broken + [""] * (lines - len(broken))):
+        for number, line in enumerate(_wrap(translated(text), context.region.width - BORDER * scale)):
             column.label(text=line, translate=False, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
-def draw_notes(context: Context, layout: UILayout, notes: Sequence[str], verdict: Verdict | None = None) -> None:
-    """Draw notes on a result, first those that ask the user to check or do something.
+def _wrap(text: str, width: float) -> list[str]:
+    """Break text into lines of at most a width in pixels: between words, or within one that is too long itself."""
+    lines = [""]
+    for word in text.split():
+        begun = f"{lines[-1]} ".lstrip()
+        if _fits(begun + word, width):
+            lines[-1] = begun + word
+        elif _fits(word, width):
+            lines.append(word)
+        else:
+            lines[-1] = begun
+            for letter in word:
+                if lines[-1] and not _fits(lines[-1] + letter, width):
+                    lines.append("")
+                lines[-1] += letter
+    return [line for line in lines if line]
 
-    Those that repeat the certainty in a `verdict` that is shown, too, are left out.
-    """
-    if verdict is not None:
-        notes = [note for note in notes if getattr(note, "template", None) != UNSURE]
+
+def _fits(text: str, width: float) -> bool:
+    return bool(blf.dimensions(FONT, text)[0] <= width)
+
+
+def select_notes(notes: Sequence[str], verdict: Verdict | None) -> list[str]:
+    """The notes that do not repeat the certainty in a verdict that is shown, too."""
+    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNSURE]
+
+
+def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None:
+    """Draw notes on a result, first those that ask the user to check or do something."""
     for warns, icon in ((True, "ERROR"), (False, "DOT")):
         sentences(context, layout, [note for note in notes if is_warning(note) == warns], icon)
 
@@ -79,15 +97,10 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
 
 
 def preview_buttons(
-    context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], nothing: str, enabled: bool = True
+    context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], enabled: bool = True
 ) -> None:
-    """Draw a button for each preview of the active object, and below them the legend, or that there is `nothing`.
-
-    The button that removes a preview is always enabled. The height is constant, so that no button moves.
-    """
-    shown = preview.preview_of(context.active_object)
-    if shown is not None and shown.kind not in kinds:
-        shown = None
+    """Draw a button for each preview of the active object; the button that removes a preview is always enabled."""
+    shown = _shown_of(context, kinds)
     column = layout.column(align=True)
     wide = column.column(align=True)
     whole = column.row(align=True)
@@ -101,7 +114,19 @@ def preview_buttons(
         else:
             row.operator(ZOOMOUT_OT_preview.bl_idname, text=kind.label, depress=pressed).kind = name
     whole.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
-    sentences(context, layout, [preview.legend(shown) if shown else nothing], lines=LEGEND)
+
+
+def explain_hidden_preview(context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind]) -> None:
+    """Draw why the colors of a preview are hidden; the caption of the 3D views explains those that are shown."""
+    shown = _shown_of(context, kinds)
+    if shown is not None and not preview.caption():
+        sentences(context, layout, [preview.legend(shown)], "INFO")
+
+
+def _shown_of(context: Context, kinds: Mapping[str, preview.Kind]) -> preview.Preview | None:
+    """The preview of the active object, if it is of one of some kinds."""
+    shown = preview.preview_of(context.active_object)
+    return shown if shown is not None and shown.kind in kinds else None
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:

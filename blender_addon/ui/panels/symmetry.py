@@ -22,6 +22,7 @@ from .sidebar import (
     PICTURE,
     SidebarPanel,
     draw_notes,
+    explain_hidden_preview,
     help_button,
     main_button,
     preview_buttons,
@@ -65,10 +66,11 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         if is_reshaped(target, stored):
             show_findings(context, layout, [RESHAPED])
         _draw_candidates(context, layout, stored)
-        preview_buttons(context, layout, preview.OF_SYMMETRY, "No preview of the symmetry")
+        preview_buttons(context, layout, preview.OF_SYMMETRY)
         layout.prop(settings, "check", text="Compare")
         layout.prop(settings, "red_weight" if settings.check == "WEIGHTS" else "red_length")
         layout.prop(settings, "direction")
+        explain_hidden_preview(context, layout, preview.OF_SYMMETRY)
 
 
 class SymmetrySubpanel(SidebarPanel):

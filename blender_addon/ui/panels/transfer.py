@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel of the transfer: the source's data, obstacles, the button, and the report."""
+"""The panel of the transfer: obstacles, the button, the source's data, and the report."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from .sidebar import (
     draw_notes,
     help_button,
     main_button,
+    select_notes,
     sentences,
     show_findings,
 )
@@ -43,7 +44,6 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         source, own = likely_source(context) if target else None, own_sources(context)
         if source is None and target is not None and target.name in own:
             source = context.scene.objects[own[target.name]]
-        _draw_choice(layout, context, source)
         # The panel of the match, above, shows mere doubts about the meshes.
         found = [finding for finding in findings(context) if finding.blocks]
         matched = bool(own) or (source is not None and match_source(context, target) == source.name)
@@ -58,7 +58,9 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         else:
             text = count_text("Match and Transfer", "Match and Transfer to {count} Targets", context, source)
         free = not any(finding.blocks for finding in found)
+        # The button is above the choice, as in Blender's Bake panel, so that both fit a screen after a match.
         main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
+        _draw_choice(layout, context, source)
 
 
 class ZOOMOUT_PT_report(SidebarPanel, Panel):
@@ -85,7 +87,7 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
             for name, reason in report["skipped"].items()
         ]
         sentences(context, self.layout, skipped, "CANCEL")
-        draw_notes(context, self.layout, report["notes"], verdict)
+        draw_notes(context, self.layout, select_notes(report["notes"], verdict))
 
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:

@@ -8,7 +8,7 @@ from bpy.types import Context, Panel
 from ...operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ...properties.transfer import BLENDING, NAMING
 from ...viewport import preview
-from .sidebar import SidebarPanel, preview_buttons, split_properties
+from .sidebar import SidebarPanel, explain_hidden_preview, preview_buttons, split_properties
 from .transfer import ZOOMOUT_PT_transfer
 
 
@@ -47,5 +47,7 @@ class ZOOMOUT_PT_topology(SidebarPanel, Panel):
     bl_order = 30
 
     def draw(self, context: Context) -> None:
-        preview_buttons(context, self.layout, {preview.CUT: preview.OF_MATCH[preview.CUT]}, "No preview of the cut")
+        of_cut = {preview.CUT: preview.OF_MATCH[preview.CUT]}
+        preview_buttons(context, self.layout, of_cut)
+        explain_hidden_preview(context, self.layout, of_cut)
         self.layout.operator(ZOOMOUT_OT_cut_seams.bl_idname)

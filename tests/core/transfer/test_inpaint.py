@@ -142,6 +142,7 @@ def test_small_parts_without_trust_move_as_what_is_nearest_and_large_ones_are_le
         whole = filling(surface, ~doubtful)
         filled = whole.fill_weights(weights)
         assert whole.filled.tolist() == [3]
+        assert whole.notes()[0] == "1 vertex without a usable match took its neighbors' values."
         assert whole.left == (0 if small else second.sum())
         if small:
             nearest = np.argmax(np.where(second, -np.inf, surface.vertices[:, 0]))

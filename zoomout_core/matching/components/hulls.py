@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, segment_sum
+from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
@@ -72,12 +72,17 @@ def main_part_coverage(surface: Surface, hull: WorkingMesh) -> float:
 
 def shares_of_outside(surface: Surface, hull: WorkingMesh) -> Floats:
     """(c,) the part of a hull's area, in [0, 1], to which each component of its surface is nearest."""
+    component = surface.components[surface.triangles[outer_triangles(surface, hull), 0]]
+    return np.bincount(component, minlength=surface.working.component.max() + 1) / len(component)
+
+
+def outer_triangles(surface: Surface, hull: WorkingMesh) -> Integers:
+    """(p,) the triangle of a surface that is nearest to each of many even samples of its hull."""
     mesh = surface.working
     points, on = surface_samples(mesh.vertices, mesh.triangles, OUTSIDE_POINTS)
     on_hull, _ = surface_samples(hull.vertices, hull.triangles, OUTSIDE_POINTS)
     nearest = cKDTree(hull.from_surface(mesh.to_surface(points))).query(on_hull)[1]
-    component = mesh.component[mesh.triangles[on[nearest], 0]]
-    return np.bincount(component, minlength=mesh.component.max() + 1) / len(component)
+    return np.asarray(mesh.triangle_of[on[nearest]])
 
 
 def orient_outwards(mesh: WorkingMesh, hull: WorkingMesh) -> WorkingMesh:
