@@ -113,7 +113,7 @@ class ShapeAnalysis:
         """(s,) for each search sample the nearest distance sample."""
         return np.argmin(self.distances_between, axis=0)
 
-    def least_distances(self, vertices: Integers, others: Integers) -> Floats:
+    def min_distances(self, vertices: Integers, others: Integers) -> Floats:
         """(m,) lower bounds of the geodesic distances from vertices (m,) to others (m,), by way of samples near those.
 
         They are 0 for the same vertices, and too small by at most twice the distance to the nearest sample.

@@ -25,7 +25,7 @@ def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.
         return SimpleNamespace(
             proxy=SimpleNamespace(full=full, vertices=vertices),
             search=SimpleNamespace(samples=samples),
-            least_distances=lambda here, there: np.linalg.norm(vertices[here] - vertices[there], axis=1),
+            min_distances=lambda here, there: np.linalg.norm(vertices[here] - vertices[there], axis=1),
             weights=np.full(100, 0.01),
         )
 

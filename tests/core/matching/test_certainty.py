@@ -32,7 +32,7 @@ def line(sides_are_known: bool = True, triangles: Integers = TETRAHEDRON, is_hul
     """Stand-in for a shape, with samples on a line of unit length."""
     at, areas = np.linspace(0, 1, COUNT), np.full(COUNT, 1 / COUNT)
     return SimpleNamespace(
-        least_distances=lambda vertices, others: np.abs(at[vertices] - at[others]),
+        min_distances=lambda vertices, others: np.abs(at[vertices] - at[others]),
         search=SimpleNamespace(samples=np.arange(COUNT)),
         weights=areas,
         basis=SimpleNamespace(areas=areas),
