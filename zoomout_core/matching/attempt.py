@@ -74,7 +74,8 @@ def confirm(attempt: Attempt, by: Attempt) -> Attempt:
     candidate, too, it does not decide between the two, so that the rival keeps its share.
     """
     first, *others = attempt.candidates
-    rivals = [other for other in others if are_rivals(first, other, attempt.pair.source_shape)]
+    shapes = attempt.pair.source_shape, attempt.pair.target_shape
+    rivals = [other for other in others if are_rivals(first, other, *shapes)]
     undecided = (other.certainty for other in rivals if agree(replace(attempt, candidates=[other]), by))
     share = first.certainty / max(first.certainty + max(undecided, default=0.0), 1e-300)
     certainty = max(first.certainty, share * by.candidates[0].certainty)

@@ -86,13 +86,7 @@ def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, 
     if candidate.refined is not None:
         return candidate
     refined = refine_candidate(candidate, source, target, FINISHED_MAPS.size, step)
-    energy = similarity_energy(refined[0], source, target, candidate.mirrored)
-    return replace(candidate, refined=refined, scores=candidate.scores | {ENERGY: energy})
-
-
-def similarity_energy(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> float:
-    """Mean of `local_distortion` over the target: 0 for a similarity around every vertex, near 1 for a scattered map.
-
-    A `mirrored` map is one of the target's mirror image.
-    """
-    return float(np.average(local_distortion(surface_map, source, target, mirrored), weights=target.basis.areas))
+    distortion = local_distortion(refined[0], source, target, candidate.mirrored)
+    # 0 for a similarity around every vertex, near 1 for a scattered map.
+    energy = float(np.average(distortion, weights=target.basis.areas))
+    return replace(candidate, refined=refined, distortion=distortion, scores=candidate.scores | {ENERGY: energy})

@@ -71,7 +71,9 @@ def with_turned(
         turns = of_target[:, :k_target, :k_target]
         maps, reverse_maps = turns @ there, back @ np.swapaxes(turns, 1, 2)
     sample_maps = nearest_samples(source.search, target.search, maps)
-    like_best = replace(best, origin=f"{best.origin}, turned", anchors=best.final_anchors, refined=None)
+    like_best = replace(
+        best, origin=f"{best.origin}, turned", anchors=best.final_anchors, refined=None, distortion=None
+    )
     turned = [
         replace(like_best, functional_map=functional_map, reverse_functional_map=reverse_map, sample_map=sample_map)
         for functional_map, reverse_map, sample_map in zip(maps, reverse_maps, sample_maps, strict=True)

@@ -39,7 +39,7 @@ EVIDENCE_WEIGHTS = {
     "axes": 2.0,
     # One minus the agreement of heights, between 0 and 1. Files may be turned, and people lie down, so that alone it
     # makes no map 90 % certain.
-    UPRIGHT: 0.8,
+    UPRIGHT: 0.5,
     # One minus the mean overlap. Regions also constrain every map, which suffices to correct flips; with a larger
     # weight, regions whose names are swapped by mistake would flip clear maps.
     "regions": 2.0,
@@ -48,7 +48,7 @@ EVIDENCE_WEIGHTS = {
 
 # Largest contribution of the place in space to the total: it proves nothing, as a ball may have been rotated, so that
 # alone it makes no map 90 % certain.
-MAX_IN_SPACE = 0.8
+MAX_IN_SPACE = 0.5
 
 
 @dataclass(frozen=True)

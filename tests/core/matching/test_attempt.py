@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
 
 from zoomout_core.matching.attempt import Attempt, best_of
 from zoomout_core.matching.ranking import Candidate
@@ -26,8 +25,8 @@ def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.
         return SimpleNamespace(
             proxy=SimpleNamespace(full=full, vertices=vertices),
             search=SimpleNamespace(samples=samples),
-            distances=cdist(vertices, vertices),
-            nearest_distance_sample=samples,
+            min_distances=lambda here, there: np.linalg.norm(vertices[here] - vertices[there], axis=1),
+            weights=np.full(100, 0.01),
         )
 
     pair: Any = SimpleNamespace(source_shape=shape(images), target_shape=shape(PLACES))

@@ -15,7 +15,7 @@ from reports import fractions_of
 from scipy.spatial import cKDTree
 from shapes import sheet
 
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
@@ -30,11 +30,12 @@ TETRAHEDRON = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
 
 def line(sides_are_known: bool = True, triangles: Integers = TETRAHEDRON, is_hull: bool = False) -> Any:
     """Stand-in for a shape, with samples on a line of unit length."""
-    at = np.linspace(0, 1, COUNT)
+    at, areas = np.linspace(0, 1, COUNT), np.full(COUNT, 1 / COUNT)
     return SimpleNamespace(
-        distances=np.abs(at[:, None] - at),
-        nearest_distance_sample=np.arange(COUNT),
+        min_distances=lambda vertices, others: np.abs(at[vertices] - at[others]),
         search=SimpleNamespace(samples=np.arange(COUNT)),
+        weights=areas,
+        basis=SimpleNamespace(areas=areas),
         coordinates=at[:, None],
         mesh=SimpleNamespace(sides_are_known=sides_are_known, triangles=triangles),
         proxy=SimpleNamespace(full=SimpleNamespace(is_hull=is_hull)),
@@ -83,9 +84,50 @@ def test_of_two_maps_that_are_as_good_neither_is_sure_and_a_lead_puts_rivals_out
     assert three == pytest.approx([1 / 3] * 3, abs=0.01)
 
 
+def exchange(one: Candidate, count: int) -> Candidate:
+    """A candidate with the first and last samples exchanged, as if they were two limbs."""
+    sample_map = one.sample_map.copy()
+    sample_map[:count], sample_map[-count:] = one.sample_map[-count:], one.sample_map[:count]
+    return replace(one, origin=f"{one.origin} exchanged", sample_map=sample_map)
+
+
+def finished(one: Candidate, distortion: Floats) -> Candidate:
+    """A candidate whose finished map is that of its samples."""
+    energy = float(distortion.mean())
+    refined: Any = (SimpleNamespace(vertex=one.sample_map), np.zeros((0, 0)))
+    return replace(one, refined=refined, distortion=distortion, scores=one.scores | {ENERGY: energy})
+
+
 def test_maps_that_lead_to_nearly_the_same_places_are_no_rivals() -> None:
-    assert certainties(candidate(0.0), candidate(0.0, 0.06))[0] > 0.99
-    assert certainties(candidate(0.0), candidate(0.0, 0.2))[0] < 0.6
+    assert certainties(candidate(0.0), candidate(0.0, 0.15))[0] > 0.99
+    assert certainties(candidate(0.0), candidate(0.0, 0.3))[0] < 0.6
+
+
+def test_a_map_that_exchanges_two_small_limbs_is_a_rival() -> None:
+    # A sample at either end: the maps differ by 0.05 on average, less than those that are only shifted.
+    assert certainties(candidate(0.0), exchange(candidate(0.0), 1))[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_finished_map_that_is_a_variant_of_another_is_no_rival_whatever_its_samples_said() -> None:
+    one, other = candidate(0.0), candidate(0.0, 0.3)
+    smooth = np.full(COUNT, 0.1)
+    both = finished(one, smooth), replace(finished(other, smooth), refined=finished(one, smooth).refined)
+    assert certainties(*both)[0] > 0.99
+
+
+def test_energies_of_finished_maps_count_where_the_maps_differ() -> None:
+    here = np.full(COUNT, 0.2)
+    torn = here.copy()
+    torn[[0, 1, -2, -1]] *= 2.0
+    right, wrong = finished(candidate(0.0), here), finished(exchange(candidate(0.0), 2), torn)
+    assert wrong.scores[ENERGY] < 1.11 * right.scores[ENERGY]
+    assert certainties(right, wrong)[0] > 0.99
+    # A distortion elsewhere, which is due to the mesh, changes the order, but makes no map certain.
+    elsewhere = here.copy()
+    elsewhere[10:20] *= 2.0
+    first, second = certainties(right, finished(exchange(candidate(0.0), 2), elsewhere))
+    assert first == pytest.approx(0.5, abs=0.01)
+    assert second == pytest.approx(0.5, abs=0.01)
 
 
 def test_any_lead_has_a_certainty() -> None:
@@ -106,12 +148,10 @@ def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
 
 
 def test_a_finished_map_of_lower_energy_comes_first_and_is_surer() -> None:
-    def finished(one: Candidate, energy: float) -> Candidate:
-        return replace(one, scores=one.scores | {ENERGY: energy})
-
     ahead, behind, rest = candidate(0.0), candidate(0.6, 0.5), candidate(0.5, 0.9)
     assert in_order([ahead, behind, rest], line(), line())[0].origin == ahead.origin
-    ranked = in_order([finished(ahead, 0.11), finished(behind, 0.085), rest], line(), line())
+    energies = np.full((2, COUNT), [[0.11], [0.085]])
+    ranked = in_order([*map(finished, (ahead, behind), energies), rest], line(), line())
     # The map that is not finished is taken to be as bad as the worst one that is.
     assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty

@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.confidence import local_distortion
 from zoomout_core.matching.dense_map import dense_map
-from zoomout_core.matching.finished_maps import FINISHED_MAPS, rank_finished, refine_candidate, similarity_energy
+from zoomout_core.matching.finished_maps import FINISHED_MAPS, rank_finished, refine_candidate
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank
@@ -103,7 +104,7 @@ def test_a_map_of_the_mirror_image_is_no_reflection(creatures, shapes) -> None:
     energies = []
     for vertex, mirrored in ((true_vertex(*creatures), False), (mirrored_vertex(*creatures), True)):
         found = SurfaceMap(corner[vertex] // 3, np.eye(3)[corner[vertex] % 3], source.mesh.triangles)
-        energies.append([similarity_energy(found, source, target, sense) for sense in (mirrored, not mirrored)])
+        energies.append([local_distortion(found, source, target, sense).mean() for sense in (mirrored, not mirrored)])
     for right, wrong in energies:
         assert 2 * right < wrong
     assert energies[0][0] == pytest.approx(energies[1][0], rel=0.3)

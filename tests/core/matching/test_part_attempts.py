@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from creatures import creature
 from reports import reports_of
-from scipy.spatial.distance import cdist
 
 import zoomout_core as zo
 from zoomout_core.matching import retry as retry_module
@@ -67,8 +66,8 @@ def gone_on_with(
         return SimpleNamespace(
             proxy=SimpleNamespace(full=full, vertices=PLACES),
             search=SimpleNamespace(samples=np.arange(COUNT)),
-            distances=cdist(PLACES, PLACES),
-            nearest_distance_sample=np.arange(COUNT),
+            min_distances=lambda here, there: np.linalg.norm(PLACES[here] - PLACES[there], axis=1),
+            weights=np.full(COUNT, 1 / COUNT),
             basis=SimpleNamespace(areas=np.full(4, area / 4)),
         )
 
