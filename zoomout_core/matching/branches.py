@@ -31,8 +31,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Maximum number of samples of a branch to which another one is registered, and their average number on a triangle.
 SAMPLES, SAMPLES_OF_TRIANGLE = 20_000, 20
-# Alternations of closest points and alignment; further ones change nothing.
-ROUNDS = 3
+# Alternations of closest points and alignment, and the vertices that are aligned; more of either change nothing.
+ROUNDS, ALIGNED_VERTICES = 3, 2000
 # Relative distance from the tip up to which a triangle belongs to the branch that another one is registered to.
 MARGIN = 1.1
 # Two tips have only one distance, which cannot distinguish them.
@@ -199,8 +199,10 @@ def _register(
     count = max(len(inside), min(SAMPLES, SAMPLES_OF_TRIANGLE * len(inside)))
     points, on = surface_samples(rest, corners[inside], count)
     tree = cKDTree(points)
+    some = np.linspace(0, len(moved) - 1, min(len(moved), ALIGNED_VERTICES)).astype(int)
     for _ in range(ROUNDS):
-        moved = procrustes(moved, points[tree.query(moved)[1]], scales=(1.0, 1.0))(moved)
+        aligned = moved[some]
+        moved = procrustes(aligned, points[tree.query(aligned)[1]], scales=(1.0, 1.0))(moved)
     triangle = inside[on[tree.query(moved)[1]]]
     a, b, c = (rest[corners[triangle, i]] for i in range(3))
     return branch, triangle, closest_on_triangles(moved, a, b, c)[0]

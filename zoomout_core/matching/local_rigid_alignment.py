@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products, rotations_of_blends
+from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
@@ -77,7 +77,7 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
     centres, image_centres = np.hsplit(eigenvectors[rows, :k] @ both, 2)
     blending = np.exp(-(RIGID_ALIGNMENT.blend_width**2) * eigenvalues[:, None])
     field = eigenvectors[rows] @ (blending * (target.cell_coefficients @ turns.reshape(-1, 9)))
-    rotations = rotations_of_blends(field.reshape(-1, 3, 3))
+    rotations = nearest_rotations(field.reshape(-1, 3, 3))
     vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
     offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
     return Alignment(image_centres + offsets, normals)
@@ -155,12 +155,14 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
 def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:
     """(d, 3, 3) initial rotations, propagated from the most reliable one to neighbours."""
     root = int(np.argmax(np.where(np.linalg.det(moments) > 0, reliable, 0)))
-    turns = nearest_rotations(moments)
+    turns = np.empty_like(moments)
+    turns[root] = nearest_rotations(moments[root])
     done = np.zeros(len(moments), dtype=bool)
     done[root] = True
     while True:
         reached = np.flatnonzero(near[:, done].any(axis=1) & ~done)
         if not len(reached):
+            turns[~done] = nearest_rotations(moments[~done])
             return turns
         parent = np.argmax(np.where(near[reached] & done, reliable, -1), axis=1)
         turns[reached] = nearest_rotations(moments[reached] + RIGID_ALIGNMENT.coherence * turns[parent])

@@ -13,7 +13,7 @@ import fast_simplification
 import numpy as np
 from scipy.sparse import coo_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
+from zoomout_core.arrays import Floats, Indices, Integers, row_norms, take_rows
 from zoomout_core.mesh.triangles import have_three_corners, triangle_areas
 from zoomout_core.runtime.progress import advance
 
@@ -98,26 +98,30 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
     ends = np.concatenate([tail, head]), np.concatenate([head, tail])
     graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(n, n)).tocsr()
     advance(done)
-    inhabited = np.flatnonzero(np.diff(graph.indptr))
-    first = graph.indptr[inhabited]
-
-    def max_around(values: Integers) -> Integers:
-        most = np.full(n, -1)
-        if len(first):
-            most[inhabited] = np.maximum.reduceat(values[graph.indices], first)
-        return most
-
+    place, beside = np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices
     priority = random.permutation(n)
     undecided, stays = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    near, far = place, beside  # the edges between undecided vertices
     for _ in range(INDEPENDENT_SET_ROUNDS):
-        chosen: Booleans = undecided & (priority > max_around(np.where(undecided, priority, -1)))
-        stays |= chosen
-        undecided &= ~chosen & (max_around(np.where(chosen, priority, -1)) < 0)
+        stays |= undecided & (priority > _max_around(near, priority[far], n))
+        undecided &= ~stays
+        undecided[far[stays[near]]] = False
+        open_ended = undecided[near] & undecided[far]
+        near, far = near[open_ended], far[open_ended]
         advance(done)
         if not undecided.any():
             break
     stays |= undecided
     holder = np.empty(n, dtype=np.int64)
     holder[priority] = np.arange(n)
-    best = max_around(np.where(stays, priority, -1))
+    best = _max_around(place, np.where(stays, priority, -1)[beside], n)
     return np.where(stays, np.arange(n), holder[best])
+
+
+def _max_around(vertex: Indices, values: Integers, n: int) -> Integers:
+    """(n,) the largest of the values (e,) at each vertex, by the vertex (e,) of each, ascending; -1 without a value."""
+    most = np.full(n, -1)
+    if len(vertex):
+        first = np.flatnonzero(np.diff(vertex, prepend=-1))
+        most[vertex[first]] = np.maximum.reduceat(values, first)
+    return most

@@ -211,11 +211,8 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     agree = forward[left] != forward[right]
     left, right = left // 3, right // 3
-    if agree.all():
-        turned, patch, oriented = np.zeros(m, dtype=bool), components(np.stack([left, right], axis=1), m), triangles
-    else:
-        turned, patch = _agreeing(m, left, right, agree)
-        oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    turned, patch = _agreeing(m, left, right, agree)
+    oriented = np.where(turned[:, None], triangles[:, ::-1], triangles) if turned.any() else triangles
     area, volume = _area_and_volume(vertices, oriented, patch)
     has_border = np.zeros(len(area), dtype=bool)
     has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
@@ -226,19 +223,21 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
     """(m,) which of m triangles to turn so that neighbours wind alike, and (m,) the number of each one's patch.
 
-    The triangles `left` and `right` (e,) are neighbours, which may wind alike already (e,). Uses the orientation double
-    cover, which has each triangle twice, kept and turned. Neighbours that agree are joined copy to copy, others
-    crosswise. A sheet that contains one copy of each triangle is a consistent winding.
+    The triangles `left` and `right` (e,) are neighbours, which may wind alike already (e,): those that do form pieces.
+    Uses the orientation double cover of these, which has each piece twice, kept and turned. Neighbours that disagree
+    are joined crosswise. A sheet that contains one copy of each piece is a consistent winding.
     """
-    rows = np.concatenate([left, left + m])
-    columns = np.concatenate([np.where(agree, right, right + m), np.where(agree, right + m, right)])
-    sheet = components(np.stack([rows, columns], axis=1), 2 * m)
+    piece = components(np.stack([left[agree], right[agree]], axis=1), m)
+    size = np.bincount(piece)
+    count, one, other = len(size), piece[left[~agree]], piece[right[~agree]]
+    rows, columns = np.concatenate([one, one + count]), np.concatenate([other + count, other])
+    sheet = components(np.stack([rows, columns], axis=1), 2 * count)
     # Take the sheet over a patch that keeps more triangles (a Moebius band has only one sheet: keep all).
-    kept = np.bincount(sheet[:m], minlength=2 * m)
-    turned = kept[sheet[m:]] > kept[sheet[:m]]
-    tie = kept[sheet[m:]] == kept[sheet[:m]]
-    turned[tie] = sheet[m:][tie] < sheet[:m][tie]
-    return turned, np.minimum(sheet[:m], sheet[m:])
+    kept = np.bincount(sheet[:count], size, minlength=2 * count)
+    turned = kept[sheet[count:]] > kept[sheet[:count]]
+    tie = kept[sheet[count:]] == kept[sheet[:count]]
+    turned[tie] = sheet[count:][tie] < sheet[:count][tie]
+    return turned[piece], np.minimum(sheet[:count], sheet[count:])[piece]
 
 
 def _area_and_volume(vertices: Floats, triangles: Integers, patch: Indices) -> tuple[Floats, Floats]:

@@ -8,13 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import (
-    CLEAR_BLEND,
+    MANY_MATRICES,
     Moments,
     Similarities,
     nearest_rotations,
     procrustes,
     products,
-    rotations_of_blends,
 )
 
 POINTS = np.random.default_rng(0).normal(size=(4, 30, 3)) * [3.0, 2.0, 1.0] + [5.0, 0, 0]
@@ -122,15 +121,17 @@ def test_the_nearest_orthogonal_matrix_may_have_either_handedness() -> None:
     np.testing.assert_allclose(np.linalg.norm(matrices - free, axis=(1, 2)), np.minimum(*both))
 
 
-def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
-    random = np.random.default_rng(0)
-    turns = Rotation.random(400, random_state=1).as_matrix().reshape(100, 4, 3, 3)
-    weights = random.dirichlet([0.5] * 4, 100)
-    blends = np.einsum("nb,nbij->nij", weights, turns)
-    np.testing.assert_allclose(rotations_of_blends(blends), nearest_rotations(blends), atol=1e-5)
-    clear = np.einsum("nb,nbij->nij", np.tile([0.9, 0.1, 0, 0], (100, 1)), turns)
-    np.testing.assert_allclose(rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
-    # A blend just above the limit, which converges slowest.
-    barely = np.diag([1, 1, 0.144])[None]
-    assert np.linalg.det(barely) > CLEAR_BLEND * np.linalg.norm(barely) ** 3 > 0.99 * np.linalg.det(barely)
-    np.testing.assert_allclose(rotations_of_blends(barely), [np.eye(3)], atol=5e-5)
+@pytest.mark.parametrize(
+    "singular", [(1, 0.5, 0.2), (1, 0.1, -0.01), (1, 0.02, -0.0199), (1, 1, -1), (1, 0, 0), (0, 0, 0)]
+)
+@pytest.mark.parametrize("handed", [1.0, -1.0])
+def test_many_matrices_become_the_rotations_that_few_become(singular: tuple[float, ...], handed: float) -> None:
+    left, right = Rotation.random(2 * MANY_MATRICES, random_state=0).as_matrix().reshape(2, MANY_MATRICES, 3, 3)
+    matrices = 1e-3 * (left * np.array(singular)) @ right
+    many = nearest_rotations(matrices, handed)
+    few = np.concatenate([nearest_rotations(some, handed) for some in np.split(matrices, 2)])
+    np.testing.assert_allclose(np.linalg.det(many), handed)
+    gained = np.einsum("nij,nij->n", many - few, matrices)  # ambiguous matrices have several nearest rotations
+    np.testing.assert_allclose(gained, 0, atol=1e-12)
+    if singular[1] > abs(singular[2]):
+        np.testing.assert_allclose(many, few, atol=1e-9)

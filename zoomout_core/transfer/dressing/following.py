@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.geometry.procrustes import rotations_of_blends
+from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.patches import Patches
@@ -82,7 +82,7 @@ class Following:
             offset = places[patches.which, None] - self._patches.sets[patches.set].places[patches.near]
             moved = moved + np.einsum("qkxy,qky->qkx", turns, offset)
             growth = np.einsum("qk,qk->q", patches.weights, np.linalg.norm(turns[:, :, 0], axis=2))
-            rotations = rotations_of_blends(np.einsum("qk,qkxy->qxy", patches.weights, turns))
+            rotations = nearest_rotations(np.einsum("qk,qkxy->qxy", patches.weights, turns))
             images[patches.which] = np.einsum("qk,qkx->qx", patches.weights, moved)
             motions[patches.which] = growth[:, None, None] * rotations
         return Motion(images, motions, distance)

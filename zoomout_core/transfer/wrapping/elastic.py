@@ -14,7 +14,7 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.procrustes import rotations_of_blends
+from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import unique_edges, vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
@@ -132,7 +132,7 @@ class Elastic:
         products += size[:, None, None] * normals[:, :, None] * rest_mesh.normals[:, None, :]
         averaged = self._averaging.solve(products.reshape(-1, 9)).reshape(-1, 3, 3)
         sense = rest_mesh.handedness[:, None, None]
-        return sense * rotations_of_blends(sense * averaged)
+        return sense * nearest_rotations(sense * averaged)
 
     def smooth(self, values: Floats) -> Floats:
         """Values (n, d), smoothed where vertices have goals, and extrapolated where they have none."""
