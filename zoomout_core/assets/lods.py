@@ -42,6 +42,8 @@ MOVED, MAX_KEY_POSES = 0.02, 6
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
 MORE = 1.1
+# Share of the time that simplifying takes.
+SIMPLIFY = 0.6
 # Levels with fewer vertices than this have no faces to speak of.
 MIN_VERTICES = 12
 
@@ -90,11 +92,14 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
                 f"A level with {ratio:g} of {len(working.vertices):,} vertices cannot be made: give shares below 1, of "
                 f"{MIN_VERTICES} vertices or more."
             )
+    poses = _Poses(source)
+    with stage(message("Simplify the mesh"), 0.0, SIMPLIFY):
+        parts = _simplify(source, poses, ratios)
     levels = []
-    for number, ratio in enumerate(ratios, start=1):
-        begin, end = ((number - step) / len(ratios) for step in (1, 0))
-        with stage(message("Level {number}", number=number), begin, end):
-            levels.append(_level(asset, source, ratio, max_weights))
+    for number, (ratio, part) in enumerate(zip(ratios, parts, strict=True)):
+        begin, end = (SIMPLIFY + (1 - SIMPLIFY) * (number + step) / len(ratios) for step in (0, 1))
+        with stage(message("Level {number}", number=number + 1), begin, end):
+            levels.append(_level(asset, source, poses, part, ratio, max_weights))
     return levels
 
 
@@ -143,11 +148,11 @@ def at_rest(asset: Asset) -> Asset:
     return replace(asset, surface=asset.surface.with_vertices(skin.rest), attributes=tuple(attributes), skin=rest)
 
 
-def _level(asset: Asset, source: Asset, ratio: float, max_weights: int | None) -> Level:
-    """A level of an asset, whose state at rest is `source`."""
-    poses = _Poses(source)
-    alive, corners = _simplify(source, poses, ratio)
-    level, used = _select(asset, alive, corners)
+def _level(
+    asset: Asset, source: Asset, poses: _Poses, part: tuple[Integers, Integers], ratio: float, max_weights: int | None
+) -> Level:
+    """A level of an asset, whose state at rest is `source`, with the triangles and corners of a part of it."""
+    level, used = _select(asset, *part)
     if max_weights is not None:
         level = with_fewer_weights(level, max_weights)
     level = _fit(source, level, used, poses)
@@ -222,8 +227,8 @@ def _group_keys(offsets: Floats) -> list[Floats]:
     return sums
 
 
-def _simplify(source: Asset, poses: _Poses, ratio: float) -> tuple[Integers, Integers]:
-    """The triangles of an asset at rest that a level keeps, and (m, 3) the corners whose data their corners have."""
+def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers]]:
+    """For each level the triangles of an asset at rest that it keeps, and (m, 3) the corners whose data they have."""
     surface = source.surface
     _, first, of_vertex = np.unique(surface.vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     of_vertex = of_vertex.ravel()
@@ -239,15 +244,17 @@ def _simplify(source: Asset, poses: _Poses, ratio: float) -> tuple[Integers, Int
     for texture in reversed(textures):
         values = np.round(on_corners(texture, surface), UV_DIGITS)
         layers.insert(0, np.unique(values, axis=0, return_inverse=True)[1].ravel()[corners])
-    alive, kept = simplify(
+    order = np.argsort(-np.asarray(ratios), kind="stable")
+    found = simplify(
         np.array([rest, *posed]),
         of_vertex[surface.triangles],
         layers,
-        round(ratio * len(surface.working.vertices)),
+        [round(ratios[number] * len(surface.working.vertices)) for number in order],
         mirror_pairs(rest),
         on_corners(textures[0], surface)[corners] if textures else None,
     )
-    return alive, corners.ravel()[kept]
+    parts = [(alive, corners.ravel()[kept]) for alive, kept in found]
+    return [parts[place] for place in np.argsort(order)]
 
 
 def _select(asset: Asset, alive: Integers, corners: Integers) -> tuple[Asset, Integers]:
