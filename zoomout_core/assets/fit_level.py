@@ -24,6 +24,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
 SMOOTHNESS, DAMPING = 0.008, 0.02
+# Pairs of corners of a triangle.
+CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
 # Share of the first residual at which conjugate gradients end, and their largest number.
 SOLVED, MAX_STEPS = 1e-3, 200
 
@@ -116,7 +118,7 @@ def _normal_equations(
         blocks: where the matrix has blocks.
     """
     count = len(triangles)
-    products = np.zeros((count, 3, 3, 3, 3))  # corner, axis, corner, axis
+    products = {pair: np.zeros((count, 3, 3)) for pair in CORNERS}  # of the slopes at two corners
     right = np.zeros(vertices.shape)
     for motion, goal, weight in poses:
         moved = transform_points(motion, vertices)
@@ -125,15 +127,18 @@ def _normal_equations(
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         # How the distance depends on the rest position of each corner, at the corner.
         slope = np.einsum("mx,mkxz->mkz", normal, motion[triangles][..., :3])
-        products += weight * (slope[:, :, :, None, None] * slope[:, None, None])
+        for (one, other), product in products.items():
+            product += weight * slope[:, one, :, None] * slope[:, other, None]
         distance = np.einsum("nx,nx->n", normal[triangle], goal - a[triangle])  # all corners are on the plane
         pull = weight * slope * segment_sum(barycentric * distance[:, None], triangle, count)[:, :, None]
         right += segment_sum(pull.reshape(-1, 3), triangles.ravel(), len(vertices))
     matrix = np.zeros((len(blocks.row), 9))
-    for one, other in np.ndindex(3, 3):
-        share = np.bincount(triangle, barycentric[:, one] * barycentric[:, other], count)
-        entries = products[:, one, :, other].reshape(-1, 9) * share[:, None]
-        matrix += segment_sum(entries, blocks.of_corners[:, one, other], len(matrix))
+    for (one, other), product in products.items():
+        product *= np.bincount(triangle, barycentric[:, one] * barycentric[:, other], count)[:, None, None]
+        matrix += segment_sum(product.reshape(-1, 9), blocks.of_corners[:, one, other], len(matrix))
+        if one != other:
+            turned = product.transpose(0, 2, 1).reshape(-1, 9)
+            matrix += segment_sum(turned, blocks.of_corners[:, other, one], len(matrix))
     return matrix.reshape(-1, 3, 3), right
 
 

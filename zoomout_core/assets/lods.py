@@ -30,7 +30,7 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.groups import expand_ranges, first_of_each
-from zoomout_core.transfer.poses import distinct_poses, extreme_poses
+from zoomout_core.transfer.poses import MAX_FRAMES, distinct_poses, extreme_poses
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.weights import limit_weights
 
@@ -38,6 +38,11 @@ from zoomout_core.transfer.weights import limit_weights
 SAME_WEIGHT = 1e-9
 # Share of the largest offset of all morph targets from which a vertex counts as moved, and the most poses of them.
 MOVED, MAX_KEY_POSES = 0.02, 6
+# Vertices in all poses of the joints, to bound time and memory: of larger meshes, fewer poses are used, but at least
+# this number. Half of the poses raise the errors by 1 %.
+MAX_POSED, MIN_POSES = 400_000, 4
+# Vertices of the asset, per vertex of a level, that the level is fitted to.
+FITTED = 4
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
@@ -184,7 +189,8 @@ class _Poses:
     """
 
     def __init__(self, source: Asset) -> None:
-        self.joints = np.zeros((0, 0, 3, 4)) if source.skin is None else joint_poses(source)
+        count = max(MIN_POSES, MAX_POSED // len(source.surface.vertices))
+        self.joints = np.zeros((0, 0, 3, 4)) if source.skin is None else joint_poses(source, count)
         self.keys = list[Floats]()
         attribute = source.find(SHAPE_KEYS)
         if attribute is not None:
@@ -207,11 +213,11 @@ class _Poses:
             yield still
 
 
-def joint_poses(source: Asset) -> Floats:
-    """(f, b, 3, 4) transforms of the joints of an asset at rest in the most different extreme poses."""
+def joint_poses(source: Asset, count: int = MAX_FRAMES) -> Floats:
+    """(f, b, 3, 4) transforms of the joints of an asset at rest in the `count` most different extreme poses."""
     assert source.skin is not None
     heads = np.linalg.pinv(source.skin.inverse_bind)[:, :3, 3]
-    return distinct_poses(extreme_poses(heads, source.skin.parents), heads)
+    return distinct_poses(extreme_poses(heads, source.skin.parents), heads, count)
 
 
 def _group_keys(offsets: Floats) -> list[Floats]:
@@ -313,7 +319,7 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     rest = at_rest(level).surface.vertices
     _, first, of_vertex = np.unique(rest.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     of_vertex = of_vertex.ravel()
-    points = np.unique(surface.triangles)
+    points = np.random.default_rng(0).permutation(np.unique(surface.triangles))[: FITTED * len(first)]
     motions = [each[first] for each in poses.motions(level, used)]
     goals = [each[points] for each in poses.positions]
     triangles = of_vertex[level.surface.triangles]

@@ -27,8 +27,6 @@ SHARE = 0.3
 PASSES = 4
 # Smallest cosine between the normals of a triangle before and after a collapse.
 MIN_COSINE = 0.2
-# Entries of quadrics, over all vertices and poses; of larger meshes, fewer poses are used.
-MAX_QUADRICS = 4_000_000
 # Entries of quadrics that are processed together, to bound the memory.
 BLOCK = 1 << 19
 # Weight of the length of a collapse, to the fourth power as areas times squared errors: it decides where all is flat.
@@ -77,8 +75,7 @@ def simplify(
         For each count (m',) the triangle that each triangle of the result was, and (m', 3) the corner whose data each
         of its corners has, in the flat list of all corners (3 m).
     """
-    used = max(1, min(len(poses), MAX_QUADRICS // max(poses.shape[1], 1)))
-    state = _State(poses[:used], triangles, mirror, chart)
+    state = _State(poses, triangles, mirror, chart)
     number = len(layers)
     state.set_layers(layers)
     first = max(state.count_vertices(), counts[0] + 1)
