@@ -23,7 +23,7 @@ from zoomout_core.transfer.skinning import transform_points
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
-SMOOTHNESS, DAMPING = 0.008, 0.02
+SMOOTHNESS, DAMPING = 0.05, 0.1
 # Pairs of corners of a triangle.
 CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
 # Share of the first residual at which conjugate gradients end, and their largest number.
@@ -113,7 +113,8 @@ def _normal_equations(
     Args:
         vertices: (k, 3) rest positions.
         triangles: (m, 3) vertex numbers.
-        triangle: (n,) the triangle that is closest to each point, at the places `barycentric` (n, 3).
+        triangle: (n,) the triangle that is closest to each point.
+        barycentric: (n, 3) the closest place in it.
         poses: for each pose the transforms (k, 3, 4) of the vertices, the points (n, 3) and the weight.
         blocks: where the matrix has blocks.
     """

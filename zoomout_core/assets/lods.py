@@ -41,8 +41,8 @@ MOVED, MAX_KEY_POSES = 0.02, 6
 # Vertices in all poses of the joints, to bound time and memory: of larger meshes, fewer poses are used, but at least
 # this number. Half of the poses raise the errors by 1 %.
 MAX_POSED, MIN_POSES = 400_000, 4
-# Vertices of the asset, per vertex of a level, that the level is fitted to.
-FITTED = 4
+# Points of the asset, per vertex of a level, that the level is fitted to.
+FITTED = 8
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
@@ -61,14 +61,17 @@ class Level:
 
     Attributes:
         asset: the mesh with its data.
+        vertices: (k,) the vertices of the asset that its vertices are.
         match: the map of its vertices to the surface of the asset.
         notes: sentences for the user.
-        rest_error: mean distance of the asset's vertices, of many a sample, from the level at rest, relative to the asset's extent.
+        rest_error: mean distance of the asset's vertices, or of a sample, from the level at rest, relative to the
+            asset's extent.
         posed_error: the same in poses that turn the joints, with the level's own weights; None without joints.
         posed_geometry_error: the same if each vertex moved with all weights at its place on the asset.
     """
 
     asset: Asset
+    vertices: Integers
     match: Any
     notes: tuple[str, ...]
     rest_error: float
@@ -175,7 +178,7 @@ def _level(
                 wanted=wanted,
             )
         )
-    return Level(level, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
+    return Level(level, used, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
 
 
 class _Poses:
@@ -319,11 +322,19 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     rest = at_rest(level).surface.vertices
     _, first, of_vertex = np.unique(rest.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     of_vertex = of_vertex.ravel()
-    points = np.random.default_rng(0).permutation(np.unique(surface.triangles))[: FITTED * len(first)]
+    vertices = np.unique(surface.triangles)
+
+    def places(positions: Floats) -> Floats:
+        """The points of the asset that the level is fitted to, in a pose: vertices, and centres of triangles."""
+        found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])
+        return np.asarray(found[chosen])
+
+    count = len(vertices) + len(surface.triangles)
+    chosen = np.random.default_rng(0).permutation(count)[: FITTED * len(first)]
     motions = [each[first] for each in poses.motions(level, used)]
-    goals = [each[points] for each in poses.positions]
+    goals = [places(each) for each in poses.positions]
     triangles = of_vertex[level.surface.triangles]
-    fitted = fit_level(rest[first], triangles, motions, surface.vertices[points], goals)
+    fitted = fit_level(rest[first], triangles, motions, places(surface.vertices), goals)
     pairs = mirror_pairs(rest[first])
     if pairs is not None:
         fitted = mirror_moves(rest[first], fitted, pairs)

@@ -27,6 +27,9 @@ SHARE = 0.3
 PASSES = 4
 # Smallest cosine between the normals of a triangle before and after a collapse.
 MIN_COSINE = 0.2
+# Root mean square distances from their planes, relative to the extent, up to which collapses move vertices: first, and
+# once the least important layer is ignored. Farther ones would destroy parts.
+DISTANCES = (0.01, 0.02)
 # Entries of quadrics that are processed together, to bound the memory.
 BLOCK = 1 << 19
 # Weight of the length of a collapse, to the fourth power as areas times squared errors: it decides where all is flat.
@@ -66,7 +69,7 @@ def simplify(
         poses: (p, n, 3) positions in the poses, the first of which is at rest.
         triangles: (m, 3) vertex numbers.
         layers: numbers (m, 3) of the data of each corner, which differ across seams, the most important layer first. If
-            the lines leave too many vertices, the last layers are ignored, and then `mirror`.
+            the lines leave too many vertices, the last layers are ignored, and then `mirror`, see `DISTANCES`.
         counts: numbers of vertices of the results, the largest first.
         mirror: (n,) the mirror image of each vertex, -1 for none; images are treated alike.
         chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
@@ -76,8 +79,9 @@ def simplify(
         of its corners has, in the flat list of all corners (3 m).
     """
     state = _State(poses, triangles, mirror, chart)
-    number = len(layers)
-    state.set_layers(layers)
+    fewer = max(len(layers) - 1, 0)
+    steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
+    state.set_lines(layers, DISTANCES[0])
     first = max(state.count_vertices(), counts[0] + 1)
     found = []
     for count in counts:
@@ -85,13 +89,13 @@ def simplify(
             advance(float(np.log(first / now) / np.log(first / counts[-1])))
             if state.collapse(now - count):
                 continue
-            if number < 0:
+            if state.mirror is None and not steps:
                 break
-            number -= 1
-            if number < 0:
-                state.ignore_mirror()
+            if steps:
+                kept, distance = steps.pop(0)
+                state.set_lines(layers[:kept], distance)
             else:
-                state.set_layers(layers[:number])
+                state.ignore_mirror()
         found.append((state.alive, state.corners.copy()))
     return found
 
@@ -118,24 +122,31 @@ class _State:
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
         self.mirror = mirror
         self.chart = None if chart is None else chart.reshape(-1, 2)
-        self.quadrics = np.zeros((len(self.places), len(poses), 10))
-        self._add_triangles()
-        self.has_lines = False
+        # The mesh at first, and the vertex that each vertex was merged into.
+        self.first = self.triangles.copy(), self.corners.copy()
+        self.into = np.arange(len(self.places))
 
     def count_vertices(self) -> int:
         """The number of vertices that triangles have."""
         return int(np.count_nonzero(np.bincount(self.triangles.ravel())))
 
-    def set_layers(self, layers: Sequence[Integers]) -> None:
-        """Let seams of these layers be lines."""
+    def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
+        """Let seams of these layers be lines, and no collapse move vertices farther than a distance.
+
+        Quadrics are summed anew, so that lines of other layers count no more.
+        """
+        self.distance = distance
         self.wedge = np.zeros(self.corner_count, dtype=np.int64)
         for layer in layers:
             key = self.wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
             self.wedge = np.unique(key, return_inverse=True)[1].ravel()
-        if not self.has_lines:
-            self._add_lines()
-            self.has_lines = True
-            self.own = self._products(np.arange(len(self.quadrics)), np.arange(len(self.quadrics)))
+        self.quadrics = np.zeros((*self.places.shape[:2], 10))
+        self._add_triangles()
+        self._add_lines()
+        everything = np.arange(len(self.quadrics))
+        self.own = self._products(everything, everything)
+        # The areas of the planes, in the sum over the poses: traces of the quadrics.
+        self.area = self.quadrics[..., :6][..., ROWS == COLUMNS].sum(axis=(1, 2))
         self.known = _Costs(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2), dtype=bool))
         self.changed = self.touched = np.ones(len(self.quadrics), dtype=bool)
 
@@ -154,14 +165,15 @@ class _State:
         count, corners = vertices.shape
         start = np.arange(0, count * corners + 1, corners)
         shape = count, len(self.quadrics)
-        incidence = csr_array((np.ones(vertices.size), vertices.ravel(), start), shape=shape)
+        incidence = csr_array((np.ones(vertices.size), self.into[vertices].ravel(), start), shape=shape)
         self.quadrics[:, pose] += incidence.T @ rows
 
     def _add_triangles(self) -> None:
-        areas = self._normals(self.triangles, slice(0, 1))[1][:, 0]
+        triangles, _ = self.first
+        areas = self._normals(triangles, slice(0, 1))[1][:, 0]
         for pose in range(len(self.weight)):
-            normals, _ = self._normals(self.triangles, slice(pose, pose + 1))
-            self._add_planes(pose, self.triangles, self.places[self.triangles[:, 0], pose], normals[:, 0], areas / 3)
+            normals, _ = self._normals(triangles, slice(pose, pose + 1))
+            self._add_planes(pose, triangles, self.places[triangles[:, 0], pose], normals[:, 0], areas / 3)
 
     def _normals(self, triangles: Integers, poses: slice = slice(None)) -> tuple[Floats, Floats]:
         """(k, p, 3) unit normals of triangles (k, 3) in poses, and (k, p) their areas."""
@@ -173,9 +185,10 @@ class _State:
 
     def _add_lines(self) -> None:
         """Add planes through borders and seams, at right angles to their triangles."""
-        edges = _Edges(self.triangles, self.wedge[self.corners], len(self.quadrics))
+        triangles, corners = self.first
+        edges = _Edges(triangles, self.wedge[corners], len(self.quadrics))
         half = np.flatnonzero(edges.is_line[edges.of_half])
-        triangles, ends = self.triangles[half % len(self.triangles)], edges.ends[edges.of_half[half]]
+        triangles, ends = triangles[half % len(triangles)], edges.ends[edges.of_half[half]]
         squared = ((self.places[ends[:, 1], 0] - self.places[ends[:, 0], 0]) ** 2).sum(axis=1)
         for pose in range(len(self.weight)):
             start, stop = self.places[ends[:, 0], pose], self.places[ends[:, 1], pose]
@@ -198,9 +211,11 @@ class _State:
         return error
 
     def _cost(self, tail: Integers, head: Integers) -> Floats:
-        """(k,) the error of merging vertices `tail` into `head`."""
+        """(k,) the error of merging vertices `tail` into `head`, infinite if it would destroy a part."""
         length = ((self.places[tail, 0] - self.places[head, 0]) ** 2).sum(axis=1)
-        return self._products(tail, head) + self.own[head] + FLAT * length**2
+        error = self._products(tail, head) + self.own[head]
+        error[error > self.distance**2 * (self.area[tail] + self.area[head])] = np.inf
+        return error + FLAT * length**2
 
     # --- collapses ------------------------------------------------------------------------------------------
 
@@ -210,9 +225,9 @@ class _State:
         corner, start = _group(self.triangles.ravel(), len(self.quadrics))
         around = _Lists(corner // 3, start)
         self._update_costs(edges)
-        allowed = self._allowed(edges)
+        directions = self._free_directions(edges)
         while True:
-            candidates = self._candidates(edges, allowed)
+            candidates = self._candidates(edges, directions)
             if not len(candidates.tail):
                 return 0
             chosen = self._choose(candidates, edges, around)
@@ -251,7 +266,7 @@ class _State:
         self.changed = np.zeros(len(self.quadrics), dtype=bool)
         self.touched = np.zeros(len(self.quadrics), dtype=bool)
 
-    def _allowed(self, edges: _Edges) -> Booleans:
+    def _free_directions(self, edges: _Edges) -> Booleans:
         """(e, 2) whether lines and the plane of symmetry allow a collapse from the first or second end of an edge."""
         n = len(self.quadrics)
         on_line = np.zeros(n, dtype=bool)
@@ -264,9 +279,9 @@ class _State:
             may &= ~on_plane | on_plane[:, ::-1]
         return may
 
-    def _candidates(self, edges: _Edges, allowed: Booleans) -> _Candidates:
+    def _candidates(self, edges: _Edges, directions: Booleans) -> _Candidates:
         """For each vertex that may move the cheapest neighbour to merge it into, the cheapest collapse first."""
-        cost = np.where(allowed & ~self.known.fails, self.known.cost, np.inf)
+        cost = np.where(directions & ~self.known.fails, self.known.cost, np.inf)
         direction, edge = np.divmod(np.flatnonzero(np.isfinite(cost.T.ravel())), len(cost))
         tail, head, cost = edges.ends[edge, direction], edges.ends[edge, 1 - direction], cost[edge, direction]
         order, _ = _group(tail, len(self.quadrics))
@@ -331,7 +346,11 @@ class _State:
         rows = self.triangles[triangle]
         removed = (rows == head[which, None]).any(axis=1)
         removed_count = np.bincount(which[removed], minlength=len(tail))
-        fits = (edges.shared(tail, head) == removed_count) & (removed_count > 0) & (around.count(tail) > removed_count)
+        fits = (
+            (edges.count_common(tail, head) == removed_count)
+            & (removed_count > 0)
+            & (around.count(tail) > removed_count)
+        )
         which, triangle, rows = which[~removed], triangle[~removed], rows[~removed]
         at_tail = rows == tail[which, None]
         before, areas = self._normals(rows)
@@ -377,6 +396,10 @@ class _State:
         self.triangles[triangle] = np.where(at_tail, head[which, None], rows)
         self.corners[triangle] = np.where(at_tail, goal[:, None], self.corners[triangle])
         np.add.at(self.quadrics, head, self.quadrics[tail])
+        np.add.at(self.area, head, self.area[tail])
+        goal = np.arange(len(self.into))
+        goal[tail] = head
+        self.into = goal[self.into]
         heads = np.unique(head)
         self.own[heads] = self._products(heads, heads)
         self.changed[heads] = True
@@ -498,7 +521,7 @@ class _Edges:
         at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
         return np.where(self.key[at] == key, at, -1)
 
-    def shared(self, one: Integers, other: Integers) -> Integers:
+    def count_common(self, one: Integers, other: Integers) -> Integers:
         """(k,) the numbers of vertices that are neighbours of both vertices."""
         which, neighbour = self.neighbours.of(one)
         goal = other[which]

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+import zoomout_core.mesh.simplify as simplification
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION, simplify
 from zoomout_core.samples.grids import grid_faces, triangles_of
@@ -112,3 +114,16 @@ def test_mirror_images_stay_together() -> None:
     moved = points + np.random.default_rng(1).normal(size=points.shape)
     even = mirror_moves(points, moved, pairs) - points
     np.testing.assert_allclose(even[pairs], even * [-1, 1, 1], atol=1e-12)
+
+
+def test_parts_are_not_destroyed_to_reach_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, triangles = wavy_grid()
+
+    def height_of_level() -> float:
+        _, corners = simplify(points[None], triangles, [], [4])[0]
+        return float(np.ptp(points[triangles.ravel()[corners]][..., 2]))
+
+    whole = float(np.ptp(points[:, 2]))
+    assert height_of_level() > 0.8 * whole
+    monkeypatch.setattr(simplification, "DISTANCES", (9.0, 9.0))
+    assert height_of_level() < 0.8 * whole
