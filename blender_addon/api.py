@@ -19,6 +19,8 @@ True
 `bake_textures(context, scan, api.Baking(size=4096))` bakes the images of the source's materials into the UV map of a
 matched target, and gives it materials that show them.
 
+`make_levels(context, hero, api.LevelChoice(ratios=(0.5, 0.2)))` makes levels of detail with all data of a mesh.
+
 Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 
 >>> api.set_landmark(context, hero, number=1, vertex=12)
@@ -93,6 +95,7 @@ from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
 from .services.library import append_source, find_source
 from .services.live_link import keep_linked, update_linked
+from .services.lods import LevelChoice, make_levels
 from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
@@ -113,6 +116,7 @@ __all__ = [
     "Binding",
     "Dressing",
     "LandmarkPairs",
+    "LevelChoice",
     "Settings",
     "Wrapping",
     "append_source",
@@ -125,6 +129,7 @@ __all__ = [
     "find_source",
     "keep_linked",
     "landmark_pairs",
+    "make_levels",
     "match_collections",
     "match_objects",
     "mirror_attributes",

@@ -61,6 +61,7 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
+from .levels import DetailedMesh, add_level, read_detailed_mesh
 from .live_link import (
     NODE_TYPES,
     LinkedLayer,
@@ -155,6 +156,7 @@ __all__ = [
     "ActiveLayers",
     "BodyKeys",
     "Bones",
+    "DetailedMesh",
     "EvaluatedObject",
     "Faces",
     "Fingerprint",
@@ -176,6 +178,7 @@ __all__ = [
     "SurfacePoint",
     "Worn",
     "Writing",
+    "add_level",
     "add_outfit_bones",
     "add_shaped_copy",
     "add_worn_copy",
@@ -226,6 +229,7 @@ __all__ = [
     "read_body_keys",
     "read_bones",
     "read_custom_normals",
+    "read_detailed_mesh",
     "read_faces",
     "read_full_offsets",
     "read_image_uses",

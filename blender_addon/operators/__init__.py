@@ -18,6 +18,7 @@ from .landmarks import (
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
 )
+from .make_lods import ZOOMOUT_OT_make_lods
 from .match import ZOOMOUT_OT_match
 from .match_collections import ZOOMOUT_OT_match_collections
 from .move_rig import ZOOMOUT_OT_move_rig
@@ -50,6 +51,7 @@ CLASSES = (
     ZOOMOUT_OT_wrap,
     ZOOMOUT_OT_dress,
     ZOOMOUT_OT_cut_seams,
+    ZOOMOUT_OT_make_lods,
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_face_landmarks,

@@ -12,6 +12,7 @@ from .collections import CollectionSettings
 from .dress import DressCollection, DressOptions
 from .landmarks import LandmarkSettings
 from .library import FoundSettings, LibrarySettings
+from .lods import LevelOptions
 from .match import MatchOptions, RedoOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
@@ -59,6 +60,7 @@ class ZOOMOUT_PG_settings(
     BindView,
     WrapOptions,
     BakeOptions,
+    LevelOptions,
     DressOptions,
     DressCollection,
     LandmarkSettings,

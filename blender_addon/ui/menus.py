@@ -24,6 +24,7 @@ from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.find_source import ZOOMOUT_OT_find_source
+from ..operators.make_lods import ZOOMOUT_OT_make_lods
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.move_rig import ZOOMOUT_OT_move_rig
@@ -60,6 +61,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,
+            ZOOMOUT_OT_make_lods,
             ZOOMOUT_OT_rename_shape_keys,
             ZOOMOUT_OT_play_expressions,
         )

@@ -77,7 +77,8 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert buttons()["Match"]
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
-    of_match, of_transfer = ("Landmarks", "Hints", "Advanced"), ("Blending", "Groups and Attributes", "Topology")
+    of_match = "Landmarks", "Hints", "Advanced"
+    of_transfer = "Levels of Detail", "Blending", "Groups and Attributes", "Topology"
     below = "Bind to Rig", "Check Binding", "Wrap", "Dress", "Collections", "Libraries", "Symmetry"
     assert names == ["Match", *of_match, "Transfer", *of_transfer, *below]
 

@@ -3,26 +3,31 @@
 
 Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, in
 the sum of squares over the poses. They are linear in the rest positions, as each pose moves a vertex by a fixed matrix.
+The derivatives of the distances from a triangle's plane differ only by barycentric coordinates, so that the normal
+equations are summed over its points first. Conjugate gradients solve them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.sparse import bsr_array, coo_array, csc_array, diags_array, eye_array, kron
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import LinearOperator, cg
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.sparse_solve import factorise
-from zoomout_core.mesh.triangles import unique_edges, vertex_normals
+from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.skinning import transform_points
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
-SMOOTHNESS, DAMPING = 0.008, 0.02
+SMOOTHNESS, DAMPING = 0.05, 0.1
+# Pairs of corners of a triangle.
+CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
+# Share of the first residual at which conjugate gradients end, and their largest number.
+SOLVED, MAX_STEPS = 1e-3, 200
 
 
 @dataclass(frozen=True)
@@ -57,42 +62,96 @@ def fit_level(
     """
     still = np.tile(np.eye(4)[:3], (len(vertices), 1, 1))
     weights = [1.0, *[LEVEL_FIT.poses / max(len(motions), 1)] * len(motions)]
+    poses = list(zip([still, *motions], [points, *goals], weights, strict=True))
     fitted = vertices.copy()
-    edges, _ = unique_edges(triangles)
-    graph = coo_array((np.ones(len(edges)), edges.T), shape=(len(vertices),) * 2)
-    graph = graph + graph.T
-    laplacian: Any = diags_array(np.asarray(graph.sum(axis=1)).ravel()) - graph
-    smoothness = kron(laplacian, eye_array(3))
+    blocks = _Blocks(len(vertices), triangles)
+    laplacian = np.where(blocks.row == blocks.column, np.diff(blocks.start)[blocks.row] - 1, -1)
+    smoothness = SMOOTHNESS * laplacian[:, None, None] * np.eye(3)
     normals = vertex_normals(vertices, triangles)
     across = normals[:, :, None] * normals[:, None]
-    blocks = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
-    held = bsr_array((blocks, np.arange(len(vertices)), np.arange(len(vertices) + 1)))
+    held = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
     for _ in range(LEVEL_FIT.rounds):
         triangle, barycentric = SurfaceSearch(fitted, triangles).closest(points)
-        corners = triangles[triangle]
-        normal_matrix, right = csc_array((fitted.size, fitted.size)), np.zeros(fitted.size)
-        for motion, goal, weight in zip([still, *motions], [points, *goals], weights, strict=True):
-            rows, distance = _distances(fitted, motion, corners, barycentric, goal)
-            normal_matrix = normal_matrix + weight * (rows.T @ rows)
-            right += weight * (rows.T @ distance)
-        scale = float(normal_matrix.diagonal().mean())
-        system = normal_matrix + scale * (SMOOTHNESS * smoothness + held)
-        right -= scale * (held @ (fitted - vertices).ravel())
-        fitted = fitted + factorise(system).solve(right).reshape(-1, 3)
+        matrix, right = _normal_equations(fitted, triangles, triangle, barycentric, poses, blocks)
+        scale = float(np.trace(matrix[blocks.diagonal], axis1=1, axis2=2).mean()) / 3
+        matrix += scale * smoothness
+        matrix[blocks.diagonal] += scale * held
+        right -= scale * np.einsum("kxy,ky->kx", held, fitted - vertices)
+        fitted = fitted + _solve(blocks, matrix, right)
     return fitted
 
 
-def _distances(
-    vertices: Floats, motion: Floats, corners: Integers, barycentric: Floats, goal: Floats
-) -> tuple[csc_array, Floats]:
-    """(n, 3 k) how the distances from planes depend on the rest positions, and the distances (n,) now, in a pose."""
-    moved = transform_points(motion, vertices)
-    a, b, c = (moved[corners[:, corner]] for corner in range(3))
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    values = np.einsum("nx,nkxz->nkz", normal, motion[corners][..., :3]) * barycentric[:, :, None]
-    row = np.repeat(np.arange(len(goal)), 9)
-    column = (3 * corners[:, :, None] + np.arange(3)).ravel()
-    rows = coo_array((values.ravel(), (row, column)), shape=(len(goal), vertices.size)).tocsc()
-    nearest = np.einsum("nk,nkx->nx", barycentric, moved[corners])
-    return rows, np.einsum("nx,nx->n", normal, goal - nearest)
+class _Blocks:
+    """The places of 3x3 blocks in a matrix for vertices and their neighbours, row by row.
+
+    Attributes:
+        row, column: (b,) the vertices of each block.
+        start: (k + 1,) where the rows begin.
+        diagonal: (k,) the blocks of the vertices themselves.
+        of_corners: (m, 3, 3) the blocks of the pairs of corners of each triangle.
+    """
+
+    def __init__(self, count: int, triangles: Integers) -> None:
+        keys = triangles[:, :, None] * count + triangles[:, None]
+        own = np.arange(count) * (count + 1)
+        key, place = np.unique(np.concatenate([own, keys.ravel()]), return_inverse=True)
+        self.row, self.column = np.divmod(key, count)
+        self.start = np.searchsorted(self.row, np.arange(count + 1))
+        self.diagonal, self.of_corners = place[:count], place[count:].reshape(-1, 3, 3)
+
+
+def _normal_equations(
+    vertices: Floats,
+    triangles: Integers,
+    triangle: Integers,
+    barycentric: Floats,
+    poses: Sequence[tuple[Floats, Floats, float]],
+    blocks: _Blocks,
+) -> tuple[Floats, Floats]:
+    """The blocks (b, 3, 3) and the right side (k, 3) for the displacements that minimise distances in all poses.
+
+    Args:
+        vertices: (k, 3) rest positions.
+        triangles: (m, 3) vertex numbers.
+        triangle: (n,) the triangle that is closest to each point.
+        barycentric: (n, 3) the closest place in it.
+        poses: for each pose the transforms (k, 3, 4) of the vertices, the points (n, 3) and the weight.
+        blocks: where the matrix has blocks.
+    """
+    count = len(triangles)
+    products = {pair: np.zeros((count, 3, 3)) for pair in CORNERS}  # of the slopes at two corners
+    right = np.zeros(vertices.shape)
+    for motion, goal, weight in poses:
+        moved = transform_points(motion, vertices)
+        a, b, c = (moved[triangles[:, corner]] for corner in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+        # How the distance depends on the rest position of each corner, at the corner.
+        slope = np.einsum("mx,mkxz->mkz", normal, motion[triangles][..., :3])
+        for (one, other), product in products.items():
+            product += weight * slope[:, one, :, None] * slope[:, other, None]
+        distance = np.einsum("nx,nx->n", normal[triangle], goal - a[triangle])  # all corners are on the plane
+        pull = weight * slope * segment_sum(barycentric * distance[:, None], triangle, count)[:, :, None]
+        right += segment_sum(pull.reshape(-1, 3), triangles.ravel(), len(vertices))
+    matrix = np.zeros((len(blocks.row), 9))
+    for (one, other), product in products.items():
+        product *= np.bincount(triangle, barycentric[:, one] * barycentric[:, other], count)[:, None, None]
+        matrix += segment_sum(product.reshape(-1, 9), blocks.of_corners[:, one, other], len(matrix))
+        if one != other:
+            turned = product.transpose(0, 2, 1).reshape(-1, 9)
+            matrix += segment_sum(turned, blocks.of_corners[:, other, one], len(matrix))
+    return matrix.reshape(-1, 3, 3), right
+
+
+def _solve(blocks: _Blocks, matrix: Floats, right: Floats) -> Floats:
+    """(k, 3) the solution of a positive definite system of blocks (b, 3, 3), by preconditioned conjugate gradients."""
+    size = right.size
+    inverse = np.linalg.inv(matrix[blocks.diagonal])
+
+    def precondition(values: Floats) -> Floats:
+        return np.asarray(np.einsum("kxy,ky->kx", inverse, values.reshape(-1, 3))).ravel()
+
+    system = bsr_array((matrix, blocks.column, blocks.start), shape=(size, size))
+    preconditioner = LinearOperator((size, size), matvec=precondition)
+    found, _ = cg(system, right.ravel(), rtol=SOLVED, maxiter=MAX_STEPS, M=preconditioner)
+    return np.asarray(found).reshape(-1, 3)

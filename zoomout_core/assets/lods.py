@@ -7,7 +7,7 @@ of materials stay in place, and vertices where the mesh bends in its poses. Then
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.groups import expand_ranges, first_of_each
-from zoomout_core.transfer.poses import distinct_poses, extreme_poses
+from zoomout_core.transfer.poses import MAX_FRAMES, distinct_poses, extreme_poses
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.weights import limit_weights
 
@@ -38,10 +38,19 @@ from zoomout_core.transfer.weights import limit_weights
 SAME_WEIGHT = 1e-9
 # Share of the largest offset of all morph targets from which a vertex counts as moved, and the most poses of them.
 MOVED, MAX_KEY_POSES = 0.02, 6
+# Vertices in all poses of the joints, to bound time and memory: of larger meshes, fewer poses are used, but at least
+# this number. Half of the poses raise the errors by 1 %.
+MAX_POSED, MIN_POSES = 400_000, 4
+# Points of the asset, per vertex of a level, that the level is fitted to.
+FITTED = 8
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
 MORE = 1.1
+# Vertices of the asset whose distances from a level are averaged: a sample with a standard error of about 1 %.
+MAX_POINTS = 10_000
+# Share of the time that simplifying takes.
+SIMPLIFY = 0.6
 # Levels with fewer vertices than this have no faces to speak of.
 MIN_VERTICES = 12
 
@@ -52,14 +61,17 @@ class Level:
 
     Attributes:
         asset: the mesh with its data.
+        vertices: (k,) the vertices of the asset that its vertices are.
         match: the map of its vertices to the surface of the asset.
         notes: sentences for the user.
-        rest_error: mean distance of the asset's vertices from the level at rest, relative to the asset's extent.
+        rest_error: mean distance of the asset's vertices, or of a sample, from the level at rest, relative to the
+            asset's extent.
         posed_error: the same in poses that turn the joints, with the level's own weights; None without joints.
         posed_geometry_error: the same if each vertex moved with all weights at its place on the asset.
     """
 
     asset: Asset
+    vertices: Integers
     match: Any
     notes: tuple[str, ...]
     rest_error: float
@@ -90,11 +102,14 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
                 f"A level with {ratio:g} of {len(working.vertices):,} vertices cannot be made: give shares below 1, of "
                 f"{MIN_VERTICES} vertices or more."
             )
+    poses = _Poses(source)
+    with stage(message("Simplify the mesh"), 0.0, SIMPLIFY):
+        parts = _simplify(source, poses, ratios)
     levels = []
-    for number, ratio in enumerate(ratios, start=1):
-        begin, end = ((number - step) / len(ratios) for step in (1, 0))
-        with stage(message("Level {number}", number=number), begin, end):
-            levels.append(_level(asset, source, ratio, max_weights))
+    for number, (ratio, part) in enumerate(zip(ratios, parts, strict=True)):
+        begin, end = (SIMPLIFY + (1 - SIMPLIFY) * (number + step) / len(ratios) for step in (0, 1))
+        with stage(message("Level {number}", number=number + 1), begin, end):
+            levels.append(_level(asset, source, poses, part, ratio, max_weights))
     return levels
 
 
@@ -143,11 +158,11 @@ def at_rest(asset: Asset) -> Asset:
     return replace(asset, surface=asset.surface.with_vertices(skin.rest), attributes=tuple(attributes), skin=rest)
 
 
-def _level(asset: Asset, source: Asset, ratio: float, max_weights: int | None) -> Level:
-    """A level of an asset, whose state at rest is `source`."""
-    poses = _Poses(source)
-    alive, corners = _simplify(source, poses, ratio)
-    level, used = _select(asset, alive, corners)
+def _level(
+    asset: Asset, source: Asset, poses: _Poses, part: tuple[Integers, Integers], ratio: float, max_weights: int | None
+) -> Level:
+    """A level of an asset, whose state at rest is `source`, with the triangles and corners of a part of it."""
+    level, used = _select(asset, *part)
     if max_weights is not None:
         level = with_fewer_weights(level, max_weights)
     level = _fit(source, level, used, poses)
@@ -163,7 +178,7 @@ def _level(asset: Asset, source: Asset, ratio: float, max_weights: int | None) -
                 wanted=wanted,
             )
         )
-    return Level(level, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
+    return Level(level, used, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
 
 
 class _Poses:
@@ -171,16 +186,22 @@ class _Poses:
 
     Args:
         source: the asset at rest.
+
+    Attributes:
+        positions: (n, 3) its vertices in each pose.
     """
 
     def __init__(self, source: Asset) -> None:
-        self.joints = np.zeros((0, 0, 3, 4)) if source.skin is None else joint_poses(source)
+        count = max(MIN_POSES, MAX_POSED // len(source.surface.vertices))
+        self.joints = np.zeros((0, 0, 3, 4)) if source.skin is None else joint_poses(source, count)
         self.keys = list[Floats]()
         attribute = source.find(SHAPE_KEYS)
         if attribute is not None:
             self.keys = _group_keys(np.asarray(attribute.values))
+        rest = source.surface.vertices
+        self.positions = [transform_points(each, rest) for each in self.motions(source, np.arange(len(rest)))]
 
-    def motions(self, asset: Asset, rows: Integers) -> list[Floats]:
+    def motions(self, asset: Asset, rows: Integers) -> Iterator[Floats]:
         """(k, 3, 4) transforms of vertices (k,) of the asset at rest in each pose.
 
         Args:
@@ -188,19 +209,18 @@ class _Poses:
             rows: the vertices of the asset at rest that its vertices are.
         """
         weights = [] if asset.skin is None else [csr_array(asset.skin.weights)]
-        found = [blend_matrices(pose, each) for each in weights for pose in self.joints]
+        yield from (blend_matrices(pose, each) for each in weights for pose in self.joints)
         for offsets in self.keys:
             still = np.tile(np.eye(4)[:3], (len(rows), 1, 1))
             still[:, :, 3] = offsets[rows]
-            found.append(still)
-        return found
+            yield still
 
 
-def joint_poses(source: Asset) -> Floats:
-    """(f, b, 3, 4) transforms of the joints of an asset at rest in the most different extreme poses."""
+def joint_poses(source: Asset, count: int = MAX_FRAMES) -> Floats:
+    """(f, b, 3, 4) transforms of the joints of an asset at rest in the `count` most different extreme poses."""
     assert source.skin is not None
     heads = np.linalg.pinv(source.skin.inverse_bind)[:, :3, 3]
-    return distinct_poses(extreme_poses(heads, source.skin.parents), heads)
+    return distinct_poses(extreme_poses(heads, source.skin.parents), heads, count)
 
 
 def _group_keys(offsets: Floats) -> list[Floats]:
@@ -222,13 +242,12 @@ def _group_keys(offsets: Floats) -> list[Floats]:
     return sums
 
 
-def _simplify(source: Asset, poses: _Poses, ratio: float) -> tuple[Integers, Integers]:
-    """The triangles of an asset at rest that a level keeps, and (m, 3) the corners whose data their corners have."""
+def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers]]:
+    """For each level the triangles of an asset at rest that it keeps, and (m, 3) the corners whose data they have."""
     surface = source.surface
     _, first, of_vertex = np.unique(surface.vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     of_vertex = of_vertex.ravel()
     rest = surface.vertices[first]
-    posed = [transform_points(each[first], rest) for each in poses.motions(source, np.arange(len(surface.vertices)))]
     corners = surface.triangle_corners
     textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
     layers = [surface.triangles]  # vertices in one place, as of two meshes, or with other weights
@@ -239,15 +258,17 @@ def _simplify(source: Asset, poses: _Poses, ratio: float) -> tuple[Integers, Int
     for texture in reversed(textures):
         values = np.round(on_corners(texture, surface), UV_DIGITS)
         layers.insert(0, np.unique(values, axis=0, return_inverse=True)[1].ravel()[corners])
-    alive, kept = simplify(
-        np.array([rest, *posed]),
+    order = np.argsort(-np.asarray(ratios), kind="stable")
+    found = simplify(
+        np.array([rest, *(each[first] for each in poses.positions)]),
         of_vertex[surface.triangles],
         layers,
-        round(ratio * len(surface.working.vertices)),
+        [round(ratios[number] * len(surface.working.vertices)) for number in order],
         mirror_pairs(rest),
         on_corners(textures[0], surface)[corners] if textures else None,
     )
-    return alive, corners.ravel()[kept]
+    parts = [(alive, corners.ravel()[kept]) for alive, kept in found]
+    return [parts[place] for place in np.argsort(order)]
 
 
 def _select(asset: Asset, alive: Integers, corners: Integers) -> tuple[Asset, Integers]:
@@ -301,14 +322,19 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     rest = at_rest(level).surface.vertices
     _, first, of_vertex = np.unique(rest.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     of_vertex = of_vertex.ravel()
-    points = np.unique(surface.triangles)
-    motions = poses.motions(level, used)
-    goals = [
-        transform_points(each[points], surface.vertices[points])
-        for each in poses.motions(source, np.arange(len(surface.vertices)))
-    ]
+    vertices = np.unique(surface.triangles)
+
+    def places(positions: Floats) -> Floats:
+        """The points of the asset that the level is fitted to, in a pose: vertices, and centres of triangles."""
+        found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])
+        return np.asarray(found[chosen])
+
+    count = len(vertices) + len(surface.triangles)
+    chosen = np.random.default_rng(0).permutation(count)[: FITTED * len(first)]
+    motions = [each[first] for each in poses.motions(level, used)]
+    goals = [places(each) for each in poses.positions]
     triangles = of_vertex[level.surface.triangles]
-    fitted = fit_level(rest[first], triangles, [each[first] for each in motions], surface.vertices[points], goals)
+    fitted = fit_level(rest[first], triangles, motions, places(surface.vertices), goals)
     pairs = mirror_pairs(rest[first])
     if pairs is not None:
         fitted = mirror_moves(rest[first], fitted, pairs)
@@ -336,9 +362,10 @@ def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[flo
         level: its level, at rest, with the same joints in the same order.
         found: the map of its vertices to the asset.
     """
-    vertices = source.surface.vertices[np.unique(source.surface.triangles)]
-    extent = float(np.ptp(vertices, axis=0).max())
-    at_rest = _mean_distance(vertices, level.surface.vertices, level.surface.triangles) / extent
+    points = np.unique(source.surface.triangles)
+    extent = float(np.ptp(source.surface.vertices[points], axis=0).max())
+    points = np.random.default_rng(0).permutation(points)[:MAX_POINTS]
+    at_rest = _mean_distance(source.surface.vertices[points], level.surface.vertices, level.surface.triangles) / extent
     if source.skin is None or level.skin is None:
         return at_rest, None, None
     own, exact = list[float](), list[float]()
@@ -346,7 +373,7 @@ def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[flo
     mixed = interpolation_matrix(corners, found.barycentric, len(source.surface.vertices)) @ source.skin.weights
     has_all = abs(csr_array(level.skin.weights) - mixed).max() < SAME_WEIGHT
     for pose in joint_poses(source):
-        moved = _pose(source.skin.rest, source.skin.weights, pose)[np.unique(source.surface.triangles)]
+        moved = _pose(source.skin.rest[points], csr_array(source.skin.weights)[points], pose)
         for errors, weights in ((own, level.skin.weights), (exact, mixed)):
             if errors is exact and has_all:
                 exact.append(own[-1])

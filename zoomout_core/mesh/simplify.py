@@ -4,27 +4,34 @@
 Vertices are merged into neighbours by quadric error (Garland and Heckbert 1997), summed over the poses that the mesh
 can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the data and borders
 between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
-result is a vertex of the mesh, with all of its data. A round makes the cheapest collapses that do not touch each other.
+result is a vertex of the mesh, with all of its data. A round makes cheap collapses that do not touch each other, and
+only costs of edges that these change are computed anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, take_rows
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
 # Share of the possible collapses that a round chooses among, the cheapest ones.
 SHARE = 0.3
+# Times that a round chooses among the collapses that touch none of those chosen before.
+PASSES = 4
 # Smallest cosine between the normals of a triangle before and after a collapse.
 MIN_COSINE = 0.2
-# Entries of quadrics, over all vertices and poses; of larger meshes, fewer poses are used.
-MAX_QUADRICS = 4_000_000
+# Root mean square distances from their planes, relative to the extent, up to which collapses move vertices: first, and
+# once the least important layer is ignored. Farther ones would destroy parts.
+DISTANCES = (0.01, 0.02)
+# Entries of quadrics that are processed together, to bound the memory.
+BLOCK = 1 << 19
 # Weight of the length of a collapse, to the fourth power as areas times squared errors: it decides where all is flat.
 FLAT = 1e-4
 # The entries of a symmetric matrix.
@@ -52,39 +59,45 @@ def simplify(
     poses: Floats,
     triangles: Integers,
     layers: Sequence[Integers],
-    count: int,
+    counts: Sequence[int],
     mirror: Integers | None = None,
     chart: Floats | None = None,
-) -> tuple[Integers, Integers]:
-    """Reduce a mesh to about `count` vertices.
+) -> list[tuple[Integers, Integers]]:
+    """Reduce a mesh to about so many vertices, step by step.
 
     Args:
         poses: (p, n, 3) positions in the poses, the first of which is at rest.
         triangles: (m, 3) vertex numbers.
         layers: numbers (m, 3) of the data of each corner, which differ across seams, the most important layer first. If
-            the lines leave too many vertices, the last layers are ignored, and then `mirror`.
-        count: number of vertices of the result.
+            the lines leave too many vertices, the last layers are ignored, and then `mirror`, see `DISTANCES`.
+        counts: numbers of vertices of the results, the largest first.
         mirror: (n,) the mirror image of each vertex, -1 for none; images are treated alike.
         chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
 
     Returns:
-        (m',) the triangle that each triangle of the result was, and (m', 3) the corner whose data each of its corners
-        has, in the flat list of all corners (3 m).
+        For each count (m',) the triangle that each triangle of the result was, and (m', 3) the corner whose data each
+        of its corners has, in the flat list of all corners (3 m).
     """
-    used = max(1, min(len(poses), MAX_QUADRICS // max(poses.shape[1], 1)))
-    state = _State(poses[:used], triangles, mirror, chart)
-    first = max(state.count_vertices(), count + 1)
-    for number in range(len(layers), -2, -1):
-        if number < 0:
-            state.mirror = None
-        state.set_layers(layers[: max(number, 0)])
-        while state.count_vertices() > count:
-            advance(float(np.log(first / state.count_vertices()) / np.log(first / count)))
-            if not state.collapse(state.count_vertices() - count):
+    state = _State(poses, triangles, mirror, chart)
+    fewer = max(len(layers) - 1, 0)
+    steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
+    state.set_lines(layers, DISTANCES[0])
+    first = max(state.count_vertices(), counts[0] + 1)
+    found = []
+    for count in counts:
+        while (now := state.count_vertices()) > count:
+            advance(float(np.log(first / now) / np.log(first / counts[-1])))
+            if state.collapse(now - count):
+                continue
+            if state.mirror is None and not steps:
                 break
-        else:
-            break
-    return state.alive, state.corners
+            if steps:
+                kept, distance = steps.pop(0)
+                state.set_lines(layers[:kept], distance)
+            else:
+                state.ignore_mirror()
+        found.append((state.alive, state.corners.copy()))
+    return found
 
 
 class _State:
@@ -98,7 +111,8 @@ class _State:
 
     def __init__(self, poses: Floats, triangles: Integers, mirror: Integers | None, chart: Floats | None) -> None:
         centre = poses.mean(axis=1, keepdims=True)
-        self.poses = (poses - centre) / max(float(np.ptp(poses[0], axis=0).max()), 1e-30)
+        size = max(float(np.ptp(poses[0], axis=0).max()), 1e-30)
+        self.places = np.ascontiguousarray(((poses - centre) / size).transpose(1, 0, 2))  # (n, p, 3)
         self.weight = np.full(len(poses), SIMPLIFICATION.poses / max(len(poses) - 1, 1))
         self.weight[0] = 1.0
         self.corner_count = triangles.size
@@ -108,126 +122,181 @@ class _State:
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
         self.mirror = mirror
         self.chart = None if chart is None else chart.reshape(-1, 2)
-        self.quadrics = np.zeros((poses.shape[1], len(poses), 10))
-        self._add_triangles()
-        self.has_lines = False
+        # The mesh at first, and the vertex that each vertex was merged into.
+        self.first = self.triangles.copy(), self.corners.copy()
+        self.into = np.arange(len(self.places))
 
     def count_vertices(self) -> int:
         """The number of vertices that triangles have."""
-        return len(np.unique(self.triangles))
+        return int(np.count_nonzero(np.bincount(self.triangles.ravel())))
 
-    def set_layers(self, layers: Sequence[Integers]) -> None:
-        """Let seams of these layers be lines."""
+    def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
+        """Let seams of these layers be lines, and no collapse move vertices farther than a distance.
+
+        Quadrics are summed anew, so that lines of other layers count no more.
+        """
+        self.distance = distance
         self.wedge = np.zeros(self.corner_count, dtype=np.int64)
         for layer in layers:
-            pair = np.column_stack([self.wedge, layer.ravel()])
-            self.wedge = np.unique(pair, axis=0, return_inverse=True)[1].ravel()
-        if not self.has_lines:
-            self._add_lines()
-            self.has_lines = True
+            key = self.wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
+            self.wedge = np.unique(key, return_inverse=True)[1].ravel()
+        self.quadrics = np.zeros((*self.places.shape[:2], 10))
+        self._add_triangles()
+        self._add_lines()
+        everything = np.arange(len(self.quadrics))
+        self.own = self._products(everything, everything)
+        # The areas of the planes, in the sum over the poses: traces of the quadrics.
+        self.area = self.quadrics[..., :6][..., ROWS == COLUMNS].sum(axis=(1, 2))
+        self.known = _Costs(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2), dtype=bool))
+        self.changed = self.touched = np.ones(len(self.quadrics), dtype=bool)
+
+    def ignore_mirror(self) -> None:
+        """Treat mirror images independently from now on."""
+        self.mirror = None
+        self.changed = self.touched = np.ones(len(self.quadrics), dtype=bool)
 
     # --- quadrics -------------------------------------------------------------------------------------------
 
-    def _add_planes(self, vertices: Integers, places: Floats, normals: Floats, weights: Floats) -> None:
-        """Add planes through places (k, p, 3) with unit normals (k, p, 3) to the quadrics of vertices (k, c)."""
-        offset = -(normals * places).sum(axis=2)
-        rows = (
-            np.concatenate(
-                [
-                    normals[..., ROWS] * normals[..., COLUMNS] * TWICE,
-                    2 * normals * offset[..., None],
-                    offset[..., None] ** 2,
-                ],
-                axis=2,
-            )
-            * (weights[:, None] * self.weight)[..., None]
-        )
-        for corner in vertices.T:
-            np.add.at(self.quadrics, corner, rows)
+    def _add_planes(self, pose: int, vertices: Integers, places: Floats, normals: Floats, weights: Floats) -> None:
+        """Add planes in a pose through places (k, 3) with unit normals (k, 3) to the quadrics of vertices (k, c)."""
+        offset = -(normals * places).sum(axis=1)[:, None]
+        rows = np.hstack([normals[:, ROWS] * normals[:, COLUMNS] * TWICE, 2 * normals * offset, offset**2])
+        rows *= (weights * self.weight[pose])[:, None]
+        count, corners = vertices.shape
+        start = np.arange(0, count * corners + 1, corners)
+        shape = count, len(self.quadrics)
+        incidence = csr_array((np.ones(vertices.size), self.into[vertices].ravel(), start), shape=shape)
+        self.quadrics[:, pose] += incidence.T @ rows
 
     def _add_triangles(self) -> None:
-        normals, areas = self._normals(self.triangles)
-        places = self.poses[:, self.triangles[:, 0]].transpose(1, 0, 2)
-        self._add_planes(self.triangles, places, normals, areas[:, 0] / 3)
+        triangles, _ = self.first
+        areas = self._normals(triangles, slice(0, 1))[1][:, 0]
+        for pose in range(len(self.weight)):
+            normals, _ = self._normals(triangles, slice(pose, pose + 1))
+            self._add_planes(pose, triangles, self.places[triangles[:, 0], pose], normals[:, 0], areas / 3)
 
-    def _normals(self, triangles: Integers) -> tuple[Floats, Floats]:
-        """(k, p, 3) unit normals of triangles (k, 3) in all poses, and (k, p) their areas."""
-        a, b, c = (self.poses[:, triangles[:, corner]].transpose(1, 0, 2) for corner in range(3))
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal, axis=2)
-        return normal / np.maximum(length, 1e-30)[..., None], length / 2
+    def _normals(self, triangles: Integers, poses: slice = slice(None)) -> tuple[Floats, Floats]:
+        """(k, p, 3) unit normals of triangles (k, 3) in poses, and (k, p) their areas."""
+        a, b, c = (self.places[triangles[:, corner], poses] for corner in range(3))
+        normal = _cross(b - a, c - a)
+        length = np.sqrt(np.einsum("kpx,kpx->kp", normal, normal))
+        normal /= np.maximum(length, 1e-30)[..., None]
+        return normal, length / 2
 
     def _add_lines(self) -> None:
         """Add planes through borders and seams, at right angles to their triangles."""
-        edges = _Edges(self.triangles, self.wedge[self.corners])
-        half = edges.is_line[edges.of_half]
-        triangle = np.tile(np.arange(len(self.triangles)), 3)[half]
-        ends = edges.ends[edges.of_half[half]]
-        start, stop = (self.poses[:, ends[:, end]].transpose(1, 0, 2) for end in range(2))
-        along = stop - start
-        length = np.linalg.norm(along, axis=2)
-        normals = np.cross(self._normals(self.triangles[triangle])[0], along / np.maximum(length, 1e-30)[..., None])
-        self._add_planes(ends, start, normals, SIMPLIFICATION.lines * length[:, 0] ** 2 / 2)
+        triangles, corners = self.first
+        edges = _Edges(triangles, self.wedge[corners], len(self.quadrics))
+        half = np.flatnonzero(edges.is_line[edges.of_half])
+        triangles, ends = triangles[half % len(triangles)], edges.ends[edges.of_half[half]]
+        squared = ((self.places[ends[:, 1], 0] - self.places[ends[:, 0], 0]) ** 2).sum(axis=1)
+        for pose in range(len(self.weight)):
+            start, stop = self.places[ends[:, 0], pose], self.places[ends[:, 1], pose]
+            normals = _cross(self._normals(triangles, slice(pose, pose + 1))[0][:, 0], stop - start)
+            normals /= np.maximum(np.linalg.norm(stop - start, axis=1), 1e-30)[:, None]
+            self._add_planes(pose, ends, start, normals, SIMPLIFICATION.lines * squared / 2)
+
+    def _products(self, one: Integers, other: Integers) -> Floats:
+        """(k,) the errors of the quadrics of vertices `one` at the places of vertices `other`."""
+        step = max(1, BLOCK // self.quadrics[0].size)
+        error = np.empty(len(one))
+        for start in range(0, len(one), step):
+            block = slice(start, start + step)
+            place = take_rows(self.places, other[block])
+            powers = np.empty((*place.shape[:2], 10))
+            np.multiply(place[..., ROWS], place[..., COLUMNS], out=powers[..., :6])
+            powers[..., 6:9] = place
+            powers[..., 9] = 1
+            error[block] = np.einsum("kpq,kpq->k", take_rows(self.quadrics, one[block]), powers)
+        return error
 
     def _cost(self, tail: Integers, head: Integers) -> Floats:
-        """(k,) the error of merging vertices `tail` into `head`."""
-        place = self.poses[:, head].transpose(1, 0, 2)
-        powers = np.concatenate([place[..., ROWS] * place[..., COLUMNS], place, np.ones((*place.shape[:2], 1))], axis=2)
-        error = np.einsum("kpq,kpq->k", self.quadrics[tail] + self.quadrics[head], powers)
-        length = ((self.poses[0, tail] - self.poses[0, head]) ** 2).sum(axis=1)
+        """(k,) the error of merging vertices `tail` into `head`, infinite if it would destroy a part."""
+        length = ((self.places[tail, 0] - self.places[head, 0]) ** 2).sum(axis=1)
+        error = self._products(tail, head) + self.own[head]
+        error[error > self.distance**2 * (self.area[tail] + self.area[head])] = np.inf
         return error + FLAT * length**2
 
     # --- collapses ------------------------------------------------------------------------------------------
 
     def collapse(self, wanted: int) -> int:
         """Merge up to `wanted` vertices into neighbours; returns their number."""
-        edges = _Edges(self.triangles, self.wedge[self.corners])
-        tail, head, cost = self._candidates(edges)
-        around = _Rings(self.triangles, len(self.quadrics))
-        for share in (SHARE, 1.0):
-            if not len(tail):
+        edges = _Edges(self.triangles, self.wedge[self.corners], len(self.quadrics))
+        corner, start = _group(self.triangles.ravel(), len(self.quadrics))
+        around = _Lists(corner // 3, start)
+        self._update_costs(edges)
+        directions = self._free_directions(edges)
+        while True:
+            candidates = self._candidates(edges, directions)
+            if not len(candidates.tail):
                 return 0
-            among = np.argsort(cost, kind="stable")[: max(int(np.ceil(share * len(cost))), 1)]
-            fits = self._keeps_form(tail[among], head[among], around, edges)
-            chosen = among[fits]
-            chosen = chosen[self._have_images(tail[chosen], head[chosen])]
-            chosen = chosen[self._are_apart(tail[chosen], head[chosen], cost[chosen], around)]
+            chosen = self._choose(candidates, edges, around)
             if len(chosen):
                 break
-        else:
-            return 0
-        chosen = self._first_pairs(chosen[np.argsort(cost[chosen], kind="stable")], tail, wanted)
-        self._merge(tail[chosen], head[chosen])
+        chosen = self._first_pairs(chosen[np.argsort(candidates.cost[chosen], kind="stable")], wanted)
+        self._merge(candidates.tail[chosen], candidates.head[chosen], around)
         return len(chosen)
 
-    def _first_pairs(self, chosen: Integers, tail: Integers, wanted: int) -> Integers:
+    def _first_pairs(self, chosen: Integers, wanted: int) -> Integers:
         """The first collapses, with the mirror images of all."""
         return chosen[: wanted + 1] if self.mirror is not None and wanted < len(chosen) else chosen[:wanted]
 
-    def _candidates(self, edges: _Edges) -> tuple[Integers, Integers, Floats]:
-        """For each vertex that may move the cheapest neighbour to merge it into, and the cost."""
+    def _update_costs(self, edges: _Edges) -> None:
+        """Compute the costs of edges that are new or whose ends changed, in both directions."""
+        cost = np.empty((len(edges.ends), 2))
+        fails = np.zeros((len(edges.ends), 2), dtype=bool)
+        before = self.known.find(edges.key)
+        kept = before >= 0
+        same = kept & ~self.touched[edges.ends].any(axis=1)
+        fails[same] = self.known.fails[before[same]]
+        kept &= ~self.changed[edges.ends].any(axis=1)
+        cost[kept] = self.known.cost[before[kept]]
+        new = np.flatnonzero(~kept)
+        for direction in range(2):
+            tail, head = edges.ends[new, direction], edges.ends[new, 1 - direction]
+            value = self._cost(tail, head)
+            if self.mirror is not None:
+                other, goal = self.mirror[tail], self.mirror[head]
+                paired = np.flatnonzero((other >= 0) & (goal >= 0))
+                other, goal = other[paired], goal[paired]
+                value[paired] = (value[paired] + self._cost(other, goal)) / 2
+                value[paired[edges.find(other, goal) < 0]] = np.inf
+            cost[new, direction] = value
+        self.known = _Costs(edges.key, cost, fails)
+        self.changed = np.zeros(len(self.quadrics), dtype=bool)
+        self.touched = np.zeros(len(self.quadrics), dtype=bool)
+
+    def _free_directions(self, edges: _Edges) -> Booleans:
+        """(e, 2) whether lines and the plane of symmetry allow a collapse from the first or second end of an edge."""
         n = len(self.quadrics)
-        lines = np.bincount(edges.ends[edges.is_line].ravel(), minlength=n)
+        on_line = np.zeros(n, dtype=bool)
+        on_line[edges.ends[edges.is_line]] = True
         fixed = np.zeros(n, dtype=bool)
-        fixed[edges.ends[edges.is_odd].ravel()] = True
-        tail, head = np.concatenate([edges.ends, edges.ends[:, ::-1]]).T
-        is_line = np.tile(edges.is_line, 2)
-        may = ~fixed[tail] & ((lines[tail] == 0) | is_line)
+        fixed[edges.ends[edges.is_odd]] = True
+        may = ~fixed[edges.ends] & (~on_line[edges.ends] | edges.is_line[:, None])
         if self.mirror is not None:
-            on_plane = self.mirror == np.arange(n)
-            may &= ~on_plane[tail] | on_plane[head]
-            other, goal = self.mirror[tail], self.mirror[head]
-            may &= (other < 0) | (goal < 0) | np.isin(other * n + goal, tail * n + head)
-        tail, head = tail[may], head[may]
-        cost = self._cost(tail, head)
-        if self.mirror is not None:
-            other, goal = self.mirror[tail], self.mirror[head]
-            paired = (other >= 0) & (goal >= 0)
-            cost[paired] = (cost[paired] + self._cost(other[paired], goal[paired])) / 2
-        order = np.lexsort((self._neutral(head), cost, tail))
-        first = np.flatnonzero(np.diff(tail[order], prepend=-1))
-        best = order[first]
-        return tail[best], head[best], cost[best]
+            on_plane = (self.mirror == np.arange(n))[edges.ends]
+            may &= ~on_plane | on_plane[:, ::-1]
+        return may
+
+    def _candidates(self, edges: _Edges, directions: Booleans) -> _Candidates:
+        """For each vertex that may move the cheapest neighbour to merge it into, the cheapest collapse first."""
+        cost = np.where(directions & ~self.known.fails, self.known.cost, np.inf)
+        direction, edge = np.divmod(np.flatnonzero(np.isfinite(cost.T.ravel())), len(cost))
+        tail, head, cost = edges.ends[edge, direction], edges.ends[edge, 1 - direction], cost[edge, direction]
+        order, _ = _group(tail, len(self.quadrics))
+        tail, head, cost, place = tail[order], head[order], cost[order], 2 * edge[order] + direction[order]
+        for step in range(3 if len(tail) else 0):
+            start = np.flatnonzero(np.diff(tail, prepend=-1))
+            key = (cost, self._neutral(head), head)[step]
+            best = key == np.repeat(np.minimum.reduceat(key, start), np.diff(start, append=len(key)))
+            tail, head, cost, place = tail[best], head[best], cost[best], place[best]
+        neutral = self._neutral(tail)
+        order = np.lexsort((neutral, cost))
+        # Mirror images share a rank, which their sides decide by equal keys.
+        same = (np.diff(cost[order]) == 0) & (np.diff(neutral[order]) == 0)
+        rank = np.concatenate([[0], np.cumsum(~same)])[: len(order)]
+        return _Candidates(tail[order], head[order], cost[order], rank, place[order])
 
     def _neutral(self, vertex: Integers) -> Integers:
         """Numbers that are equal for a vertex and its mirror image, to decide ties alike on both sides."""
@@ -236,20 +305,57 @@ class _State:
         other = self.mirror[vertex]
         return np.where(other >= 0, np.minimum(vertex, other), vertex)
 
-    def _keeps_form(self, tail: Integers, head: Integers, around: _Rings, edges: _Edges) -> Booleans:
+    def _choose(self, among: _Candidates, edges: _Edges, around: _Lists) -> Integers:
+        """Numbers of cheap collapses that do not touch each other; those that are impossible are noted as such."""
+        tail, head, rank = among.tail, among.head, among.rank
+        count = max(int(np.ceil(SHARE * len(tail))), 1)
+        which, triangle = around.of(tail[:count])
+        # The cheapest collapse is the last, so that assignments keep its rank.
+        owner, vertex = np.repeat(which, 3)[::-1], self.triangles[triangle].ravel()[::-1]
+        best = np.empty(len(self.quadrics), dtype=np.int64)
+        taken = np.zeros(len(self.quadrics), dtype=bool)
+        free = np.ones(count, dtype=bool)
+        chosen = np.zeros(0, dtype=np.int64)
+        for _ in range(PASSES):
+            best[vertex] = rank[owner]
+            wins = free.copy()
+            wins[owner[best[vertex] < rank[owner]]] = False
+            winners = np.flatnonzero(wins)
+            fits = self._keeps_form(tail[winners], head[winners], around, edges)
+            # Two of the same rank are mirror images, which may have a vertex of the plane in common, but no triangle.
+            which, triangle = around.of(tail[winners])
+            several = np.bincount(triangle, minlength=len(self.triangles)) > 1
+            fits[which[several[triangle]]] = False
+            self.known.fails.ravel()[among.place[winners[~fits]]] = True
+            free[winners] = False
+            fitting = winners[fits]
+            fitting = fitting[self._have_images(tail[fitting], head[fitting])]
+            if not len(fitting) and not len(chosen):
+                self.known.fails.ravel()[among.place[winners]] = True
+            chosen = np.concatenate([chosen, fitting])
+            taken[self.triangles[around.of(tail[fitting])[1]]] = True
+            free[owner[taken[vertex]]] = False
+            owner, vertex = owner[free[owner]], vertex[free[owner]]
+            if not len(owner):
+                break
+        return chosen
+
+    def _keeps_form(self, tail: Integers, head: Integers, around: _Lists, edges: _Edges) -> Booleans:
         """Whether each collapse keeps topology and seams, and turns no triangle over, in the mesh or its chart."""
-        graph = edges.graph(len(self.quadrics))
-        shared = np.asarray((graph[tail].multiply(graph[head])).sum(axis=1)).ravel()
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
         removed = (rows == head[which, None]).any(axis=1)
         removed_count = np.bincount(which[removed], minlength=len(tail))
-        fits = (shared == removed_count) & (removed_count > 0) & (around.count(tail) > removed_count)
+        fits = (
+            (edges.count_common(tail, head) == removed_count)
+            & (removed_count > 0)
+            & (around.count(tail) > removed_count)
+        )
         which, triangle, rows = which[~removed], triangle[~removed], rows[~removed]
         at_tail = rows == tail[which, None]
         before, areas = self._normals(rows)
         after, now = self._normals(np.where(at_tail, head[which, None], rows))
-        turned = ((before * after).sum(axis=2) < MIN_COSINE) & (areas > 0)
+        turned = (np.einsum("kpx,kpx->kp", before, after) < MIN_COSINE) & (areas > 0)
         bad = turned.any(axis=1) | (now[:, 0] <= 0)
         corners = self.corners[triangle]
         goal = self._partners(tail, head, around).find(which, self.wedge[(corners * at_tail).sum(axis=1)])
@@ -260,7 +366,7 @@ class _State:
         fits[which[bad]] = False
         return fits
 
-    def _partners(self, tail: Integers, head: Integers, around: _Rings) -> _Partners:
+    def _partners(self, tail: Integers, head: Integers, around: _Lists) -> _Partners:
         """The corners of `head` in the triangles that a collapse removes, by the data of the corner of `tail` there."""
         which, triangle = around.of(tail)
         rows, corners = self.triangles[triangle], self.corners[triangle]
@@ -272,30 +378,6 @@ class _State:
             which, self.wedge[of_tail], (corners * at_head).sum(axis=1), int(self.wedge.max(initial=0)) + 1
         )
 
-    def _are_apart(self, tail: Integers, head: Integers, cost: Floats, around: _Rings) -> Integers:
-        """The collapses that are cheaper than all that touch them; mirror images must both be."""
-        neutral = self._neutral(tail)
-        rank = np.empty(len(tail), dtype=np.int64)
-        order = np.lexsort((neutral, cost))
-        # Mirror images share a rank, which their sides decide by equal keys.
-        new = np.ones(len(order), dtype=bool)
-        new[1:] = (cost[order][1:] != cost[order][:-1]) | (neutral[order][1:] != neutral[order][:-1])
-        rank[order] = np.cumsum(new)
-        which, triangle = around.of(tail)
-        touched = self.triangles[triangle].ravel()
-        owner = np.repeat(which, 3)
-        n = len(self.quadrics)
-        best = np.full(n, np.iinfo(np.int64).max)
-        np.minimum.at(best, touched, rank[owner])
-        wins = np.ones(len(tail), dtype=bool)
-        wins[owner[best[touched] < rank[owner]]] = False
-        # Two of the same rank are mirror images, which may have a vertex of the plane in common, but no triangle.
-        own = wins[which]
-        several = np.bincount(triangle[own], minlength=len(self.triangles)) > 1
-        wins[which[own & several[triangle]]] = False
-        chosen = np.flatnonzero(wins)
-        return chosen[self._have_images(tail[chosen], head[chosen])]
-
     def _have_images(self, tail: Integers, head: Integers) -> Booleans:
         """Whether the mirror image of each collapse is among them; true for those without an image."""
         if self.mirror is None:
@@ -305,8 +387,7 @@ class _State:
         other = self.mirror[tail]
         return (other < 0) | (goal[other] == self.mirror[head])
 
-    def _merge(self, tail: Integers, head: Integers) -> None:
-        around = _Rings(self.triangles, len(self.quadrics))
+    def _merge(self, tail: Integers, head: Integers, around: _Lists) -> None:
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
         at_tail = rows == tail[which, None]
@@ -314,9 +395,58 @@ class _State:
         goal = partners.find(which, self.wedge[(self.corners[triangle] * at_tail).sum(axis=1)])
         self.triangles[triangle] = np.where(at_tail, head[which, None], rows)
         self.corners[triangle] = np.where(at_tail, goal[:, None], self.corners[triangle])
-        self.quadrics[head] += self.quadrics[tail]
+        np.add.at(self.quadrics, head, self.quadrics[tail])
+        np.add.at(self.area, head, self.area[tail])
+        goal = np.arange(len(self.into))
+        goal[tail] = head
+        self.into = goal[self.into]
+        heads = np.unique(head)
+        self.own[heads] = self._products(heads, heads)
+        self.changed[heads] = True
+        self.touched[rows] = True
+        if self.mirror is not None:
+            for marks in (self.changed, self.touched):
+                other = self.mirror[np.flatnonzero(marks)]
+                marks[other[other >= 0]] = True
         whole = (self.triangles != np.roll(self.triangles, 1, axis=1)).all(axis=1)
         self.triangles, self.corners, self.alive = self.triangles[whole], self.corners[whole], self.alive[whole]
+
+
+@dataclass(frozen=True)
+class _Candidates:
+    """Collapses of vertices `tail` (k,) into `head` (k,), the cheapest first.
+
+    Attributes:
+        cost: (k,) their errors.
+        rank: (k,) their order, the same for mirror images.
+        place: (k,) twice the number of the edge, and one more if `tail` is its second end.
+    """
+
+    tail: Integers
+    head: Integers
+    cost: Floats
+    rank: Integers
+    place: Integers
+
+
+@dataclass(frozen=True)
+class _Costs:
+    """The costs (e, 2) of collapses of the first and second end of edges, whose keys (e,) ascend.
+
+    Attributes:
+        fails: (e, 2) whether they were found to be impossible.
+    """
+
+    key: Integers
+    cost: Floats
+    fails: Booleans
+
+    def find(self, key: Integers) -> Integers:
+        """(k,) numbers of the edges with these keys, -1 for none."""
+        if not len(self.key):
+            return np.full(len(key), -1)
+        at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        return np.where(self.key[at] == key, at, -1)
 
 
 class _Partners:
@@ -334,56 +464,89 @@ class _Partners:
         return np.where(self.key[at] == key, self.corner[at], -1) if len(self.key) else np.full(len(key), -1)
 
 
-class _Rings:
-    """The triangles around each vertex."""
+class _Lists:
+    """Lists of entries (e,), the n-th of which begins at `start[n]`, the last end included."""
 
-    def __init__(self, triangles: Integers, count: int) -> None:
-        flat = triangles.ravel()
-        self.order = np.argsort(flat, kind="stable") // 3
-        self.start = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=count))])
+    def __init__(self, entries: Integers, start: Integers) -> None:
+        self.entries, self.start = entries, start
 
-    def count(self, vertices: Integers) -> Integers:
-        """(k,) the number of triangles at each vertex."""
-        return self.start[vertices + 1] - self.start[vertices]
+    def count(self, chosen: Integers) -> Integers:
+        """(k,) the lengths of lists."""
+        return self.start[chosen + 1] - self.start[chosen]
 
-    def of(self, vertices: Integers) -> tuple[Integers, Integers]:
-        """The place in the list (k,) of each triangle's vertex, and the triangle."""
-        count = self.count(vertices)
-        which = np.repeat(np.arange(len(vertices)), count)
+    def of(self, chosen: Integers) -> tuple[Integers, Integers]:
+        """(q,) the place in `chosen` (k,) of each entry of these lists, and the entries."""
+        count = self.count(chosen)
+        which = np.repeat(np.arange(len(chosen)), count)
         within = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-        return which, self.order[self.start[vertices][which] + within]
+        return which, self.entries[self.start[chosen][which] + within]
 
 
 class _Edges:
-    """The edges of triangles (m, 3) whose corners have data (m, 3).
+    """The edges of triangles (m, 3) of n vertices whose corners have data (m, 3).
 
     Attributes:
-        ends: (e, 2) vertex numbers, the smaller first.
+        ends: (e, 2) vertex numbers, the smaller first, in ascending order.
+        key: (e,) a number for both.
         of_half: (3 m,) the edge of each side of the triangles: all first sides, then all second and third ones.
         is_line: (e,) whether it is a border or a seam.
         is_odd: (e,) whether it has more than two triangles.
     """
 
-    def __init__(self, triangles: Integers, wedge: Integers) -> None:
-        tail = triangles.T.ravel()
-        head = np.roll(triangles, -1, axis=1).T.ravel()
-        sides = np.column_stack([np.minimum(tail, head), np.maximum(tail, head)])
+    def __init__(self, triangles: Integers, wedge: Integers, n: int) -> None:
+        tail, head = triangles.T.ravel(), np.roll(triangles, -1, axis=1).T.ravel()
         of_tail, of_head = wedge.T.ravel(), np.roll(wedge, -1, axis=1).T.ravel()
         swapped = tail > head
         low, high = np.where(swapped, of_head, of_tail), np.where(swapped, of_tail, of_head)
-        key = sides[:, 0] * (int(sides.max(initial=0)) + 1) + sides[:, 1]
-        _, first, self.of_half, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
-        self.of_half = self.of_half.ravel()
-        self.ends = sides[first]
-        differs = (low != low[first][self.of_half]) | (high != high[first][self.of_half])
+        start, stop = np.minimum(tail, head), np.maximum(tail, head)
+        by_stop, _ = _group(stop, n)
+        order = by_stop[_group(start[by_stop], n)[0]]
+        key = start[order] * n + stop[order]
+        first = np.flatnonzero(np.diff(key, prepend=-1))
+        count = np.diff([*first, len(key)])
+        edge = np.repeat(np.arange(len(first)), count)
+        self.n, self.key = n, key[first]
+        self.ends = np.column_stack(np.divmod(self.key, n))
+        self.of_half = np.empty(len(key), dtype=np.int64)
+        self.of_half[order] = edge
+        low, high = low[order], high[order]
+        differs = (low != low[first][edge]) | (high != high[first][edge])
         self.is_line = count == 1
-        self.is_line[self.of_half[differs]] = True
+        self.is_line[edge[differs]] = True
         self.is_odd = count > 2
 
-    def graph(self, count: int) -> csr_array:
-        """(count, count) ones where vertices are neighbours."""
-        both = np.concatenate([self.ends, self.ends[:, ::-1]])
-        return coo_array((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
+    def find(self, one: Integers, other: Integers) -> Integers:
+        """(k,) numbers of the edges between vertices, -1 for none."""
+        key = np.minimum(one, other) * self.n + np.maximum(one, other)
+        at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        return np.where(self.key[at] == key, at, -1)
+
+    def count_common(self, one: Integers, other: Integers) -> Integers:
+        """(k,) the numbers of vertices that are neighbours of both vertices."""
+        which, neighbour = self.neighbours.of(one)
+        goal = other[which]
+        apart = neighbour != goal
+        which, neighbour, goal = which[apart], neighbour[apart], goal[apart]
+        return np.bincount(which[self.find(neighbour, goal) >= 0], minlength=len(one))
+
+    @cached_property
+    def neighbours(self) -> _Lists:
+        """The neighbours of each vertex."""
+        order, start = _group(self.ends.T.ravel(), self.n)
+        return _Lists(self.ends[:, ::-1].T.ravel()[order], start)
+
+
+def _group(keys: Integers, count: int) -> tuple[Integers, Integers]:
+    """A stable order of keys (k,) below `count`, and where each key begins in it (count + 1,)."""
+    entries = np.arange(len(keys)), keys, np.arange(len(keys) + 1)
+    table = csr_array(entries, shape=(len(keys), count)).tocsc()
+    return table.data, table.indptr.astype(np.int64)
+
+
+def _cross(one: Floats, other: Floats) -> Floats:
+    """Cross products (..., 3)."""
+    (a, b, c), (d, e, f) = np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0)
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
 def _signed_areas(triangles: Floats) -> Floats:

@@ -90,13 +90,13 @@ def poses_about(poses: Floats, heads: Floats, moved: Floats, parents: Integers) 
     return found
 
 
-def distinct_poses(poses: Floats, heads: Floats) -> Floats:
-    """The most different poses (f', b, 3, 4) of (f, b, 3, 4), by where they move bones that turn about heads (b, 3)."""
+def distinct_poses(poses: Floats, heads: Floats, count: int = MAX_FRAMES) -> Floats:
+    """The `count` most different poses of (f, b, 3, 4), by where they move bones that turn about heads (b, 3)."""
     if not len(poses):
         return poses
     corners = heads[:, None] + np.ptp(heads, axis=0).max() * np.vstack([np.zeros(3), np.eye(3)])
     moved = np.einsum("fbxy,bcy->fbcx", poses[..., :3], corners) + poses[:, :, None, :, 3]
-    chosen = farthest_points(moved.reshape(len(poses), -1), MAX_FRAMES)
+    chosen = farthest_points(moved.reshape(len(poses), -1), count)
     return np.asarray(poses[np.sort(chosen)])
 
 

@@ -10,6 +10,7 @@ from .expressions import ZOOMOUT_PT_expressions
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .library import ZOOMOUT_PT_library
 from .live_link import ZOOMOUT_PT_live_link
+from .lods import ZOOMOUT_PT_lods
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
@@ -29,6 +30,7 @@ CLASSES = (
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_live_link,
     ZOOMOUT_PT_bake,
+    ZOOMOUT_PT_lods,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,

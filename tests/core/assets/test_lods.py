@@ -73,7 +73,7 @@ def test_levels_move_like_the_mesh(folder: Path) -> None:
     ("stage", "change", "factor"),
     [
         (SIMPLIFICATION, {"poses": 0.0}, 1.05),
-        (LEVEL_FIT, {"rounds": 0}, 1.5),
+        (LEVEL_FIT, {"rounds": 0}, 1.3),
         (LEVEL_FIT, {"poses": 0.0}, 1.01),
         (LEVEL_FIT, {"slip": 100.0}, 1.05),
     ],

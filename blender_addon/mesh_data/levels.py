@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An object's mesh with all its data as an asset, and objects for its levels of detail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+from bpy.types import Object
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
+from zoomout_core.assets.lods import Level
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.skinning import normalise
+from zoomout_core.transfer.weights import limit_weights
+
+from .armatures import Bones, read_bones
+from .arrays import read_array
+from .layers import ActiveLayers, Layer, Role, read_active_layers, read_layers, write_active_layers, write_layer
+from .normals import read_own_normals, write_custom_normals
+from .shape_keys import (
+    ShapeKeys,
+    read_own_shape_keys,
+    read_rest_positions,
+    write_animation,
+    write_shape_keys,
+)
+from .surfaces import positions_in_object, read_surface_at_rest
+from .vertex_groups import read_weights, write_weights
+
+SMOOTH = "smooth"
+
+
+@dataclass(frozen=True, eq=False)
+class DetailedMesh:
+    """The mesh of an object, in its own space at rest, and what its levels take from it.
+
+    Attributes:
+        asset: the mesh; its layers have the names "uv 0" or "layer 0" with their numbers.
+        layers: its attributes but those of edges.
+        active: which of these are active.
+        weights: all vertex groups.
+        deforms: (groups,) whether a bone has the group's name.
+        keys: the shape keys; None if there are none.
+        left_out: names of attributes that levels do not have.
+    """
+
+    asset: Asset
+    layers: tuple[Layer, ...]
+    active: ActiveLayers
+    weights: Attribute
+    deforms: np.ndarray
+    keys: ShapeKeys | None
+    left_out: tuple[str, ...]
+
+
+def read_detailed_mesh(obj: Object) -> DetailedMesh:
+    """Read the mesh of an object before its modifiers.
+
+    Raises:
+        MeshError: there is no surface.
+    """
+    mesh = obj.data
+    rest = read_rest_positions(mesh)
+    found, skipped = read_layers(mesh)
+    layers = tuple(layer for layer in found if layer.attribute.domain is not Domain.EDGE)
+    left_out = (*skipped, *(layer.attribute.name for layer in found if layer.attribute.domain is Domain.EDGE))
+    attributes = [replace(layer.attribute, name=_name_in_asset(number, layer)) for number, layer in enumerate(layers)]
+    slots = read_array(mesh.polygons, "material_index", np.int32).astype(np.int64)
+    smooth = read_array(mesh.polygons, "use_smooth", bool).astype(np.int64)
+    attributes += [
+        Attribute(MATERIALS, Domain.FACE, Kind.LABEL, slots),
+        Attribute(SMOOTH, Domain.FACE, Kind.LABEL, smooth),
+    ]
+    if mesh.normals_domain == "CORNER":
+        attributes.append(replace(read_own_normals(mesh), name=NORMALS))
+    keys = None
+    if mesh.shape_keys is not None and len(mesh.shape_keys.key_blocks) > 1:
+        keys = read_own_shape_keys(mesh)
+        attributes.append(replace(keys.offsets, name=SHAPE_KEYS))
+    weights, bones = read_weights(obj, mesh), read_bones(obj)
+    asset = Asset(read_surface_at_rest(obj, positions=rest), tuple(attributes), skin=_skin(obj, rest, weights, bones))
+    deforms = np.isin(weights.labels, bones.names)
+    return DetailedMesh(asset, layers, read_active_layers(mesh), weights, deforms, keys, left_out)
+
+
+def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level, max_weights: int | None) -> Object:
+    """A copy of an object with the mesh of a level, outside any collection."""
+    asset, source = level.asset, obj.data
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(asset.surface.vertices, [], asset.surface.triangles)
+    for material in source.materials:
+        mesh.materials.append(material)
+    mesh.polygons.foreach_set("material_index", _values(asset, MATERIALS).astype(np.int32))
+    mesh.polygons.foreach_set("use_smooth", _values(asset, SMOOTH).astype(bool))
+    for number, layer in enumerate(detailed.layers):
+        values = _values(asset, _name_in_asset(number, layer))
+        write_layer(mesh, replace(layer, attribute=replace(layer.attribute, values=values)))
+    write_active_layers(mesh, detailed.active)
+    made = obj.copy()
+    made.data, made.name = mesh, name
+    if detailed.keys is not None:
+        write_shape_keys(made, detailed.keys.keys, _values(asset, SHAPE_KEYS))
+        write_animation(source.shape_keys, mesh.shape_keys, [key.name for key in detailed.keys.keys])
+    weights = csr_array(csr_array(detailed.weights.values)[level.vertices].astype(np.float64))
+    if max_weights is not None:
+        limit_weights(weights, asset.surface, detailed.deforms, max_weights)
+    write_weights(made, replace(detailed.weights, values=weights))
+    mesh.update()
+    normals = asset.find(NORMALS)
+    if normals is not None:
+        write_custom_normals(mesh, normals)
+    return made
+
+
+def _name_in_asset(number: int, layer: Layer) -> str:
+    return f"{UV} {number}" if layer.role is Role.UV_MAP else f"layer {number}"
+
+
+def _values(asset: Asset, name: str) -> np.ndarray:
+    attribute = asset.find(name)
+    assert attribute is not None
+    return np.asarray(attribute.values)
+
+
+def _skin(obj: Object, rest: Floats, weights: Attribute, bones: Bones) -> Skin | None:
+    """The bones as joints at rest; vertices without weights move with a bone that has no parent, instead of resting."""
+    columns = {name: number for number, name in enumerate(weights.labels)}
+    moving = [(columns[name], number) for number, name in enumerate(bones.names) if name in columns]
+    if not moving:
+        return None
+    groups, numbers = np.array(moving).T
+    place = csr_array((np.ones(len(moving)), (groups, numbers)), shape=(len(weights.labels), len(bones.names)))
+    own = csr_array(csr_array(weights.values).astype(np.float64) @ place)
+    without = np.flatnonzero(np.asarray(own.sum(axis=1)).ravel() <= 0)
+    if len(without) == len(rest):
+        return None
+    root = np.full(len(without), int(np.flatnonzero(bones.parents < 0)[0]))
+    own = normalise(csr_array(own + csr_array((np.ones(len(without)), (without, root)), shape=own.shape)))
+    inverse_bind = np.tile(np.eye(4), (len(bones.names), 1, 1))
+    inverse_bind[:, :3, 3] = -positions_in_object(obj, bones.heads)
+    still = np.tile(np.eye(4), (len(bones.names), 1, 1))
+    linear = np.tile(np.eye(3), (len(rest), 1, 1))
+    return Skin(np.arange(len(bones.names)), bones.names, bones.parents, inverse_bind, still, rest, linear, own)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Levels of detail are objects with all data of the mesh, grouped and named as engines expect."""
+
+import bpy
+import numpy as np
+import pytest
+from rigged import BONES, POSE, set_pose, source_and_rig, visible_positions
+from scenes import (
+    activate,
+    add_attribute,
+    add_uv_map,
+    key_shape,
+    new_material,
+    positions,
+    snapshot_file,
+    values,
+    weight_array,
+)
+
+import zoomout_core as zo
+from blender_addon import api
+from zoomout_core.geometry.closest_points import closest_points
+
+CHOICE = api.LevelChoice(ratios=(0.5, 0.25), max_weights=2)
+
+
+@pytest.fixture
+def source():
+    """A bound tube with a UV map, a colour, two materials, a key with a driver, and custom normals."""
+    obj, _ = source_and_rig()
+    mesh, points = obj.data, positions(obj.data)
+    add_uv_map(mesh, "UVMap")
+    add_attribute(mesh, "heat", "FLOAT", "POINT", points[:, 2])
+    for name in ("Lower half", "Upper half"):
+        mesh.materials.append(new_material(name))
+    middle = np.array([face.center.z for face in mesh.polygons])
+    mesh.polygons.foreach_set("material_index", (middle > 3).astype(np.int32))
+    obj.shape_key_add(name="Basis")
+    key = obj.shape_key_add(name="Wide")
+    key.data.foreach_set("co", (points * [1.5, 1.5, 1]).astype(np.float32).ravel())
+    curve = mesh.shape_keys.driver_add('key_blocks["Wide"].value')
+    curve.driver.expression = "0"
+    mesh.shade_smooth()
+    mesh.normals_split_custom_set(np.tile([0.0, 0.0, 1.0], (len(mesh.loops), 1)))
+    obj.lock_location[0] = True
+    return obj
+
+
+def test_levels_have_all_data_and_are_grouped_and_named(source):
+    report = api.make_levels(bpy.context, source, CHOICE)
+    collection = bpy.data.collections[report["collection"]]
+    assert sorted(obj.name for obj in collection.objects) == ["Source_LOD0", "Source_LOD1", "Source_LOD2"]
+    assert bpy.data.objects["Source_LOD0"].data == source.data
+    for number, (share, told) in enumerate(zip(CHOICE.ratios, report["levels"], strict=True), 1):
+        level = bpy.data.objects[f"Source_LOD{number}"]
+        mesh, count = level.data, len(level.data.vertices)
+        assert abs(count / len(source.data.vertices) - share) < 0.05
+        assert told["vertices"] == count
+        assert 0 < told["posed_error"] < 0.01
+        assert level.parent == source.parent
+        assert level.lock_location[0]
+        assert [group.name for group in level.vertex_groups] == list(BONES)
+        assert [slot.material for slot in level.material_slots] == [slot.material for slot in source.material_slots]
+        assert len(set(values_of(mesh.polygons, "material_index", np.int32))) == 2
+        assert mesh.uv_layers.active.name == "UVMap"
+        np.testing.assert_allclose(values(mesh, "heat").ravel(), positions(mesh)[:, 2], atol=0.15)
+        wide = key_shape(mesh, "Wide") - positions(mesh)
+        np.testing.assert_allclose(wide[:, :2], positions(mesh)[:, :2] / 2, atol=0.1)
+        assert mesh.shape_keys.animation_data.drivers[0].driver.expression == "0"
+        assert mesh.has_custom_normals
+        normals = np.array([each.vector for each in mesh.corner_normals])
+        np.testing.assert_allclose(normals, np.tile([0, 0, 1], (len(normals), 1)), atol=1e-3)
+        each = np.column_stack([weight_array(level, name) for name in BONES])
+        assert (each > 0).sum(axis=1).max() <= 2
+        np.testing.assert_allclose(each.sum(axis=1), 1, atol=1e-5)
+
+
+def values_of(items, name, kind):
+    found = np.empty(len(items), kind)
+    items.foreach_get(name, found)
+    return found.tolist()
+
+
+def test_levels_follow_the_rig_like_the_mesh(source):
+    api.make_levels(bpy.context, source, CHOICE)
+    level = bpy.data.objects["Source_LOD1"]
+    level.hide_set(False)
+    set_pose(source.parent, POSE)
+    points = visible_positions(source)
+    triangles = np.array([triangle.vertices[:] for triangle in level.data.loop_triangles])
+    found = visible_positions(level)
+    triangle, barycentric = closest_points(points, found, triangles)
+    nearest = np.einsum("nk,nkx->nx", barycentric, found[triangles[triangle]])
+    assert np.linalg.norm(points - nearest, axis=1).mean() < 0.01
+
+
+def test_levels_replace_earlier_ones_in_the_same_collection(source):
+    api.make_levels(bpy.context, source, CHOICE)
+    bpy.data.objects["Source_LOD1"].data["mark"] = 1
+    meshes = len(bpy.data.meshes)
+    report = api.make_levels(bpy.context, source, api.LevelChoice(ratios=(0.4,)))
+    assert [obj.name for obj in bpy.data.collections[report["collection"]].objects] == ["Source_LOD0", "Source_LOD1"]
+    assert "mark" not in bpy.data.objects["Source_LOD1"].data
+    assert len(bpy.data.meshes) == meshes - 1
+
+
+def test_the_operator_makes_one_level_more_for_each_halving(source):
+    source.name = "Hero_LOD0"  # it is level 0 itself
+    activate(source)
+    assert bpy.ops.zoomout.make_lods(lod_count=2, lod_ratio=0.6) == {"FINISHED"}
+    (collection,) = bpy.context.scene.collection.children
+    assert collection.name == "Hero LODs"
+    assert sorted(obj.name for obj in collection.objects) == ["Hero_LOD1", "Hero_LOD2"]
+    counts = [len(bpy.data.objects[f"Hero_LOD{number}"].data.vertices) for number in range(3)]
+    np.testing.assert_allclose(np.divide(counts[1:], counts[:-1]), 0.6, atol=0.05)
+
+
+def test_nothing_is_written_if_a_level_would_be_too_small(source):
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="cannot be made"):
+        api.make_levels(bpy.context, source, api.LevelChoice(ratios=(0.5, 0.0001)))
+    assert snapshot_file() == before
