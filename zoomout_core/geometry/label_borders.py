@@ -90,8 +90,8 @@ def _expand(
     linked = together | apart
     p, q, pair = p[linked], q[linked], pair[linked]
     # A vertex whose surplus exceeds its links is decided: more would only make the rounding coarser.
-    decided = 2 * (np.bincount(p, pair, minlength=count) + np.bincount(q, pair, minlength=count))
-    decided += around.data.max() or 1.0
+    links = np.bincount(p, pair, minlength=count) + np.bincount(q, pair, minlength=count)
+    decided = 2 * links + (around.data.max() or 1.0)
     surplus = np.clip(surplus, -decided, decided)
     every = np.arange(count)
     rows = np.concatenate([p, np.full(count, count), every])
