@@ -17,8 +17,8 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 
 # Rounds over all labels: the energy hardly falls after the second one.
 ROUNDS = 3
-# Sum of the capacities of a cut, which are 32-bit integers.
-CAPACITY = 1 << 30
+# Largest flow, and largest capacity of a link, in units of their rounding: both ways of a link fit into 32 bits.
+CAPACITY = 1 << 29
 
 
 def border_lengths(vertices: Floats, areas: Floats, graph: csr_array) -> csr_array:
@@ -74,12 +74,11 @@ def _expand(
 ) -> Booleans:
     """(q,) whether to take each of the candidates, all of one label, in the best expansion of this label."""
     count, at = len(options), vertex[options]
-    node = np.full(len(chosen), -1)
-    node[at] = np.arange(count)
     around = coo_array(length[at])
     p, beside, pair = around.row, around.col, around.data
-    q, own, theirs = node[beside], label[chosen[at]][p], label[chosen[beside]]
-    fixed = q < 0  # these keep their labels
+    q = np.minimum(np.searchsorted(at, beside), count - 1)
+    own, theirs = label[chosen[at]][p], label[chosen[beside]]
+    fixed = at[q] != beside  # these keep their labels
     change = np.where(fixed, (theirs != label[options[0]]) * 1.0 - (theirs != own), 0.0)
     # Two vertices of different labels are apart unless both take the new one.
     apart = ~fixed & (own != theirs) & (p < q)
@@ -89,11 +88,17 @@ def _expand(
     if (surplus >= 0).all():
         return np.zeros(count, dtype=bool)
     linked = together | apart
+    p, q, pair = p[linked], q[linked], pair[linked]
+    # A vertex whose surplus exceeds its links is decided: more would only make the rounding coarser.
+    links = np.bincount(p, pair, minlength=count) + np.bincount(q, pair, minlength=count)
+    decided = 2 * links + (around.data.max() or 1.0)
+    surplus = np.clip(surplus, -decided, decided)
     every = np.arange(count)
-    rows = np.concatenate([p[linked], np.full(count, count), every])
-    columns = np.concatenate([q[linked], every, np.full(count, count + 1)])
-    capacity = np.concatenate([pair[linked], np.maximum(surplus, 0), np.maximum(-surplus, 0)])
-    scale = CAPACITY / capacity.sum()
+    rows = np.concatenate([p, np.full(count, count), every])
+    columns = np.concatenate([q, every, np.full(count, count + 1)])
+    keep, change = np.maximum(surplus, 0), np.maximum(-surplus, 0)
+    capacity = np.concatenate([pair, keep, change])
+    scale = CAPACITY / max(capacity.max(), min(keep.sum(), change.sum()))
     network = csr_array((np.rint(capacity * scale).astype(np.int32), (rows, columns)), shape=(count + 2,) * 2)
     residual = network - maximum_flow(network, count, count + 1).flow
     residual.data = np.maximum(residual.data, 0)

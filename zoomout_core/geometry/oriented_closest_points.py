@@ -78,6 +78,7 @@ class OrientedSurface:
     ) -> None:
         self._vertices, self._triangles, self._weight = vertices, triangles, normal_weight
         of_group = np.zeros(len(triangles), dtype=np.int64) if group is None else group
+        self._boxes = _bounding_boxes(vertices[triangles], of_group)
         area = np.bincount(of_group, triangle_areas(vertices, triangles))
         members = np.split(np.argsort(of_group, kind="stable"), np.cumsum(np.bincount(of_group))[:-1])
         points, on = [], []
@@ -93,6 +94,16 @@ class OrientedSurface:
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
         rows = self._rows(np.concatenate(points), normals, of_group[self._on])
         self._tree = cKDTree(rows, balanced_tree=False, compact_nodes=False)
+
+    def has_group(self, group: Integers) -> Booleans:
+        """(q,) whether there are triangles of groups (q,)."""
+        low, _ = self._boxes
+        return np.isfinite(low[:, 0])[np.minimum(group, len(low) - 1)] & (group < len(low))
+
+    def min_distance(self, points: Floats, group: Integers) -> Floats:
+        """(q,) distances from points (q, 3) to the bounding boxes of groups (q,), which no distance is less than."""
+        low, high = (each[group] for each in self._boxes)
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1))
 
     def closest(
         self, points: Floats, normals: Floats, group: Integers | None = None
@@ -124,3 +135,13 @@ class OrientedSurface:
         best = np.argmin(distance, axis=1)
         query = np.arange(len(points))
         return candidate[query, best], weights[query, best], distance[query, best]
+
+
+def _bounding_boxes(corners: Floats, group: Integers) -> tuple[Floats, Floats]:
+    """(g, 3) lowest and (g, 3) highest coordinates of groups (m,) of triangles (m, 3, 3), infinite for empty groups."""
+    order = np.argsort(group, kind="stable")
+    numbers, first = np.unique(group[order], return_index=True)
+    low, high = (np.full((numbers[-1] + 1, 3), bound) for bound in (np.inf, -np.inf))
+    low[numbers] = np.minimum.reduceat(corners.min(axis=1)[order], first)
+    high[numbers] = np.maximum.reduceat(corners.max(axis=1)[order], first)
+    return low, high

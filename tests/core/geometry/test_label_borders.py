@@ -70,3 +70,15 @@ def test_three_labels_meet_and_a_vertex_takes_only_its_own_candidates() -> None:
     labels = choose(0.02 * (seen[:, None] != np.arange(3)), length)
     assert (labels != right).mean() < 0.02
     assert (shorten_borders(np.arange(len(seen)), seen, 0.0 * seen, length) == np.arange(len(seen))).all()
+
+
+def test_costs_that_no_border_outweighs_do_not_blur_the_others() -> None:
+    surface, length = sheet()
+    x = surface.vertices[:, 0]
+    noise = np.random.default_rng(0).normal(0, 0.15, len(x))
+    right = (x + noise > 0.5).astype(int)
+    cost = 0.02 * np.column_stack([right, 1 - right])
+    expected = choose(cost, length)
+    fixed = x < 0.1  # far from the border
+    cost[fixed] = 1e9 * np.column_stack([right[fixed], 1 - right[fixed]])
+    assert (choose(cost, length) == expected)[~fixed].all()

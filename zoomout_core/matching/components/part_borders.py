@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clean borders between the parts of a source that a target receives from.
 
-Each vertex maps to the nearest part. Where two parts are about equally near, as hair and scalp or the two sides of a
-joint are, errors of a voxel decide: borders zigzag, and flecks of the one remain in the other.
+Each vertex maps to the nearest part, which is moved by itself if it is rigid. Where two parts are about equally near,
+as hair and scalp or the two sides of a joint are, errors of a voxel decide: borders zigzag, and flecks of the one
+remain in the other.
 """
 
 from __future__ import annotations
@@ -15,22 +16,26 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.label_borders import border_lengths, shorten_borders
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.matching.components.part_motions import PartMotions
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges, vertex_areas
 from zoomout_core.tuning import Tuning, tuned
 
 # Distance from a border, at unit area, up to which labels may change, and the rings that this is at most.
-BAND, MAX_RINGS = 0.01, 4
-# Share of a part's area on the target that it may lose to shorter borders, otherwise none.
-MAX_LOSS = 0.25
+BAND, MAX_RINGS = 0.03, 6
+# The border around a vertex is shorter than this multiple of the root of its area: dearer candidates are not tried.
+MAX_BORDER = 4.0
 
 
 @dataclass(frozen=True)
 class PartBorderTuning(Tuning, set_by="everywhere"):
-    """How much nearer a part must be to keep a place behind a longer border."""
+    """How much nearer a part must be to take a place."""
 
     # A fleck of this radius disappears if the part around it is farther away by at most twice this distance.
     straightening: float = tuned(0.001, "at unit area", 1e-6, 1)
+    # By how much nearer a part without a motion of its own must be to a vertex of a rigid part: the body's map moves it
+    # there in any case, and the rigid part's place is exact.
+    body_error: float = tuned(0.01, "at unit area", 0, 1)
 
 
 PART_BORDERS = PartBorderTuning()
@@ -39,78 +44,88 @@ PART_BORDERS = PartBorderTuning()
 def straighten_borders(
     triangle: Integers,
     distance: Floats,
-    points: Floats,
-    normals: Floats,
     movable: Booleans,
-    among: Integers,
+    motions: PartMotions,
+    surface: OrientedSurface,
     source: Side,
-    target: Side,
-    normal_weight: float,
 ) -> tuple[Integers, Integers, Floats, Floats]:
-    """Map vertices beside the borders between parts to other parts, where that shortens the borders.
+    """Map vertices to the parts that are nearest by their own motions, with short borders between parts.
 
     Args:
         triangle: (n,) the triangle of the source that each vertex of the target maps to.
-        distance: (n,) how far the vertex is from it, moved to the source.
-        points: (n, 3) the vertices, moved to the source.
-        normals: (n, 3) theirs there.
-        movable: (n,) which vertices may map to another part.
-        among: (m,) the triangles of the source that they may map to.
+        distance: (n,) how far the vertex is from it, moved to the source by the body's map.
+        movable: (n,) which vertices may map to another place.
+        motions: of the parts.
+        surface: the triangles of the source that they may map to, grouped by part.
         source: the surface with the parts.
-        target: the surface whose vertices are mapped.
-        normal_weight: the distance that counts as much as a unit difference of normals.
 
     Returns:
-        (q,) the vertices that change, and (q,), (q, 3) and (q,) their triangles, barycentric coordinates and distances.
+        (q,) the vertices that change, and (q,), (q, 3) and (q,) their triangles among those of `surface`, barycentric
+        coordinates and distances.
     """
-    component = source.mesh.component[source.mesh.triangles[:, 0]]
-    part, mesh = component[triangle], target.mesh
-    edges, _ = unique_edges(mesh.triangles)
-    border = edges[part[edges[:, 0]] != part[edges[:, 1]]]
-    none = np.zeros(0, dtype=np.int64)
-    if not len(border):
-        return none, none, np.zeros((0, 3)), np.zeros(0)
+    target = motions.target
+    part = source.mesh.component[source.mesh.triangles[triangle, 0]]
+    edges, _ = unique_edges(target.mesh.triangles)
     graph = _adjacency(edges, len(part))
-    width = max(float(edge_lengths(target.points, border).mean()), BAND / MAX_RINGS)
-    beside = np.unique(border)
-    labels = csr_array(
-        (np.ones(len(beside), dtype=np.int32), (beside, part[beside])), shape=(len(part), part.max() + 1)
-    )
-    for _ in range(int(np.ceil(BAND / width))):
-        labels = labels + graph @ labels
-        labels.data[:] = 1
+    vertex, label = _candidates(part, edges, graph, target)
+    contested = np.bincount(vertex)[vertex] > 1
+    areas = np.maximum(vertex_areas(target.points, target.mesh.triangles), 1e-300)
+    max_detour = MAX_BORDER * PART_BORDERS.straightening**2 / np.sqrt(areas)
+    apart = np.where(label == part[vertex], distance[vertex], np.inf)
+    may_move = contested & movable[vertex] & surface.has_group(label)
+
+    def measure(some: Integers, limit: Floats) -> None:
+        """Compute the distances of some candidates, but for those beyond the limit (n,) of their vertices."""
+        places, turned = motions.carry(vertex[some], label[some])
+        near = surface.min_distance(places, label[some]) <= limit[vertex[some]]
+        some, places, turned = some[near], places[near], turned[near]
+        apart[some] = surface.closest(places, turned, label[some])[2]
+
+    # The distance from the vertex's own part is known, but for the part's motion.
+    own = np.flatnonzero(label == part[vertex])
+    measure(own[(may_move & motions.rigid[label])[own]], np.full(len(part), np.inf))
+    measure(np.flatnonzero(may_move & (label != part[vertex])), apart[own] + max_detour)
+    compared = apart + PART_BORDERS.body_error * (motions.rigid[part[vertex]] & ~motions.rigid[label])
+    detour = compared - np.minimum.reduceat(compared, np.flatnonzero(np.diff(vertex, prepend=-1)))[vertex]
+    worth = np.flatnonzero(detour <= max_detour[vertex])
+    cost = detour[worth] * areas[vertex[worth]] / PART_BORDERS.straightening**2
+    chosen = worth[_shorten(vertex[worth], label[worth], cost, graph, target, areas)]
+    chosen = chosen[label[chosen] != part[vertex[chosen]]]
+    changed = vertex[chosen]
+    # Images by the body's map: rigid parts side by side would tear the map apart.
+    return changed, *surface.closest(motions.points[changed], motions.normals[changed], label[chosen])
+
+
+def _candidates(part: Integers, edges: Integers, graph: csr_array, target: Side) -> tuple[Integers, Integers]:
+    """The vertices (k,), ascending, and the parts (k,) that they may map to: their own, and those nearby."""
+    labels = csr_array((np.ones(len(part), dtype=np.int32), (np.arange(len(part)), part)))
+    border = edges[part[edges[:, 0]] != part[edges[:, 1]]]
+    if len(border):
+        width = max(float(edge_lengths(target.points, border).mean()), BAND / MAX_RINGS)
+        for _ in range(int(np.ceil(BAND / width))):
+            labels = labels + graph @ labels
+            labels.data[:] = 1
     labels.sort_indices()
     vertex, label = labels.nonzero()
-    other = movable[vertex] & np.isin(label, component[among]) & (label != part[vertex])
-    vertex, label = vertex[other], label[other].astype(np.int64)
-    surface = OrientedSurface(
-        source.points, source.mesh.triangles[among], source.mesh.flipped[among], normal_weight, component[among]
-    )
-    found, barycentric, apart = surface.closest(points[vertex], normals[vertex], label)
-    # The vertices that may change, and those around them.
-    band = np.unique(vertex)
-    around = graph[band]
-    own = np.unique(np.concatenate([band, around.indices, (around @ graph).indices]))
-    number = np.full(len(part), -1)
-    number[own] = np.arange(len(own))
-    areas = vertex_areas(target.points, mesh.triangles)
-    length = border_lengths(target.points[own], areas[own], graph[own][:, own])
-    cost = np.maximum(apart - distance[vertex], 0) * areas[vertex] / PART_BORDERS.straightening**2
-    # A vertex whose cost is larger than all the border around it goes back to its part in any case.
-    worth = cost < np.asarray(length.sum(axis=1))[number[vertex]]
-    vertex, label, cost, found, barycentric, apart = (
-        each[worth] for each in (vertex, label, cost, found, barycentric, apart)
-    )
-    candidate = np.concatenate([number[vertex], np.arange(len(own))])
-    order = np.argsort(candidate, kind="stable")
-    labels_of, costs = np.concatenate([label, part[own]]), np.concatenate([cost, np.zeros(len(own))])
-    chosen = order[shorten_borders(candidate[order], labels_of[order], costs[order], length)]
-    moved = chosen[chosen < len(vertex)]
-    # Thin parts, such as straps, do not give way to a shorter border.
-    before = np.bincount(part, areas)
-    loss = np.bincount(part[vertex[moved]], areas[vertex[moved]], minlength=len(before))
-    moved = moved[(loss <= MAX_LOSS * before)[part[vertex[moved]]]]
-    return vertex[moved], among[found[moved]], barycentric[moved], apart[moved]
+    return vertex.astype(np.int64), label.astype(np.int64)
+
+
+def _shorten(
+    vertex: Integers, label: Integers, cost: Floats, graph: csr_array, target: Side, areas: Floats
+) -> Integers:
+    """(n,) the chosen candidate of each vertex, see `shorten_borders`; the only one of those that no part contests."""
+    first = np.flatnonzero(np.diff(vertex, prepend=-1))
+    contested = np.diff(first, append=len(vertex)) > 1
+    around = graph[contested]
+    near = np.unique(np.concatenate([np.flatnonzero(contested), around.indices, (around @ graph).indices]))
+    if not len(near):
+        return first
+    number = np.full(len(contested), -1)
+    number[near] = np.arange(len(near))
+    length = border_lengths(target.points[near], areas[near], graph[near][:, near])
+    among = np.flatnonzero(number[vertex] >= 0)
+    first[near] = among[shorten_borders(number[vertex[among]], label[among], cost[among], length)]
+    return first
 
 
 def _adjacency(edges: Integers, n: int) -> csr_array:

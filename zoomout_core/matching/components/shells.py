@@ -24,6 +24,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.part_borders import straighten_borders
+from zoomout_core.matching.components.part_motions import fit_motions
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, register_shells
 from zoomout_core.matching.components.similarity_field import SimilarityField
@@ -109,9 +110,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     if not in_place:
         _uncover(image, points, normals, source, visible, may_lift)
     among = np.flatnonzero(visible[source.mesh.triangles].any(axis=1) | in_place)
-    places = image.triangle, image.distance, points, normals
-    beside = straighten_borders(*places, of_target, among, source, target, SHELLS.normal_weight)
-    changed, image.triangle[changed], image.barycentric[changed], image.distance[changed] = beside
+    _move_to_parts(image, points, normals, of_target, among, source, target, motion, in_place)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
     has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
@@ -279,6 +278,38 @@ def _uncover(
     lifted = vertices[near]
     image.triangle[lifted], image.barycentric[lifted] = among[found[near]], barycentric[near]
     image.distance[lifted] = apart[near]
+
+
+def _move_to_parts(
+    image: _Image,
+    points: Floats,
+    normals: Floats,
+    movable: Booleans,
+    among: Integers,
+    source: Side,
+    target: Side,
+    motion: SimilarityField,
+    in_place: bool,
+) -> None:
+    """Move images of vertices (n,) that are movable to the parts that are nearest, with clean borders, in place.
+
+    The vertices are at `points` (n, 3) with `normals` (n, 3), and map to the triangles `among` (m,). Rigid parts move
+    by themselves, unless the surfaces are in place.
+    """
+    component, triangles = source.mesh.component[source.mesh.triangles[:, 0]], source.mesh.triangles[among]
+    if component.max() == 0 or not len(among):
+        return
+    surface = OrientedSurface(
+        source.points, triangles, source.mesh.flipped[among], SHELLS.normal_weight, component[among]
+    )
+    part = component[image.triangle]
+    usable = movable & surface.has_group(part) & (not in_place)
+    motions = fit_motions(part, points, normals, usable, surface, triangles, source, target, motion)
+    vertices, on, barycentric, distance = straighten_borders(
+        image.triangle, image.distance, movable, motions, surface, source
+    )
+    image.triangle[vertices], image.barycentric[vertices] = among[on], barycentric
+    image.distance[vertices] = distance
 
 
 def _pair_shells(

@@ -7,7 +7,10 @@ import numpy as np
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.components.part_borders import PART_BORDERS, straighten_borders
+from zoomout_core.matching.components.part_motions import PartMotions
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shells import SHELLS, _find_covered, _Image, _uncover
 from zoomout_core.mesh.triangles import vertex_areas
@@ -35,6 +38,13 @@ def side_of(surface: zo.Surface) -> Side:
     return Side(mesh, surface.vertices, vertex_areas(surface.vertices, mesh.triangles), np.zeros(0, dtype=np.int64))
 
 
+def grouped(side: Side) -> OrientedSurface:
+    """A surface, to look for the closest points on each of its parts."""
+    mesh = side.mesh
+    component = mesh.component[mesh.triangles[:, 0]]
+    return OrientedSurface(side.points, mesh.triangles, mesh.flipped, SHELLS.normal_weight, component)
+
+
 def strays(straightening: float) -> tuple[int, int]:
     """The number of vertices that a noisy map sends to the wrong one of two overlapping parts: before, and after."""
     source, target = side_of(both(sheet(0, 0.55), sheet(0.45, 1.0, NOISE))), side_of(zo.Surface(*sheet(0, 1)))
@@ -44,11 +54,11 @@ def strays(straightening: float) -> tuple[int, int]:
     distance = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, corners) - points, axis=1)
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     every = np.ones(len(points), dtype=bool)
-    among = np.arange(len(source.mesh.triangles))
+    none = procrustes(np.zeros((2, 1, 3)), np.zeros((2, 1, 3)))
+    motions = PartMotions(target, points, normals, np.zeros(2, dtype=bool), none)
+    surface = grouped(source)
     with retune(PART_BORDERS, straightening=straightening):
-        changed, onto, weights, apart = straighten_borders(
-            triangle, distance, points, normals, every, among, source, target, SHELLS.normal_weight
-        )
+        changed, onto, weights, apart = straighten_borders(triangle, distance, every, motions, surface, source)
     after = triangle.copy()
     after[changed] = onto
     assert np.allclose(weights.sum(axis=1), 1)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rigid parts of a source move by themselves where the body's map moves them only roughly."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from test_part_borders import grouped, side_of
+
+import zoomout_core as zo
+from zoomout_core.arrays import Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.components.part_borders import straighten_borders
+from zoomout_core.matching.components.part_motions import PartMotions, fit_motions
+from zoomout_core.samples.spheres import ball
+
+# The motion of the body, which keeps sizes and sides.
+MOTION: Any = SimpleNamespace(scale=1.0, handedness=1.0)
+# The angle by which the second of two ellipsoids turns about the hinge, and the error of the body's map there.
+ANGLE, SLIDE = 0.3, 0.025
+HINGE = np.array([0.15, 0, 0])
+
+
+def ellipsoids() -> zo.Surface:
+    """Two ellipsoids that touch."""
+    return zo.Surface.joined([ball(0.15, centre, (1, 0.5, 0.35), 1500) for centre in ((0, 0, 0), (0.3, 0, 0))])
+
+
+def turn(points: np.ndarray, bend: float) -> np.ndarray:
+    """Points about the hinge, turned; with a bend, farther ones turn more."""
+    off = points - HINGE
+    return np.asarray(Rotation.from_rotvec(np.outer(ANGLE + bend * off[:, 0], [0, 0, 1])).apply(off) + HINGE)
+
+
+def match_ellipsoids(bend: float = 0.0) -> tuple[PartMotions, Integers, Integers, Integers]:
+    """The motions of two ellipsoids of which the second has turned, along a map that is wrong beside the hinge.
+
+    Returns them with the part of each vertex, that by the map, and that by the motions.
+    """
+    surface = ellipsoids()
+    posed = np.where(surface.components[:, None] == 1, turn(surface.vertices, bend), surface.vertices)
+    source, target = side_of(surface), side_of(surface.with_vertices(posed))
+    slide = SLIDE * np.exp(-(((surface.vertices - HINGE) ** 2).sum(axis=1) / 0.06**2))
+    points = surface.vertices - slide[:, None] * [1, 0, 0]
+    triangle, _ = closest_points(points, source.points, source.mesh.triangles)
+    component, right = source.mesh.component[source.mesh.triangles[:, 0]], source.mesh.component
+    every, closest = np.ones(len(points), dtype=bool), grouped(source)
+    normals, triangles = source.mesh.vertex_normals, source.mesh.triangles
+    motions = fit_motions(component[triangle], points, normals, every, closest, triangles, source, target, MOTION)
+    distance = np.zeros(len(points))
+    changed, onto, _, _ = straighten_borders(triangle, distance, every, motions, closest, source)
+    after = triangle.copy()
+    after[changed] = onto
+    return motions, right, component[triangle], component[after]
+
+
+def test_a_part_that_turns_takes_its_vertices_beside_the_hinge() -> None:
+    motions, right, before, after = match_ellipsoids()
+    assert motions.rigid.all()
+    assert (before != right).sum() > 15
+    assert (after != right).sum() < 0.2 * (before != right).sum()
+
+
+def test_a_part_that_bends_has_no_motion_of_its_own() -> None:
+    motions, _, _, _ = match_ellipsoids(bend=5)
+    assert motions.rigid.tolist() == [True, False]
+
+
+def test_no_part_moves_by_itself_without_usable_vertices() -> None:
+    side = side_of(ellipsoids())
+    part, normals, triangles = side.mesh.component, side.mesh.vertex_normals, side.mesh.triangles
+    none = np.zeros(len(part), dtype=bool)
+    found = fit_motions(part, side.points, normals, none, grouped(side), triangles, side, side, MOTION)
+    assert not found.rigid.any()
+    points, _ = found.carry(np.arange(len(part)), part)
+    np.testing.assert_array_equal(points, side.points)
