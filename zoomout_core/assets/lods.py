@@ -159,7 +159,12 @@ def at_rest(asset: Asset) -> Asset:
 
 
 def _level(
-    asset: Asset, source: Asset, poses: _Poses, part: tuple[Integers, Integers], ratio: float, max_weights: int | None
+    asset: Asset,
+    source: Asset,
+    poses: _Poses,
+    part: tuple[Integers, Integers, Integers],
+    ratio: float,
+    max_weights: int | None,
 ) -> Level:
     """A level of an asset, whose state at rest is `source`, with the triangles and corners of a part of it."""
     level, used = _select(asset, *part)
@@ -246,8 +251,8 @@ def _group_keys(offsets: Floats) -> list[Floats]:
     return sums
 
 
-def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers]]:
-    """For each level the triangles of an asset at rest that it keeps, and (m, 3) the corners whose data they have."""
+def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers, Integers]]:
+    """For each level the triangles of an asset at rest that it keeps, and their corners, see `simplify`."""
     surface = source.surface
     first, of_vertex = _merge_places(surface.vertices)
     rest = surface.vertices[first]
@@ -270,23 +275,24 @@ def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tup
         mirror_pairs(rest),
         on_corners(textures[0], surface)[corners] if textures else None,
     )
-    parts = [(alive, corners.ravel()[kept]) for alive, kept in found]
+    parts = [(alive, corners.ravel()[places], corners.ravel()[content]) for alive, places, content in found]
     return [parts[place] for place in np.argsort(order)]
 
 
-def _select(asset: Asset, alive: Integers, corners: Integers) -> tuple[Asset, Integers]:
+def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers) -> tuple[Asset, Integers]:
     """The part of an asset that a level keeps, and (k,) the vertices of the asset that it has.
 
     Args:
         asset: the asset.
         alive: (m,) numbers of triangles, for the data of faces.
-        corners: (m, 3) the corners of the asset whose data the triangles' corners have.
+        corners: (m, 3) corners of the asset at the vertices that the triangles have.
+        content: (m, 3) the corners of the asset whose data the triangles' corners have.
     """
     surface = asset.surface
     used, triangles = np.unique(surface.corner_vertex[corners], return_inverse=True)
     triangles = triangles.reshape(-1, 3)
     made = Surface(surface.vertices[used], triangles)
-    elements = {Domain.POINT: used, Domain.CORNER: corners.ravel(), Domain.FACE: surface.triangle_face[alive]}
+    elements = {Domain.POINT: used, Domain.CORNER: content.ravel(), Domain.FACE: surface.triangle_face[alive]}
     attributes = [
         replace(each, values=np.asarray(each.values)[elements[each.domain]])
         for each in asset.attributes
