@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Move the vertices of a simplified mesh so that it is close to the original one in all poses.
 
-Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, in
-the sum of squares over the poses. They are linear in the rest positions, as each pose moves a vertex by a fixed matrix.
-The derivatives of the distances from a triangle's plane differ only by barycentric coordinates, so that the normal
-equations are summed over its points first. Conjugate gradients solve them.
+Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, of
+the same connected part, in the sum of squares over the poses. They are linear in the rest positions, as each pose moves
+a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane differ only by barycentric
+coordinates, so that the normal equations are summed over its points first. Conjugate gradients solve them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
 SMOOTHNESS, DAMPING = 0.05, 0.1
+# Distance of parts in searches of closest points, relative to the extent.
+APART = 3.0
 # Pairs of corners of a triangle.
 CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
 # Share of the first residual at which conjugate gradients end, and their largest number.
@@ -49,16 +51,24 @@ LEVEL_FIT = LevelFitTuning()
 
 
 def fit_level(
-    vertices: Floats, triangles: Integers, motions: Sequence[Floats], points: Floats, goals: Sequence[Floats]
+    vertices: Floats,
+    triangles: Integers,
+    parts: Integers,
+    motions: Sequence[Floats],
+    points: Floats,
+    parts_of_points: Integers,
+    goals: Sequence[Floats],
 ) -> Floats:
     """(k, 3) rest positions of a level that is close to the original mesh in all poses.
 
     Args:
         vertices: (k, 3) rest positions to begin with.
         triangles: (m, 3) vertex numbers.
+        parts: (k,) numbers of the connected parts that the vertices belong to.
         motions: for each pose but rest (k, 3, 4) transforms of the vertices.
-        points: (n, 3) the vertices of the original mesh at rest.
-        goals: for each of these poses the original vertices (n, 3).
+        points: (n, 3) places on the original mesh at rest.
+        parts_of_points: (n,) their parts, to which only these parts of the level are fitted.
+        goals: for each of these poses these places (n, 3).
     """
     still = np.tile(np.eye(4)[:3], (len(vertices), 1, 1))
     weights = [1.0, *[LEVEL_FIT.poses / max(len(motions), 1)] * len(motions)]
@@ -70,8 +80,10 @@ def fit_level(
     normals = vertex_normals(vertices, triangles)
     across = normals[:, :, None] * normals[:, None]
     held = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
+    # Far from each other, parts do not attract the points of others, which may be closer.
+    shift = APART * np.ptp(points, axis=0).max() * np.arange(1 + parts.max())[:, None] * [1.0, 0.0, 0.0]
     for _ in range(LEVEL_FIT.rounds):
-        triangle, barycentric = SurfaceSearch(fitted, triangles).closest(points)
+        triangle, barycentric = SurfaceSearch(fitted + shift[parts], triangles).closest(points + shift[parts_of_points])
         matrix, right = _normal_equations(fitted, triangles, triangle, barycentric, poses, blocks)
         scale = float(np.trace(matrix[blocks.diagonal], axis1=1, axis2=2).mean()) / 3
         matrix += scale * smoothness

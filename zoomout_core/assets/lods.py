@@ -25,7 +25,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.mesh.triangles import components, unique_edges, unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Attribute, Domain
@@ -159,7 +159,12 @@ def at_rest(asset: Asset) -> Asset:
 
 
 def _level(
-    asset: Asset, source: Asset, poses: _Poses, part: tuple[Integers, Integers], ratio: float, max_weights: int | None
+    asset: Asset,
+    source: Asset,
+    poses: _Poses,
+    part: tuple[Integers, Integers, Integers],
+    ratio: float,
+    max_weights: int | None,
 ) -> Level:
     """A level of an asset, whose state at rest is `source`, with the triangles and corners of a part of it."""
     level, used = _select(asset, *part)
@@ -189,6 +194,7 @@ class _Poses:
 
     Attributes:
         positions: (n, 3) its vertices in each pose.
+        parts: (n,) the connected part of each vertex; vertices in one place are connected.
     """
 
     def __init__(self, source: Asset) -> None:
@@ -200,6 +206,9 @@ class _Poses:
             self.keys = _group_keys(np.asarray(attribute.values))
         rest = source.surface.vertices
         self.positions = [transform_points(each, rest) for each in self.motions(source, np.arange(len(rest)))]
+        first, of_vertex = _merge_places(rest)
+        edges, _ = unique_edges(of_vertex[source.surface.triangles])
+        self.parts = components(edges, len(first))[of_vertex]
 
     def motions(self, asset: Asset, rows: Integers) -> Iterator[Floats]:
         """(k, 3, 4) transforms of vertices (k,) of the asset at rest in each pose.
@@ -242,11 +251,10 @@ def _group_keys(offsets: Floats) -> list[Floats]:
     return sums
 
 
-def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers]]:
-    """For each level the triangles of an asset at rest that it keeps, and (m, 3) the corners whose data they have."""
+def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers, Integers]]:
+    """For each level the triangles of an asset at rest that it keeps, and their corners, see `simplify`."""
     surface = source.surface
-    _, first, of_vertex = np.unique(surface.vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
-    of_vertex = of_vertex.ravel()
+    first, of_vertex = _merge_places(surface.vertices)
     rest = surface.vertices[first]
     corners = surface.triangle_corners
     textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
@@ -267,23 +275,24 @@ def _simplify(source: Asset, poses: _Poses, ratios: Sequence[float]) -> list[tup
         mirror_pairs(rest),
         on_corners(textures[0], surface)[corners] if textures else None,
     )
-    parts = [(alive, corners.ravel()[kept]) for alive, kept in found]
+    parts = [(alive, corners.ravel()[places], corners.ravel()[content]) for alive, places, content in found]
     return [parts[place] for place in np.argsort(order)]
 
 
-def _select(asset: Asset, alive: Integers, corners: Integers) -> tuple[Asset, Integers]:
+def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers) -> tuple[Asset, Integers]:
     """The part of an asset that a level keeps, and (k,) the vertices of the asset that it has.
 
     Args:
         asset: the asset.
         alive: (m,) numbers of triangles, for the data of faces.
-        corners: (m, 3) the corners of the asset whose data the triangles' corners have.
+        corners: (m, 3) corners of the asset at the vertices that the triangles have.
+        content: (m, 3) the corners of the asset whose data the triangles' corners have.
     """
     surface = asset.surface
     used, triangles = np.unique(surface.corner_vertex[corners], return_inverse=True)
     triangles = triangles.reshape(-1, 3)
     made = Surface(surface.vertices[used], triangles)
-    elements = {Domain.POINT: used, Domain.CORNER: corners.ravel(), Domain.FACE: surface.triangle_face[alive]}
+    elements = {Domain.POINT: used, Domain.CORNER: content.ravel(), Domain.FACE: surface.triangle_face[alive]}
     attributes = [
         replace(each, values=np.asarray(each.values)[elements[each.domain]])
         for each in asset.attributes
@@ -320,21 +329,23 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     """A level, moved so that it is close to the asset in all poses; vertices in one place stay together."""
     surface = source.surface
     rest = at_rest(level).surface.vertices
-    _, first, of_vertex = np.unique(rest.astype(np.float32), axis=0, return_index=True, return_inverse=True)
-    of_vertex = of_vertex.ravel()
+    first, of_vertex = _merge_places(rest)
     vertices = np.unique(surface.triangles)
+    parts = poses.parts[np.concatenate([vertices, surface.triangles[:, 0]])]
+    kept = np.flatnonzero(np.isin(parts, poses.parts[used]))
+    chosen = np.random.default_rng(0).permutation(kept)[: FITTED * len(first)]
 
     def places(positions: Floats) -> Floats:
         """The points of the asset that the level is fitted to, in a pose: vertices, and centres of triangles."""
         found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])
         return np.asarray(found[chosen])
 
-    count = len(vertices) + len(surface.triangles)
-    chosen = np.random.default_rng(0).permutation(count)[: FITTED * len(first)]
     motions = [each[first] for each in poses.motions(level, used)]
     goals = [places(each) for each in poses.positions]
     triangles = of_vertex[level.surface.triangles]
-    fitted = fit_level(rest[first], triangles, motions, places(surface.vertices), goals)
+    fitted = fit_level(
+        rest[first], triangles, poses.parts[used[first]], motions, places(surface.vertices), parts[chosen], goals
+    )
     pairs = mirror_pairs(rest[first])
     if pairs is not None:
         fitted = mirror_moves(rest[first], fitted, pairs)
@@ -344,6 +355,12 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     step = np.linalg.solve(level.skin.linear, (moved - rest)[:, :, None])[:, :, 0]
     placed = level.surface.with_vertices(level.surface.vertices + step)
     return replace(level, surface=placed, skin=replace(level.skin, rest=moved))
+
+
+def _merge_places(vertices: Floats) -> tuple[Integers, Integers]:
+    """The first vertex (k,) of each place, and for vertices (n, 3) the number of their place (n,)."""
+    _, first, of_vertex = np.unique(vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
+    return first, of_vertex.ravel()
 
 
 def _map_of(surface: Surface, used: Integers) -> SurfaceMap:

@@ -4,8 +4,9 @@
 Vertices are merged into neighbours by quadric error (Garland and Heckbert 1997), summed over the poses that the mesh
 can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the data and borders
 between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
-result is a vertex of the mesh, with all of its data. A round makes cheap collapses that do not touch each other, and
-only costs of edges that these change are computed anew.
+result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves across a seam
+keeps its own data, such as texture coordinates, so that no triangle has those of two charts. A round makes cheap
+collapses that do not touch each other, and only costs of edges that these change are computed anew.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def simplify(
     counts: Sequence[int],
     mirror: Integers | None = None,
     chart: Floats | None = None,
-) -> list[tuple[Integers, Integers]]:
+) -> list[tuple[Integers, Integers, Integers]]:
     """Reduce a mesh to about so many vertices, step by step.
 
     Args:
@@ -75,10 +76,11 @@ def simplify(
         chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
 
     Returns:
-        For each count (m',) the triangle that each triangle of the result was, and (m', 3) the corner whose data each
-        of its corners has, in the flat list of all corners (3 m).
+        For each count (m',) the triangle that each triangle of the result was, (m', 3) a corner that was at the vertex
+        of each of its corners, and (m', 3) the corner whose data each has, in the flat list of all corners (3 m). The
+        two differ where all layers are ignored and a triangle reaches across a seam of the first.
     """
-    state = _State(poses, triangles, mirror, chart)
+    state = _State(poses, triangles, layers[0] if len(layers) else np.zeros_like(triangles), mirror, chart)
     fewer = max(len(layers) - 1, 0)
     steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
     state.set_lines(layers, DISTANCES[0])
@@ -96,7 +98,7 @@ def simplify(
                 state.set_lines(layers[:kept], distance)
             else:
                 state.ignore_mirror()
-        found.append((state.alive, state.corners.copy()))
+        found.append((state.alive, state.corners.copy(), state.content.copy()))
     return found
 
 
@@ -106,10 +108,14 @@ class _State:
     Attributes:
         triangles: (m', 3) vertex numbers.
         alive: (m',) the number that each triangle had at first.
-        corners: (m', 3) the corner whose data each corner has.
+        corners: (m', 3) the corner at whose first vertex each corner is.
+        content: (m', 3) the corner whose data each corner has.
+        layer: (3 m,) numbers of the most important data of the corners.
     """
 
-    def __init__(self, poses: Floats, triangles: Integers, mirror: Integers | None, chart: Floats | None) -> None:
+    def __init__(
+        self, poses: Floats, triangles: Integers, layer: Integers, mirror: Integers | None, chart: Floats | None
+    ) -> None:
         centre = poses.mean(axis=1, keepdims=True)
         size = max(float(np.ptp(poses[0], axis=0).max()), 1e-30)
         self.places = np.ascontiguousarray(((poses - centre) / size).transpose(1, 0, 2))  # (n, p, 3)
@@ -120,6 +126,7 @@ class _State:
         self.alive = np.flatnonzero(whole)
         self.triangles = triangles[whole].copy()
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
+        self.content, self.layer = self.corners.copy(), layer.ravel()
         self.mirror = mirror
         self.chart = None if chart is None else chart.reshape(-1, 2)
         # The mesh at first, and the vertex that each vertex was merged into.
@@ -140,6 +147,7 @@ class _State:
         for layer in layers:
             key = self.wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
             self.wedge = np.unique(key, return_inverse=True)[1].ravel()
+        self.content_wedge = self.wedge if len(layers) else self.layer
         self.quadrics = np.zeros((*self.places.shape[:2], 10))
         self._add_triangles()
         self._add_lines()
@@ -357,26 +365,34 @@ class _State:
         after, now = self._normals(np.where(at_tail, head[which, None], rows))
         turned = (np.einsum("kpx,kpx->kp", before, after) < MIN_COSINE) & (areas > 0)
         bad = turned.any(axis=1) | (now[:, 0] <= 0)
-        corners = self.corners[triangle]
-        goal = self._partners(tail, head, around).find(which, self.wedge[(corners * at_tail).sum(axis=1)])
-        bad |= goal < 0
+        own = (self.corners[triangle] * at_tail).sum(axis=1)
+        bad |= self._partners(tail, head, around, self.corners, self.wedge).find(which, self.wedge[own]) < 0
         if self.chart is not None:
-            moved = np.where(at_tail, goal[:, None], corners)
-            bad |= _signed_areas(self.chart[corners]) * _signed_areas(self.chart[moved]) < 0
+            content = self.content[triangle]
+            moved = self._move_content(tail, head, around, which, content, at_tail)
+            bad |= _signed_areas(self.chart[content]) * _signed_areas(self.chart[moved]) < 0
         fits[which[bad]] = False
         return fits
 
-    def _partners(self, tail: Integers, head: Integers, around: _Lists) -> _Partners:
+    def _move_content(
+        self, tail: Integers, head: Integers, around: _Lists, which: Integers, content: Integers, at_tail: Booleans
+    ) -> Integers:
+        """The content (k, 3) of triangles after collapses `which`: across a seam, they keep that of the tail."""
+        own = (content * at_tail).sum(axis=1)
+        goal = self._partners(tail, head, around, self.content, self.content_wedge).find(which, self.content_wedge[own])
+        return np.where(at_tail, np.where(goal < 0, own, goal)[:, None], content)
+
+    def _partners(
+        self, tail: Integers, head: Integers, around: _Lists, corners: Integers, wedge: Integers
+    ) -> _Partners:
         """The corners of `head` in the triangles that a collapse removes, by the data of the corner of `tail` there."""
         which, triangle = around.of(tail)
-        rows, corners = self.triangles[triangle], self.corners[triangle]
+        rows, corners = self.triangles[triangle], corners[triangle]
         at_head = rows == head[which, None]
         removed = at_head.any(axis=1)
         which, rows, corners, at_head = which[removed], rows[removed], corners[removed], at_head[removed]
         of_tail = (corners * (rows == tail[which, None])).sum(axis=1)
-        return _Partners(
-            which, self.wedge[of_tail], (corners * at_head).sum(axis=1), int(self.wedge.max(initial=0)) + 1
-        )
+        return _Partners(which, wedge[of_tail], (corners * at_head).sum(axis=1), int(wedge.max(initial=0)) + 1)
 
     def _have_images(self, tail: Integers, head: Integers) -> Booleans:
         """Whether the mirror image of each collapse is among them; true for those without an image."""
@@ -391,10 +407,12 @@ class _State:
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
         at_tail = rows == tail[which, None]
-        partners = self._partners(tail, head, around)
+        partners = self._partners(tail, head, around, self.corners, self.wedge)
         goal = partners.find(which, self.wedge[(self.corners[triangle] * at_tail).sum(axis=1)])
+        content = self._move_content(tail, head, around, which, self.content[triangle], at_tail)
         self.triangles[triangle] = np.where(at_tail, head[which, None], rows)
         self.corners[triangle] = np.where(at_tail, goal[:, None], self.corners[triangle])
+        self.content[triangle] = content
         np.add.at(self.quadrics, head, self.quadrics[tail])
         np.add.at(self.area, head, self.area[tail])
         goal = np.arange(len(self.into))
@@ -409,7 +427,8 @@ class _State:
                 other = self.mirror[np.flatnonzero(marks)]
                 marks[other[other >= 0]] = True
         whole = (self.triangles != np.roll(self.triangles, 1, axis=1)).all(axis=1)
-        self.triangles, self.corners, self.alive = self.triangles[whole], self.corners[whole], self.alive[whole]
+        self.triangles, self.alive = self.triangles[whole], self.alive[whole]
+        self.corners, self.content = self.corners[whole], self.content[whole]
 
 
 @dataclass(frozen=True)

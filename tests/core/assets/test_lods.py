@@ -196,6 +196,22 @@ def test_a_level_takes_nothing_from_another_layer() -> None:
     assert (red[triangles] == red[triangles][:, :1]).all()
 
 
+def test_parts_that_are_close_to_each_other_are_fitted_independently() -> None:
+    inner = creature(2000).surface
+    extent, count = np.ptp(inner.vertices, axis=0).max(), len(inner.vertices)
+    outer = inner.vertices + 0.002 * extent * inner.vertices / np.linalg.norm(inner.vertices, axis=1)[:, None]
+    both = zo.Surface(
+        np.concatenate([inner.vertices, outer]), np.concatenate([inner.triangles, inner.triangles + count])
+    )
+    (alone,) = make_lods(Asset(inner), [0.1])
+    (level,) = make_lods(Asset(both), [0.1])
+    vertices, triangles = level.asset.surface.vertices, level.asset.surface.triangles
+    triangles = triangles[level.vertices[triangles[:, 0]] < count]
+    triangle, barycentric = closest_points(inner.vertices, vertices, triangles)
+    nearest = np.einsum("nk,nkx->nx", barycentric, vertices[triangles[triangle]])
+    assert np.linalg.norm(inner.vertices - nearest, axis=1).mean() / extent < 1.1 * alone.rest_error
+
+
 @pytest.mark.parametrize("bend", [0.0, 0.7])
 def test_keys_stay_alive_and_posed_files_are_taken_to_rest(tmp_path: Path, bend: float) -> None:
     write_tube(tmp_path / "tube.glb", bend=bend)

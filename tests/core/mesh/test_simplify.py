@@ -33,7 +33,7 @@ def on_border(points: np.ndarray) -> np.ndarray:
 
 def test_the_wanted_number_of_vertices_is_left_as_a_manifold_with_the_same_border() -> None:
     points, triangles = wavy_grid()
-    alive, corners = simplify(points[None], triangles, [], [60])[0]
+    alive, corners, _ = simplify(points[None], triangles, [], [60])[0]
     made = triangles.ravel()[corners]
     assert abs(len(np.unique(made)) - 60) <= 1
     edges, count = edges_of(made)
@@ -52,7 +52,7 @@ def test_a_seam_stays_a_line_of_the_mesh_and_triangles_of_the_chart_are_not_turn
     side = (middle[:, 0] > 0.5).astype(int)  # two charts, with a seam in the middle
     layer = np.repeat(side[:, None], 3, axis=1)
     chart = points[triangles][:, :, :2] * [1, 1] + 2 * side[:, None, None]
-    _, corners = simplify(points[None], triangles, [layer], [60], chart=chart)[0]
+    _, corners, _ = simplify(points[None], triangles, [layer], [60], chart=chart)[0]
     made, label = triangles.ravel()[corners], layer.ravel()[corners]
     assert (label == label[:, :1]).all()
     both = np.intersect1d(made[label[:, 0] == 0], made[label[:, 0] == 1])
@@ -67,10 +67,22 @@ def test_layers_are_ignored_from_the_last_on_if_too_many_vertices_are_left() -> 
     every_face = np.repeat(np.arange(len(triangles))[:, None], 3, axis=1)
     middle = points[triangles].mean(axis=1)
     halves = np.repeat((middle[:, :1] > 0.5).astype(int), 3, axis=1)
-    _, corners = simplify(points[None], triangles, [halves, every_face], [60])[0]
+    _, corners, _ = simplify(points[None], triangles, [halves, every_face], [60])[0]
     assert abs(len(np.unique(triangles.ravel()[corners])) - 60) <= 1
     label = halves.ravel()[corners]
     assert (label == label[:, :1]).all()
+
+
+def test_no_triangle_has_data_of_two_charts_if_all_layers_are_ignored() -> None:
+    points, triangles = wavy_grid()
+    middle = points[triangles].mean(axis=1)
+    chart = np.floor(5 * middle[:, :2]).astype(int) @ [5, 1]  # 25 squares, with corners that no line may leave
+    layer = len(points) * chart[:, None] + triangles
+    _, corners, content = simplify(points[None], triangles, [layer], [20])[0]
+    assert len(np.unique(triangles.ravel()[corners])) <= 21
+    of_corner = np.repeat(chart, 3)
+    assert (of_corner[content] == of_corner[content][:, :1]).all()
+    assert (of_corner[corners] != of_corner[corners][:, :1]).any()
 
 
 def test_more_vertices_stay_where_a_mesh_bends() -> None:
@@ -81,7 +93,7 @@ def test_more_vertices_stay_where_a_mesh_bends() -> None:
     shares = []
     for weight in (0.0, SIMPLIFICATION.poses):
         with retune(SIMPLIFICATION, poses=weight):
-            _, corners = simplify(np.array([points, bent]), triangles, [], [100])[0]
+            _, corners, _ = simplify(np.array([points, bent]), triangles, [], [100])[0]
         kept = np.unique(triangles.ravel()[corners])
         shares.append((points[kept, 0] < 0.35).mean())
     assert shares[1] > shares[0] + 0.05
@@ -94,7 +106,7 @@ def test_lines_keep_their_form() -> None:
     areas = []
     for weight in (0.0, SIMPLIFICATION.lines):
         with retune(SIMPLIFICATION, lines=weight):
-            _, corners = simplify(points[None], triangles, [], [60])[0]
+            _, corners, _ = simplify(points[None], triangles, [], [60])[0]
         made = points[triangles.ravel()[corners]]
         areas.append(np.abs(np.linalg.det(made[:, 1:, :2] - made[:, :1, :2])).sum() / 2)
     whole = np.abs(np.linalg.det(points[triangles][:, 1:, :2] - points[triangles][:, :1, :2])).sum() / 2
@@ -107,7 +119,7 @@ def test_mirror_images_stay_together() -> None:
     pairs = mirror_pairs(points)
     assert pairs is not None
     np.testing.assert_allclose(points[pairs], points * [-1, 1, 1] + [1, 0, 0], atol=1e-9)
-    _, corners = simplify(points[None], triangles, [], [100], pairs)[0]
+    _, corners, _ = simplify(points[None], triangles, [], [100], pairs)[0]
     kept = np.unique(triangles.ravel()[corners])
     assert np.isin(pairs[kept], kept).mean() > 0.97
     assert mirror_pairs(np.random.default_rng(0).random((50, 3))) is None
@@ -120,7 +132,7 @@ def test_parts_are_not_destroyed_to_reach_the_number(monkeypatch: pytest.MonkeyP
     points, triangles = wavy_grid()
 
     def height_of_level() -> float:
-        _, corners = simplify(points[None], triangles, [], [4])[0]
+        _, corners, _ = simplify(points[None], triangles, [], [4])[0]
         return float(np.ptp(points[triangles.ravel()[corners]][..., 2]))
 
     whole = float(np.ptp(points[:, 2]))
