@@ -113,6 +113,9 @@ class Layout:
     def __call__(self, *_: object, **__: object) -> Layout:
         return Layout()
 
+    def panel(self, *_: object, **__: object) -> tuple[Layout, Layout]:
+        return Layout(), Layout()
+
 
 class Context:
     """Blender's context, with a sidebar of some width."""

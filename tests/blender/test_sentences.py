@@ -9,6 +9,7 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+import blf
 import bpy
 import pytest
 from drawing import Context, Layout
@@ -157,7 +158,7 @@ def labels(text: str, width: int) -> list[str]:
 def test_sentences_are_wrapped_in_the_language_that_is_read(in_german: None) -> None:
     lines = labels(message("The source '{source}' was edited after the match: match again.", source="Body"), 300)
     assert len(lines) > 1
-    assert max(map(len, lines)) <= (300 - sidebar.BORDER) / sidebar.LETTER
+    assert max(blf.dimensions(sidebar.FONT, line)[0] for line in lines) <= 300 - sidebar.BORDER
     assert " ".join(lines) == "Die Quelle 'Body' wurde nach der Zuordnung bearbeitet: erneut zuordnen."
 
 

@@ -75,10 +75,10 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     A rivalry of 2.5 to 3 is the most likely one, whichever kind is left out. With it, 64 and 19 are above 90 %.
     """
 
-    # Distance of two images above which they are on different limbs, and the part of the target's area with such images
-    # above which two maps are rivals. Variants of one map have at most 0.01 of it once they are finished, and maps that
-    # exchange two lower legs of a cat, horse or cow 0.023 and more.
+    # Distance of two images above which they are on different limbs.
     elsewhere: float = tuned(0.2, "at unit area", 0, 2)
+    # Share of the target's area with such images above which two maps are rivals. Finished variants of one map have at
+    # most 0.01 of it, and maps that exchange two lower legs of a cat, horse or cow 0.023 and more.
     rival: float = tuned(0.02, "1", 0, 1)
     another_map: float = tuned(0.1, "at unit area", 0, 2)  # mean distance above which two symmetries of a shape differ
     rivalry: float = tuned(4.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
