@@ -121,7 +121,8 @@ class Context:
     """Blender's context, with a sidebar of some width."""
 
     region = SimpleNamespace(width=300)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    style = SimpleNamespace(widget=SimpleNamespace(points=11.0))
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), ui_styles=[style])
 
     def __getattr__(self, name: str) -> Any:
         return getattr(bpy.context, name)
