@@ -23,7 +23,7 @@ from .targets import Write
 
 # Key of a custom property of levels and of their collection, with the name of the object that they were made of.
 LEVEL_OF = "zoomout_level_of"
-# The end of the names of levels, by which Unity and Unreal group them.
+# The end of the names of levels, by which Unity groups them.
 SUFFIX = re.compile(r"_LOD\d+$")
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers, take_rows
+from zoomout_core.mesh.triangles import cross
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
@@ -111,6 +112,8 @@ class _State:
         corners: (m', 3) the corner at whose first vertex each corner is.
         content: (m', 3) the corner whose data each corner has.
         layer: (3 m,) numbers of the most important data of the corners.
+        wedge: (3 m,) numbers of the data whose seams are lines, of the corners.
+        content_wedge: (3 m,) those of the data that stays within its seams: as `wedge`, but `layer` without lines.
     """
 
     def __init__(
@@ -186,7 +189,7 @@ class _State:
     def _normals(self, triangles: Integers, poses: slice = slice(None)) -> tuple[Floats, Floats]:
         """(k, p, 3) unit normals of triangles (k, 3) in poses, and (k, p) their areas."""
         a, b, c = (self.places[triangles[:, corner], poses] for corner in range(3))
-        normal = _cross(b - a, c - a)
+        normal = cross(b - a, c - a)
         length = np.sqrt(np.einsum("kpx,kpx->kp", normal, normal))
         normal /= np.maximum(length, 1e-30)[..., None]
         return normal, length / 2
@@ -200,7 +203,7 @@ class _State:
         squared = ((self.places[ends[:, 1], 0] - self.places[ends[:, 0], 0]) ** 2).sum(axis=1)
         for pose in range(len(self.weight)):
             start, stop = self.places[ends[:, 0], pose], self.places[ends[:, 1], pose]
-            normals = _cross(self._normals(triangles, slice(pose, pose + 1))[0][:, 0], stop - start)
+            normals = cross(self._normals(triangles, slice(pose, pose + 1))[0][:, 0], stop - start)
             normals /= np.maximum(np.linalg.norm(stop - start, axis=1), 1e-30)[:, None]
             self._add_planes(pose, ends, start, normals, SIMPLIFICATION.lines * squared / 2)
 
@@ -560,12 +563,6 @@ def _group(keys: Integers, count: int) -> tuple[Integers, Integers]:
     entries = np.arange(len(keys)), keys, np.arange(len(keys) + 1)
     table = csr_array(entries, shape=(len(keys), count)).tocsc()
     return table.data, table.indptr.astype(np.int64)
-
-
-def _cross(one: Floats, other: Floats) -> Floats:
-    """Cross products (..., 3)."""
-    (a, b, c), (d, e, f) = np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0)
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
 def _signed_areas(triangles: Floats) -> Floats:
