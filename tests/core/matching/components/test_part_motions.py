@@ -7,12 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
-from test_part_borders import grouped, side_of
+from test_part_borders import both, grouped, sheet, side_of
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.components.part_borders import straighten_borders
 from zoomout_core.matching.components.part_motions import PartMotions, fit_motions
 from zoomout_core.samples.spheres import ball
@@ -77,3 +79,27 @@ def test_no_part_moves_by_itself_without_usable_vertices() -> None:
     assert not found.rigid.any()
     points, _ = found.carry(np.arange(len(part)), part)
     np.testing.assert_array_equal(points, side.points)
+
+
+@pytest.mark.parametrize(("apart", "taken"), [(0.005, False), (0.015, True)])
+def test_a_part_that_bends_takes_vertices_of_a_rigid_one_only_if_it_is_clearly_nearer(
+    apart: float, taken: bool
+) -> None:
+    source, target = side_of(both(sheet(0, 0.55, apart), sheet(0.45, 1.0))), side_of(zo.Surface(*sheet(0, 1)))
+    component = source.mesh.component[source.mesh.triangles[:, 0]]
+    rigid = component[0]
+    triangle = np.empty(len(target.points), dtype=np.int64)
+    for part, chosen in (
+        (rigid, target.points[:, 0] < 0.55),
+        (1 - rigid, target.points[:, 0] >= 0.55),
+    ):
+        own = np.flatnonzero(component == part)
+        triangle[chosen] = own[closest_points(target.points[chosen], source.points, source.mesh.triangles[own])[0]]
+    still = procrustes(np.stack([source.points[:50]] * 2), np.stack([source.points[:50]] * 2))
+    normals, every = np.tile([0.0, 0.0, 1.0], (len(target.points), 1)), np.ones(len(target.points), dtype=bool)
+    motions = PartMotions(target, target.points, normals, np.arange(2) == rigid, still)
+    distance = np.where(component[triangle] == rigid, apart, 0.0)
+    changed, onto, _, _ = straighten_borders(triangle, distance, every, motions, grouped(source), source)
+    from_rigid = changed[component[triangle[changed]] == rigid]
+    assert (len(from_rigid) > 20) == taken
+    assert (component[onto] != component[triangle[changed]]).all()
