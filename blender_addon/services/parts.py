@@ -9,7 +9,7 @@ import numpy as np
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.matching.part_report import NamedParts, name_parts
+from zoomout_core.mesh.named_parts import NamedParts, name_parts
 
 from ..mesh_data import EvaluatedObject, ObjectPair
 from ..mesh_data.arrays import read_array

@@ -10,7 +10,7 @@ import numpy as np
 
 from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.assets.files import READERS, read_asset
-from zoomout_core.matching.part_report import NamedParts, name_parts
+from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.surface import MeshError, Surface
 
 

@@ -25,11 +25,11 @@ from zoomout_core.evaluation import flipped_share
 from zoomout_core.map_files import check_map_output, keep_map, save_match
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import OPTIONS, Door, select_options
-from zoomout_core.matching.part_report import NamedParts
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import atomic_write

@@ -13,9 +13,10 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
-from zoomout_core.matching.part_report import NamedParts, notes_on_parts, part_figures
+from zoomout_core.matching.part_report import notes_on_parts, part_figures
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import GREEN
+from zoomout_core.mesh.named_parts import NamedParts
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
