@@ -13,10 +13,13 @@ import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
 from meshlab_filter.filters.common import remember_matches
+from meshlab_filter.mesh_data import read_shape
 from zoomout_core.assets.files import inputs_of
+from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.verdict import GREEN, check_verdict
+from zoomout_core.mesh.shapes import as_surface
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -43,6 +46,7 @@ def transfer_files(
     """
     ms = new_mesh_set()
     source_id = load_mesh(ms, source)
+    parts = parts_of_file(source, as_surface(read_shape(ms, source_id)))
     inputs = texture_files(ms.mesh(source_id), source)
     brought: dict[str, bytes] = {}
     kept = inputs_of(source, *(job.target for job in jobs))
@@ -52,7 +56,7 @@ def transfer_files(
             target_id = load_mesh(ms, job.target)
             textures = inputs | texture_files(ms.mesh(target_id), job.target)
             found: list[zo.MatchResult] = []
-            with _keeping_map(found, job.output), remember_matches(found):
+            with _keeping_map(found, job.output), remember_matches(found, parts):
                 report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
             figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
@@ -97,6 +101,7 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
         "low_confidence": float((report["confidence"] < LOW).mean()),
         "share_without_partner": report["share_without_partner"],
         "source_share_without_partner": report["source_share_without_partner"],
+        "parts": report["parts"],
         "candidates": len(report["candidates"]),
         "notes": report["notes"],
     }

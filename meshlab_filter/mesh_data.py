@@ -23,6 +23,7 @@ import numpy as np
 from meshlab_filter.catalogue import check_mesh
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.triangles import unit_vectors
@@ -104,6 +105,7 @@ class Layer:
             texture coordinates (3 m, 2) at the corners of the triangles.
         custom: custom attributes.
         textures: the textures that the texture coordinates refer to.
+        texture: (m,) the index of each triangle's texture; None without texture coordinates.
     """
 
     label: str
@@ -116,11 +118,19 @@ class Layer:
     components: dict[str, Attribute]
     custom: tuple[Attribute, ...]
     textures: Textures | None
+    texture: Integers | None
 
     @property
     def surface(self) -> Surface:
         """The layer's triangles, or those reconstructed from its points."""
         return as_surface(self.shape)
+
+    @property
+    def parts(self) -> NamedParts:
+        """The parts of the surface: MeshLab keeps no names but those of textures."""
+        if self.textures is None or self.texture is None:
+            return name_parts(self.surface)
+        return name_parts(self.surface, materials=self.textures.names, material_of=self.texture)
 
     @property
     def faces(self) -> Integers:
@@ -140,7 +150,7 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
     """
     shape = read_shape(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
-    components, textures = _components(mesh), None
+    components, textures, number = _components(mesh), None, None
     coordinates = texture_coordinates(mesh)
     if coordinates is not None:
         names, number = texture_numbers(mesh)
@@ -158,6 +168,7 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
         components=components,
         custom=tuple(attribute for name in custom for attribute in custom_attributes(mesh, name)),
         textures=textures,
+        texture=number,
     )
 
 

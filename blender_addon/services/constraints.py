@@ -34,7 +34,7 @@ from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
 from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
-from .parts import read_labels
+from .parts import read_parts
 
 # Minimum weight of a member of a vertex group.
 MEMBER = 0.5
@@ -117,7 +117,7 @@ async def match_pair(
         arguments |= constraints
         notes = of_constraints + notes
     await pause()
-    labels = read_labels(context, pair)
+    parts = read_parts(context, pair)
     try:
         target = pair.target if whole is None else whole
         result = await compute(partial(zo.match, pair.source, target, **arguments | options))
@@ -131,6 +131,7 @@ async def match_pair(
         notes.append(
             "The map contradicts most names that the two objects share: check whether names or sides are swapped."
         )
+    on_parts = notes_on_parts(result, parts)
     if whole is not None:
         notes.append(
             message(
@@ -138,7 +139,7 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
-    return replace(result, notes=(*notes, *notes_on_parts(result, *labels), *result.notes))
+    return replace(result, notes=(*notes, *on_parts, *result.notes))
 
 
 def _contradicts_names(result: zo.MatchResult, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:

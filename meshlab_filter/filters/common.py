@@ -14,15 +14,18 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH,
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import Door, Kind, Option, select_options
+from zoomout_core.matching.part_report import notes_on_parts, part_figures
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.runtime.progress import portion
 from zoomout_core.text_arguments import read_values
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# The list of `remember_matches`.
+# The list and the parts of `remember_matches`.
 _MATCHES: ContextVar[list[zo.MatchResult] | None] = ContextVar("_MATCHES", default=None)
+_PARTS: ContextVar[NamedParts | None] = ContextVar("_PARTS", default=None)
 
 SOURCE = Parameter("sourcemesh", MESH, 0, "The mesh that gives.")
 TARGET = Parameter("targetmesh", MESH, 1, "The mesh that receives.")
@@ -85,21 +88,26 @@ def find_correspondence(
     remembered = _MATCHES.get()
     if remembered is not None:
         remembered.append(found)
-    return found, report_on(found)
+    return found, report_on(found, source)
 
 
 @contextmanager
-def remember_matches(found: list[zo.MatchResult]) -> Iterator[None]:
-    """A context in which the results of matches are put into a list: a filter that fails afterwards returns none."""
-    before = _MATCHES.set(found)
+def remember_matches(found: list[zo.MatchResult], parts: NamedParts) -> Iterator[None]:
+    """A context in which the results of matches are put into a list: a filter that fails afterwards returns none.
+
+    Reports list the parts of the source with these names, which MeshLab does not keep.
+    """
+    before = _MATCHES.set(found), _PARTS.set(parts)
     try:
         yield
     finally:
-        _MATCHES.reset(before)
+        _MATCHES.reset(before[0])
+        _PARTS.reset(before[1])
 
 
-def report_on(result: zo.MatchResult) -> dict[str, Any]:
-    """A filter's report on the correspondence that it computed."""
+def report_on(result: zo.MatchResult, source: Layer) -> dict[str, Any]:
+    """A filter's report on the correspondence that it computed from a layer."""
+    parts = _PARTS.get() or source.parts
     return {
         "confidence": result.confidence,
         "has_partner": result.has_partner,
@@ -112,5 +120,6 @@ def report_on(result: zo.MatchResult) -> dict[str, Any]:
             {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}
             for found in result.candidates
         ],
-        "notes": list(result.notes),
+        "parts": part_figures(result, parts),
+        "notes": [*notes_on_parts(result, parts), *result.notes],
     }

@@ -64,7 +64,8 @@ def compute_correspondence_by_zoomout(
         meshes' vertices; `share_without_partner` and `source_share_without_partner`, shares of their areas; `verdict`,
         with a `level` (green, amber or red), a `sentence` and `advice`; `certainty`, the probability that
         the map is right as a whole, without swapped sides; `candidates`, each with its origin, whether it reverses
-        orientation, and its scores; `notes`, sentences for the user.
+        orientation, and its scores; `parts`, the share of the target that receives from each texture or loose part of
+        the source; `notes`, sentences for the user.
 
     Raises:
         MeshError: a mesh that is missing or cannot be used; the message says what to do.
@@ -74,7 +75,7 @@ def compute_correspondence_by_zoomout(
     check_names(ms.mesh(targetmesh), [*attribute_names(name), partner_name(name)])
     result = match_layers(source, target, **matching)
     store(ms.mesh(targetmesh), name, Correspondence(result.surface_map, result.confidence, result.has_partner), source)
-    report = report_on(result)
+    report = report_on(result, source)
     return {**report, "triangle": result.surface_map.triangle, "barycentric": result.surface_map.barycentric}
 
 

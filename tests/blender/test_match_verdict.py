@@ -16,7 +16,7 @@ from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.constraints import _contradicts_names
 from blender_addon.services.match import match_objects
-from blender_addon.services.parts import read_labels
+from blender_addon.services.parts import read_parts
 from blender_addon.services.select_faults import TORN, select_faults
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -144,9 +144,9 @@ def test_a_map_contradicts_names_by_their_area_and_not_by_their_number():
 def test_faces_have_the_names_of_their_objects_and_materials():
     body, both = two_parts()
     pair = jobs.run(read_pair(bpy.context, both.name, body.name))
-    labels, number = read_labels(bpy.context, pair)
-    assert labels == ["Both: Skin", "Both: Hair"]
-    assert number.tolist() == [polygon.material_index for polygon in both.data.polygons]
+    names, number = read_parts(bpy.context, pair)
+    label = [names[part].label for part in number]
+    slots = np.array([polygon.material_index for polygon in both.data.polygons])[pair.source.triangle_face]
+    assert label == [["Both: Skin", "Both: Hair"][slot] for slot in slots]
     pair = jobs.run(read_pair(bpy.context, body.name, both.name))
-    labels, number = read_labels(bpy.context, pair)
-    assert (labels, set(number.tolist())) == (["Body"], {0})
+    assert [name.label for name in read_parts(bpy.context, pair).names] == ["Body"]

@@ -123,27 +123,32 @@ def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None
     made = creature(400)
     top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
     lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
-    number = np.repeat([0, 1], len(made.surface.triangles))
-    number[(made.surface.triangles == 0).any(axis=1).nonzero()] = 1  # a few faces do not name the part
-    both = Asset(
-        zo.Surface.joined([made.surface, lump]), (material_numbers(number),), (Material("Skin"), Material("Hat"))
-    )
-    for ending, name in (("obj", None), ("glb", "source")):
-        write_asset(both, tmp_path / f"source.{ending}")
-        write_asset(Asset(made.surface), tmp_path / "target.ply")
-        files = tmp_path / f"source.{ending}", tmp_path / "target.ply"
-        code, said = run(*files, "-o", tmp_path / "out.glb")
-        assert code == 0, said
-        prefix = "" if name is None else f"{name}: "
-        assert f"Share of the target's area by part of the source: '{prefix}Skin'" in said
-        assert f"Almost nothing arrives from '{prefix}Hat'." in said
-        code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
-        (report,) = json.loads(said)["targets"]
-        assert [(part["name"], part["material"]) for part in report["parts"]] == [(name, "Skin"), (name, "Hat")]
-        matched = CliRunner().invoke(
-            main, ["match", *map(str, files), "-o", str(tmp_path / "map.npz"), "--detail", "fast"]
-        )
-        assert f"Almost nothing arrives from '{prefix}Hat'." in matched.stdout, matched.output
+    # The body is one loose part of two materials.
+    left = made.surface.vertices[made.surface.triangles].mean(axis=1)[:, 0] > 0.2
+    number = np.concatenate([left, np.full(len(left), 2)])
+    names = "Skin", "Shirt", "Hat"
+    both = Asset(zo.Surface.joined([made.surface, lump]), (material_numbers(number),), tuple(map(Material, names)))
+    files = tmp_path / "source.glb", tmp_path / "target.ply"
+    write_asset(both, files[0])
+    write_asset(Asset(made.surface), files[1])
+    arguments = "match", *map(str, files), "-o", str(tmp_path / "map.npz"), "--detail", "fast"
+    said = CliRunner().invoke(main, arguments).stdout
+    assert "Share of the target's area by part of the source: 'source: Skin' " in said
+    assert "Almost nothing arrives from 'source: Hat'." in said
+    code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
+    assert code == 0, said
+    (report,) = json.loads(said)["targets"]
+    parts = {part["material"]: part for part in report["parts"]}
+    assert {part["part"] for part in parts.values()} == {f"source: {name}" for name in names}
+    assert {part["name"] for part in parts.values()} == {"source"}
+    # The listed shares are those of the faces that the map uses.
+    stored, areas = read_asset(files[0]), made.surface.vertex_areas  # faces are grouped by material
+    material = stored.find("materials")
+    assert material is not None
+    used = material.values[stored.surface.triangle_face[np.load(tmp_path / "map.npz")["triangle"]]]
+    arrived = [parts[name]["arrived"] for name in names]
+    np.testing.assert_allclose(arrived, np.bincount(used, areas, 3) / areas.sum(), atol=1e-9)
+    assert min(arrived[:2]) > 0.2
 
 
 def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from PIL import Image
 import zoomout_core
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
+from zoomout_core.assets.asset import Asset, Material, material_numbers
+from zoomout_core.assets.files import write_asset
 from zoomout_core.matching.verdict import judge
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -160,6 +162,23 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     assert 0 <= second["share_without_partner"] <= 1
     assert 0 <= second["source_share_without_partner"] <= 1
     assert "texcoord" in second["transferred"]
+
+
+def test_parts_of_a_source_have_the_names_in_its_file(tmp_path):
+    made = creature(0.14, SOURCE_POSE)
+    body = zoomout_core.Surface(made.vertices, made.faces)
+    lump = zoomout_core.Surface(body.vertices * 0.3 + body.vertices[body.vertices[:, 2].argmax()], body.triangles)
+    left = body.vertices[body.triangles].mean(axis=1)[:, 0] > body.vertices[:, 0].mean()
+    number = np.concatenate([left, np.full(len(left), 2)])
+    colors = ((1.0, 0, 0, 1), (0, 1.0, 0, 1), (0, 0, 1.0, 1))
+    materials = tuple(map(Material, ("Skin", "Shirt", "Hat"), colors))
+    both = Asset(zoomout_core.Surface.joined([body, lump]), (material_numbers(number),), materials)
+    write_asset(both, tmp_path / "source.obj")
+    write_asset(Asset(body), tmp_path / "target.ply")
+    ran = run(tmp_path / "source.obj", tmp_path / "target.ply", "-o", tmp_path / "out.ply", "--detail", "fast")
+    assert ran.exit_code == 0, ran.output
+    assert "Share of the target's area by part of the source: 'S" in ran.output
+    assert "Almost nothing arrives from 'Hat'." in ran.output
 
 
 def test_targets_that_all_fail_are_an_error(files, scans, tmp_path):

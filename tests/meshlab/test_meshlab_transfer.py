@@ -17,6 +17,7 @@ from creature import (
 from mesh_set_state import everything
 
 from meshlab_filter import compute_correspondence_by_zoomout, transfer_attributes_by_zoomout
+from meshlab_filter.mesh_data import read_layer
 from zoomout_core import Cancelled
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -320,6 +321,12 @@ def test_each_face_lies_in_one_chart_and_has_its_texture(textured, target):
     true_upper, true_texture = chart_of(target.rest[target.faces].mean(axis=1))
     assert np.mean(upper[:, 0] == true_upper) > 0.95
     assert np.mean(texture == np.array(["front.png", "back.png"])[true_texture]) > 0.98
+
+
+def test_parts_of_a_layer_are_named_by_its_textures(textured):
+    ms, _ = textured
+    assert [part.label for part in read_layer(ms, 0).parts.names] == ["back.png", "front.bmp"]
+    assert {part.label for part in read_layer(ms, 1).parts.names} == {"part 0"}
 
 
 def test_texture_coordinates_are_those_of_the_place(textured, target):

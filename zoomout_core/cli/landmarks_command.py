@@ -13,7 +13,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.files import MESHES, inputs_of
-from zoomout_core.assets.part_names import PartName
+from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
@@ -22,7 +22,7 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.report import LOW, json_option, match_figures, parts_of
+from zoomout_core.cli.report import LOW, json_option, match_figures
 from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
@@ -41,6 +41,7 @@ from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers
 from zoomout_core.messages import message, sentences, warning
@@ -68,7 +69,7 @@ class Template:
         landmarks: as their file has them.
         points: (q, 3) positions in the mesh's frame.
         signs: (3,) factors from the file's coordinates to the mesh's.
-        parts: names of the surface's connected components.
+        parts: the parts of the surface.
         notes: sentences for the user.
     """
 
@@ -76,7 +77,7 @@ class Template:
     landmarks: LandmarkSet
     points: Floats
     signs: Floats
-    parts: list[PartName]
+    parts: NamedParts
     notes: tuple[str, ...]
 
 
@@ -144,7 +145,7 @@ def read_template(mesh: str, positions: str) -> Template:
         MeshError: a file cannot be read, or a landmark is not near the surface.
     """
     surface, found = as_surface(read_shape(mesh)), read_landmark_file(positions)
-    parts = parts_of(mesh, surface)
+    parts = parts_of_file(mesh, surface)
     if found.vertices is not None:
         number = vertex_numbers(found.vertices, len(surface.vertices), f"Landmarks in {positions}")
         return Template(surface, found, surface.vertices[number], np.ones(3), parts, ())

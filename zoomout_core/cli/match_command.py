@@ -10,8 +10,8 @@ from typing import Any
 import click
 import numpy as np
 
-from zoomout_core.assets.part_names import PartName
-from zoomout_core.cli.report import json_option, match_figures, match_lines, parts_of, say
+from zoomout_core.assets.part_names import parts_of_file
+from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import (
     OptionError,
     files_of_options,
@@ -29,6 +29,7 @@ from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import atomic_write
@@ -95,7 +96,7 @@ def match(
                     result = result.use(candidate)
             with keep_map(partial(save_match, result), Path(output)):
                 save_match(result, Path(output))
-            lines, figures = _summary(result, parts_of(source, result.source))
+            lines, figures = _summary(result, parts_of_file(source, result.source))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
@@ -134,7 +135,7 @@ def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[
     return lines, {"share_with_partner": share, "notes": list(result.notes)}
 
 
-def _summary(result: MatchResult, parts: list[PartName]) -> tuple[list[str], dict[str, Any]]:
+def _summary(result: MatchResult, parts: NamedParts) -> tuple[list[str], dict[str, Any]]:
     """Summary of a match for the user."""
     over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
     origin = result.candidates[result.chosen].origin

@@ -4,22 +4,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import click
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.files import READERS, read_asset
-from zoomout_core.assets.part_names import PartName, name_parts_of
+from zoomout_core.arrays import Floats
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
-from zoomout_core.matching.part_report import notes_on_parts
+from zoomout_core.matching.part_report import notes_on_parts, part_figures
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import GREEN
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.named_parts import NamedParts
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5
@@ -39,16 +36,8 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
         tell(line)
 
 
-def parts_of(file: str, surface: Surface) -> list[PartName]:
-    """The names of the parts of a surface that was read from a file; only numbers for formats without names."""
-    count = int(surface.components.max(initial=0)) + 1
-    if count == 1 or Path(file).suffix.lower() not in READERS:
-        return [PartName(number) for number in range(count)]
-    return name_parts_of(surface, read_asset(file))
-
-
-def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, Any]:
-    """Figures of a match for programs, with the names of the source's parts."""
+def match_figures(result: MatchResult, parts: NamedParts) -> dict[str, Any]:
+    """Figures of a match for programs, with the shares of the source's parts."""
     return {
         "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
@@ -63,38 +52,17 @@ def match_figures(result: MatchResult, parts: Sequence[PartName]) -> dict[str, A
     }
 
 
-def part_figures(result: MatchResult, parts: Sequence[PartName]) -> list[dict[str, Any]]:
-    """For each component of the source its names, its visible share, and the share of the target that receives."""
-    if len(result.pair.shares) != len(parts):  # the source was matched as a single part
-        parts = [PartName(0)]
-    return [
-        {
-            "part": part.number,
-            "name": part.name or None,
-            "material": part.material or None,
-            "visible": float(visible),
-            "arrived": float(arrived),
-        }
-        for part, visible, arrived in zip(parts, result.pair.shares, result.arrived, strict=True)
-    ]
-
-
-def match_lines(result: MatchResult, parts: Sequence[PartName]) -> list[str]:
+def match_lines(result: MatchResult, parts: NamedParts) -> list[str]:
     """The same figures in sentences."""
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
         *_ways_out(result),
-        *notes_on_parts(result, [part.label for part in parts], _part_of_faces(result.source)),
+        *notes_on_parts(result, parts),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]
-
-
-def _part_of_faces(surface: Surface) -> Integers:
-    """(f,) the connected component of each face."""
-    return surface.components[surface.corner_vertex[surface.face_start[:-1]]]
 
 
 def _ways_out(result: MatchResult) -> list[str]:

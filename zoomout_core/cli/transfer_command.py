@@ -27,7 +27,7 @@ from zoomout_core.assets.files import (
     write_asset,
 )
 from zoomout_core.assets.key_names import rename_keys
-from zoomout_core.assets.part_names import name_parts
+from zoomout_core.assets.part_names import parts_of
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset
 from zoomout_core.batch import (
@@ -234,7 +234,7 @@ def _run_job(
     if candidate:
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
-    parts = name_parts(source)
+    parts = parts_of(source)
     report |= {**match_figures(result, parts), "notes": [*source.notes, *target.notes, *result.notes]}
     check_verdict(result.verdict, force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):

@@ -18,12 +18,14 @@ from typing import TypeVar
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
+from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.part_report import notes_on_parts
 from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.opening import existing, file_bytes
@@ -194,7 +196,8 @@ def match_pair(
         return Matched(pair, record, False)
     earlier = load_candidate_maps(output) if record is not None else None
     began = perf_counter()
-    first, second = (read_shape(_path_of(item, place, sent=bool(source.content))) for item in items)
+    paths = [_path_of(item, place, sent=bool(source.content)) for item in items]
+    first, second = map(read_shape, paths)
     options = place.options
     if beginning is not None and beginning.samples is not None and beginning.images is not None:
         images = spread_from_samples(as_surface(second), beginning.samples, beginning.images)
@@ -203,6 +206,8 @@ def match_pair(
         result = match(first, second, options)
         if beginning is not None and beginning.candidate:
             result = result.use(beginning.candidate)
+        parts = parts_of_file(paths[0], result.source)
+    result = replace(result, notes=(*notes_on_parts(result, parts), *result.notes))
     summaries = [ShapeSummary.load(place.folder / place_of_shape(name)) for name in pair]
     through = "" if beginning is None else beginning.through
     # Keep the earlier candidates, so that the next run makes the same choice.

@@ -4,74 +4,87 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from zoomout_core.arrays import Integers
 from zoomout_core.matching.components.hulls import outer_triangles
 from zoomout_core.matching.memory_cache import cached_hull
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import VERDICT
+from zoomout_core.mesh.named_parts import NamedParts, PartName
 from zoomout_core.messages import Message, enumeration, message, warning
 
-# The name of a part with the share of the source's outside that it makes up, and that of the target that receives from
-# it, in [0, 1].
-PartShare: TypeAlias = tuple[str, float, float]
 # Number of parts that a sentence lists, the largest first; and the share of the outside below which none is listed.
 LISTED, MIN_VISIBLE = 24, 0.001
 SHARES = "Share of the target's area by part of the source: {parts}."
 
 
-def part_shares(result: MatchResult, names: Sequence[str], number: Integers) -> list[PartShare]:
-    """The shares of parts by their names, those of the largest visible share first; parts of one name together.
+class PartShare(NamedTuple):
+    """How much of a source and of a target belongs to a part.
 
-    Args:
-        result: a match.
-        names: the names of parts.
-        number: (f,) the number of the part that each face of the source belongs to.
+    Attributes:
+        part: the part.
+        visible: the share of the source's outside that it makes up, in [0, 1].
+        arrived: the share of the target's area that receives from it, in [0, 1].
     """
-    if len(result.pair.shares) < 2:  # the source was matched as a single part
+
+    part: PartName
+    visible: float
+    arrived: float
+
+
+def part_shares(result: MatchResult, parts: NamedParts) -> list[PartShare]:
+    """The share of each part, the largest visible share first; none if the source was matched as a single part."""
+    if len(result.pair.shares) < 2:
         return []
-    part = number[result.source.triangle_face]
+    count = len(parts.names)
     outer, areas = outer_triangles(result.source, cached_hull(result.source)), result.target.vertex_areas
-    visible = np.bincount(part[outer], minlength=len(names)) / len(outer)
-    arrived = np.bincount(part[result.surface_map.triangle], areas, len(names)) / areas.sum()
-    shares: dict[str, tuple[float, float]] = {}
-    for name, of_source, of_target in zip(names, visible.tolist(), arrived.tolist(), strict=True):
-        before = shares.get(name, (0.0, 0.0))
-        shares[name] = before[0] + of_source, before[1] + of_target
-    parts = [(name, *both) for name, both in shares.items() if max(both) >= MIN_VISIBLE]
-    return sorted(parts, key=lambda part: -part[1])
+    visible = np.bincount(parts.number[outer], minlength=count) / len(outer)
+    arrived = np.bincount(parts.number[result.surface_map.triangle], areas, count) / areas.sum()
+    shares = map(PartShare, parts.names, visible.tolist(), arrived.tolist())
+    return sorted(shares, key=lambda share: -share.visible)
 
 
-def notes_on_parts(result: MatchResult, names: Sequence[str], number: Integers) -> tuple[str, ...]:
-    """Sentences about the share of each part, and those that provide almost nothing; arguments as for `part_shares`."""
-    parts = part_shares(result, names, number)
-    if len(parts) < 2:
-        return ()
-    listed = sorted(((share, name) for name, _, share in parts if share >= MIN_VISIBLE), reverse=True)[:LISTED]
-    notes = [
-        message(
-            SHARES, parts=enumeration(message("'{name}' {share:.1%}", name=name, share=share) for share, name in listed)
-        )
+def part_figures(result: MatchResult, parts: NamedParts) -> list[dict[str, Any]]:
+    """The shares of parts for programs."""
+    return [
+        {
+            "part": part.label,
+            "name": part.name or None,
+            "material": part.material or None,
+            "visible": visible,
+            "arrived": arrived,
+        }
+        for part, visible, arrived in part_shares(result, parts)
     ]
+
+
+def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
+    """Sentences about the share of each part, and those that provide almost nothing."""
+    shares = [share for share in part_shares(result, parts) if max(share.visible, share.arrived) >= MIN_VISIBLE]
+    if len(shares) < 2:
+        return ()
+    listed = sorted(((arrived, part.label) for part, _, arrived in shares if arrived >= MIN_VISIBLE), reverse=True)
+    quoted = enumeration(message("'{name}' {share:.1%}", name=name, share=share) for share, name in listed[:LISTED])
+    notes = [message(SHARES, parts=quoted)]
     silent = [
-        name for name, visible, arrived in parts if visible >= MIN_VISIBLE and arrived < VERDICT.arrived * visible
+        part.label
+        for part, visible, arrived in shares
+        if visible >= MIN_VISIBLE and arrived < VERDICT.arrived * visible
     ]
     if silent:
         notes.append(warning("Almost nothing arrives from {parts}.", parts=_quote(silent)))
-    partly = _names_of_uncertain(result, names, number) - set(silent)
+    partly = _names_of_uncertain(result, parts) - set(silent)
     if partly:
         notes.append(warning("Little arrives for certain from loose parts of {parts}.", parts=_quote(sorted(partly))))
     return tuple(notes)
 
 
-def _names_of_uncertain(result: MatchResult, names: Sequence[str], number: Integers) -> set[str]:
-    """The name on most of the faces of each component from which little arrives for certain."""
-    source = result.source
-    component = source.components[source.corner_vertex[source.face_start[:-1]]]
-    return {names[int(np.bincount(number[component == each]).argmax())] for each in result.uncertain}
+def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
+    """The name on most triangles of each component from which little arrives for certain."""
+    component = result.source.components[result.source.triangles[:, 0]]
+    return {parts.names[int(np.bincount(parts.number[component == each]).argmax())].label for each in result.uncertain}
 
 
 def _quote(names: Iterable[str]) -> Message:

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
@@ -312,3 +312,21 @@ def test_the_command_refuses_what_does_not_fit_together(
     result = CliRunner().invoke(main, ["collection", str(folder), "-o", str(tmp_path / "out"), *arguments])
     assert result.exit_code == (1 if "--output" in arguments else 2)
     assert said in result.stderr
+
+
+def test_notes_on_a_pair_list_the_parts_of_its_source_by_their_names(tmp_path: Path) -> None:
+    body = creature(400).surface
+    lump = zo.Surface(body.vertices * 0.3 + body.vertices[body.vertices[:, 2].argmax()], body.triangles)
+    left = body.vertices[body.triangles].mean(axis=1)[:, 0] > 0.2
+    number = np.concatenate([left, np.full(len(left), 2)])
+    materials = tuple(map(Material, ("Skin", "Shirt", "Hat")))
+    files = tmp_path / "source.obj", tmp_path / "target.ply"
+    write_asset(Asset(zo.Surface.joined([body, lump]), (material_numbers(number),), materials), files[0])
+    write_shape(body, files[1])
+    result = match_collection(files, tmp_path / "out", pairs=[("source", "target")], options=FAST)
+    (record,) = result.records.values()
+    shares, silent, *_ = record.notes
+    assert shares.startswith("Share of the target's area by part of the source: 'S")
+    assert "'Skin' " in shares
+    assert "'Shirt' " in shares
+    assert silent == "Almost nothing arrives from 'Hat'."

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Triangles have the names of their objects and materials, or those of their loose parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import zoomout_core as zo
+from zoomout_core.mesh.named_parts import name_parts
+from zoomout_core.samples.spheres import ball
+
+SPHERE = ball(1.0)
+COUNT = len(SPHERE.triangles)
+TWO = zo.Surface.joined([SPHERE, zo.Surface(0.5 * SPHERE.vertices + [0, 0, 2], SPHERE.triangles)])
+OBJECT = np.repeat([0, 1], COUNT)
+
+
+def labels(*arguments: object, **named: object) -> list[str]:
+    """The label of each triangle of two spheres."""
+    parts = name_parts(TWO, *arguments, **named)  # type: ignore[arg-type]
+    return [parts.names[number].label for number in parts.number]
+
+
+def test_the_material_of_an_object_is_named_if_there_are_several() -> None:
+    material = np.arange(2 * COUNT) % 2
+    material[COUNT:] = 0
+    assert labels(["Body", "Hat"], OBJECT, ["Skin", "Shirt"], material) == (
+        ["Body: Skin", "Body: Shirt"] * (COUNT // 2) + ["Hat"] * COUNT
+    )
+    parts = name_parts(TWO, ["Body", "Hat"], OBJECT, ["Skin", "Shirt"], material)
+    assert parts.names[-1] == ("Hat", "Hat", "Skin")
+
+
+def test_objects_and_materials_of_one_name_are_one_part() -> None:
+    parts = name_parts(TWO, ["Body", "Body"], OBJECT, ["Skin", "Skin"], OBJECT)
+    assert [each.label for each in parts.names] == ["Body"]
+
+
+def test_loose_parts_without_names_have_numbers() -> None:
+    assert labels() == ["part 0"] * COUNT + ["part 1"] * COUNT
+    assert labels(materials=["Skin"], material_of=np.where(OBJECT == 0, 0, -1)) == ["Skin"] * COUNT + ["part 1"] * COUNT
