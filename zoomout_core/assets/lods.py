@@ -25,10 +25,10 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import components, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, components, unique_edges, unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.transfer.attribute import Attribute, Domain
+from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.groups import expand_ranges, first_of_each
 from zoomout_core.transfer.poses import MAX_FRAMES, distinct_poses, extreme_poses
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
@@ -47,6 +47,8 @@ FITTED = 8
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
 MORE = 1.1
+# Smallest cosine between the normal at a corner and that of its face; lower ones are shaded almost black.
+MIN_FACING = 0.25
 # Vertices of the asset whose distances from a level are averaged: a sample with a standard error of about 1 %.
 MAX_POINTS = 10_000
 # Share of the time that simplifying takes.
@@ -170,7 +172,7 @@ def _level(
     level, used = _select(asset, *part)
     if max_weights is not None:
         level = with_fewer_weights(level, max_weights)
-    level = _fit(source, level, used, poses)
+    level = _with_facing_normals(_fit(source, level, used, poses), asset, used)
     found = _map_of(asset.surface, used)
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(used)), has_partner=None)
     notes = [*asset.notes]
@@ -298,10 +300,6 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
         for each in asset.attributes
         if each.domain in elements
     ]
-    normals = asset.find(NORMALS)
-    if normals is not None:
-        facing = _facing_normals(normals, surface, made, used)
-        attributes = [replace(each, values=facing) if each.name == NORMALS else each for each in attributes]
     skin = asset.skin
     if skin is not None:
         skin = replace(skin, rest=skin.rest[used], linear=skin.linear[used], weights=csr_array(skin.weights)[used])
@@ -312,17 +310,32 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
     return level, used
 
 
-def _facing_normals(normals: Attribute, surface: Surface, level: Surface, used: Integers) -> Floats:
-    """(c, 3) for each corner of a level the normal nearest to its face's, of those that its vertex has in the asset."""
+def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
+    """A level with, at each corner, the normal nearest to its face's of those that its vertex has in the asset.
+
+    If all of them face another way, the face's own normal is used: such a place would be black. Vertices whose normals
+    face another way in the asset, such as those of foliage, keep them.
+    """
+    normals, surface, made = asset.find(NORMALS), asset.surface, level.surface
+    if normals is None:
+        return level
     values = on_corners(normals, surface)
     order = np.argsort(surface.corner_vertex, kind="stable")
     start = np.searchsorted(surface.corner_vertex[order], np.arange(len(surface.vertices) + 1))
-    vertex = used[level.triangles.ravel()]
+    vertex = used[made.triangles.ravel()]
     of_corner, place = expand_ranges(start[vertex], start[vertex + 1])
     choices = values[order[place]]
-    a, b, c = (level.vertices[level.triangles[:, corner]] for corner in range(3))
-    facing = np.repeat(np.cross(b - a, c - a), 3, axis=0)[of_corner]
-    return np.asarray(choices[first_of_each(of_corner, -np.einsum("kx,kx->k", choices, facing))])
+    flat = unit_vectors(area_normals(surface.vertices, surface.triangles))
+    off = np.einsum("mcx,mx->mc", values[surface.triangle_corners], flat) < MIN_FACING
+    meant = np.zeros(len(surface.vertices), dtype=bool)
+    meant[surface.triangles[off]] = True
+    facing = np.repeat(unit_vectors(area_normals(made.vertices, made.triangles)), 3, axis=0)
+    cosine = np.einsum("kx,kx->k", choices, facing[of_corner])
+    best = first_of_each(of_corner, -cosine)
+    turned = (cosine[best] < MIN_FACING) & ~meant[vertex] & facing.any(axis=1)  # triangles without area have no normal
+    found = np.where(turned[:, None], facing, choices[best])
+    attributes = tuple(replace(each, values=found) if each.name == NORMALS else each for each in level.attributes)
+    return replace(level, attributes=attributes)
 
 
 def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:

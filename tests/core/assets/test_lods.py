@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from skinned_tubes import LENGTH, write_tube
 
 import zoomout_core as zo
-from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
+from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.fit_level import LEVEL_FIT
 from zoomout_core.assets.lods import Level, at_rest, make_lods, with_fewer_weights
@@ -23,6 +23,7 @@ from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION
+from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.tuning import Tuning, retune
 
@@ -194,6 +195,18 @@ def test_a_level_takes_nothing_from_another_layer() -> None:
     assert set(red) == {0.0, 1.0}
     triangles = level.asset.surface.triangles
     assert (red[triangles] == red[triangles][:, :1]).all()
+
+
+def test_normals_face_as_their_triangles() -> None:
+    surface = creature(2000, bend=0.5).surface
+    flat = unit_vectors(area_normals(surface.vertices, surface.triangles))
+    normals = Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.repeat(flat, 3, axis=0))
+    (level,) = make_lods(Asset(surface, (normals,)), [0.05])
+    made, found = level.asset.surface, level.asset.find(NORMALS)
+    assert found is not None
+    faces = unit_vectors(area_normals(made.vertices, made.triangles))
+    cosine = np.einsum("mcx,mx->mc", np.asarray(found.values)[made.triangle_corners], faces)
+    assert cosine.min() > 0.2
 
 
 def test_parts_that_are_close_to_each_other_are_fitted_independently() -> None:
