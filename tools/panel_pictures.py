@@ -68,6 +68,7 @@ def matching() -> Story:
     picture("panel_fresh")
     bpy.context.scene.zoomout.source = scan
     yield KNOWN
+    yield DRAWN  # panels below the warning slide down
     picture("panel_warning")
     bpy.context.scene.zoomout.source = None
     yield DRAWN
@@ -226,7 +227,11 @@ STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "matching": (matching, set(), set()),
     "light": (light, set(), set()),
     "parts": (parts, set(), {"ZOOMOUT_PT_transfer"}),
-    "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
+    "landmarks": (
+        landmarks,
+        {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"},
+        {"ZOOMOUT_PT_transfer", "ZOOMOUT_PT_binding"},
+    ),
     "binding": (binding, {"ZOOMOUT_PT_binding_check"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "dressing": (dressing, {"ZOOMOUT_PT_dress"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),

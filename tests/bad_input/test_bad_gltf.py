@@ -37,7 +37,7 @@ def test_it_is_one_sentence(name: str, read: object, tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=rf"^{path} [^\n]*\.$") as error:
         read(path)
     assert not re.search("broadcast|reshape|shape mismatch", str(error.value))  # words of numpy
-    assert process_time() - start < 2
+    assert process_time() - start < 10
 
 
 @pytest.mark.parametrize(
