@@ -67,7 +67,9 @@ def matching() -> Story:
     yield from begin(scan, hero)
     picture("panel_fresh")
     bpy.context.scene.zoomout.source = scan
+    region("UI").tag_redraw()
     yield KNOWN
+    region("UI").tag_redraw()
     yield DRAWN  # panels below the warning slide down
     picture("panel_warning")
     bpy.context.scene.zoomout.source = None
