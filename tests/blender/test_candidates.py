@@ -75,6 +75,7 @@ def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(s
     assert snapshot_file() == before
 
 
+@pytest.mark.slow
 def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_sides(source, target):
     result, pair = (
         match_objects(bpy.context, source, target, k_final=60),
@@ -123,6 +124,7 @@ def test_a_file_that_is_opened_again_still_offers_the_other_side(source, target,
     assert candidates.is_cached(stored_candidates.read(target.data))
 
 
+@pytest.mark.slow
 def test_a_match_without_others_has_no_list(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     match_objects(bpy.context, source, target, initial="proximity", k_final=60)

@@ -74,6 +74,7 @@ def test_the_clothes_fit_at_the_present_value_of_a_key():
     assert np.abs(off - worn).mean() < 0.03
 
 
+@pytest.mark.slow
 def test_a_target_with_any_matrix_gives_the_same_keys():
     _, _, copy = dressed()
     offsets = key_shape(copy.data, "Wide") - key_shape(copy.data, "Basis")
@@ -116,6 +117,7 @@ def test_masks_of_the_bodys_keys_count():
     assert not copy.data.shape_keys.key_blocks["Wide"].vertex_group
 
 
+@pytest.mark.slow
 def test_keys_can_be_left_out_and_are_replaced_with_the_copy():
     body, target, copy = dressed(dressing=api.Dressing(follow_keys=False))
     assert copy.data.shape_keys is None

@@ -92,6 +92,7 @@ def test_each_part_is_matched_with_its_counterpart(hero, scan):
     np.testing.assert_allclose(weight_array(left, "eye_bone.L"), 1)
 
 
+@pytest.mark.slow
 def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
     scan = gather("Scan", [decimate("Whole")])
     whole = scan.objects[0]

@@ -62,6 +62,7 @@ def source():
     return source_and_rig()
 
 
+@pytest.mark.slow
 def test_a_target_that_is_not_bound_is_dressed_as_it_stands(source):
     body, armature = source
     cloth = sleeve(armature)
@@ -84,6 +85,7 @@ def test_a_target_that_is_not_bound_is_dressed_as_it_stands(source):
     np.testing.assert_allclose(visible_positions(copy) - place, np.broadcast_to([3, 0, 0], place.shape), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_stretched_copies_are_named(source, monkeypatch):
     body, armature = source
     target, _ = pose_target(body, armature)

@@ -45,6 +45,7 @@ def read_at(surface, points, values, corners):
     return np.einsum("qc,qcx->qx", barycentric, values[numbers[triangle]])
 
 
+@pytest.mark.slow
 def test_a_posed_and_remeshed_character_receives_its_data_where_data_transfer_fails(scene):
     source, target, posed = scene
     assert not target.vertex_groups

@@ -56,6 +56,7 @@ def test_a_new_match_that_is_probably_wrong_stops_the_transfer_once(source, targ
     assert report["verdict"]["level"] == RED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operate", ["wrap", "dress"])
 def test_it_stops_a_wrap_and_a_dress_once_too(source, target, wrong, operate):
     worn = ellipsoid("Shirt", 3)

@@ -161,6 +161,7 @@ def test_the_new_bones_can_be_undone():
     assert len(other.pose.bones["Tail.1"].constraints) == 1
 
 
+@pytest.mark.slow
 def test_dressing_again_replaces_the_bones():
     body, armature = source_and_rig()
     tail = tail_and_chain(armature)

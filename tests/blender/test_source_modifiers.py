@@ -38,6 +38,7 @@ def received(target):
     return weight_array(target, "Bone"), values(target.data, "UVMap"), np.array(keys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["SUBSURF", "MULTIRES", "MIRROR", "SOLIDIFY", "TRIANGULATE", "DECIMATE", "NODES"])
 def test_a_modifier_added_to_the_source_outdates_nothing_and_the_same_data_arrive(dressed, target, kind):
     match_objects(bpy.context, dressed, target, **NEAREST)

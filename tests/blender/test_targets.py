@@ -35,6 +35,7 @@ def targets(source):
     return found
 
 
+@pytest.mark.slow
 def test_the_active_and_all_selected_meshes_but_the_source_are_matched(source, targets):
     activate(targets[1], targets[0], source)
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}

@@ -110,6 +110,7 @@ def test_landmarks_on_a_mirror_image_are_placed_with_a_note(folder: Path, number
     assert np.median(np.linalg.norm(found.points - truth, axis=1)) < 0.1
 
 
+@pytest.mark.slow
 def test_a_match_that_is_probably_wrong_is_refused(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -120,6 +120,7 @@ def test_shapes_that_no_smooth_deformation_relates_follow_the_map(
     assert found.confidence == pytest.approx(by_map.interpolate(result.confidence))
 
 
+@pytest.mark.slow
 def test_vertex_numbers_stand_for_their_places(source: Surface, result: MatchResult) -> None:
     found, same = (zo.transfer_landmarks(result, each) for each in ([3, 90], source.vertices[[3, 90]]))
     assert found.points.tolist() == same.points.tolist()

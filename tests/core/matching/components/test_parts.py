@@ -92,6 +92,7 @@ def sewn() -> Match:
     return zo.match(source.surface, target.surface), source, target
 
 
+@pytest.mark.slow
 def test_clothes_bend_with_the_body_and_land_on_their_own(torn: Match) -> None:
     result, source, target = torn
     assert errors(result, source, target, "trousers").mean() < 0.02

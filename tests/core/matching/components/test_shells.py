@@ -142,6 +142,7 @@ def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, 
     )
 
 
+@pytest.mark.slow
 def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
     target = mannequin(None, 60, 4)
     result = zo.match(at_rest.surface, target.surface)

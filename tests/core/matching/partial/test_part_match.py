@@ -107,6 +107,7 @@ def shape_of(surface: Surface) -> ShapeAnalysis:
     return analyse_piece(Creature(surface, surface.vertices))
 
 
+@pytest.mark.slow
 def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     here = int(np.argmin(part.surface.vertices[:, 2]))

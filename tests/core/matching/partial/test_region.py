@@ -100,7 +100,10 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert np.median(errors_of(placed(found[0]), made)) < 0.02
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
-    # The usual search without regions does not find it.
+
+
+@pytest.mark.slow
+def test_the_search_without_regions_finds_no_hand(made: tuple[Creature, Creature, Pair]) -> None:
     with retune(REGION, small=0.0), retune(PART_CANDIDATES, regions=1):
         usual = match_part(made[2])
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
