@@ -89,7 +89,7 @@ def _naps(workers: int) -> Record:
 
 
 def _plan(shapes: int) -> Record:
-    """A graph of so many shapes and their pairs, whose tasks do nothing."""
+    """A graph of a number of shapes and their pairs, whose tasks do nothing."""
     tasks = [Task(f"prepare {number}", nap, (0.0,)) for number in range(shapes)]
     for number in range(shapes):
         for step in range(1, NEIGHBOURS + 1):

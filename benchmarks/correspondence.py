@@ -84,11 +84,11 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     `calibration`, for all sets and each: the maps whose certainty is in some range, its mean, how many
     are right, and how many have left and right exchanged.
 
-    `parts`, for each kind of missing pieces of the sets of parts: success, mean and median error on what has a partner,
-    mean certainty; the mean area of the intersection of the true and the stated region that has a partner over that of
-    their union, of the source (on all pairs and on those that succeeded) and of the target; how far the stated share of
-    the source's area without a partner is from the true one, on average; and the published mean errors of PFM and of
-    trained methods on SHREC'16. These pairs are in `calibration`, too.
+    `parts`, for each kind of missing pieces of the sets of parts: success, mean and median error of places with a
+    partner, mean certainty; the mean area of the intersection of the true and the stated region that has a partner over
+    that of their union, of the source (on all pairs and on those that succeeded) and of the target; how far the stated
+    share of the source's area without a partner is from the true one, on average; and the published mean errors of PFM
+    and of trained methods on SHREC'16. These pairs are in `calibration`, too.
 
     `ablation`: `rows` with a stage left out each, measured as `benchmarks.ablation` says.
 

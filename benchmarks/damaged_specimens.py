@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What happens to specimens in the ground, in the scanner and in evolution, done to clean ones whose truth is known.
+"""Damage clean specimens, whose truth is known, in the ways of burial, scanning and evolution.
 
 Lengths are relative to the square root of a specimen's area.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hashes of the library's results, to check bit by bit that a change leaves all maps as they were.
 
-Every case is computed anew, by the public functions, at one thread and at several. A file of hashes is valid for one
+Every case is recomputed by the public functions, at one thread and at several. A file of hashes is valid for one
 machine and one set of installed packages: numpy and scipy round differently on others.
 """
 

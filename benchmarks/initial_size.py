@@ -63,7 +63,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
 
 
 def _of_names(folder: Path, names: tuple[str, str], draws: int) -> list[Record]:
-    """The records of a pair: one for each size, and one for each of so many draws of each noise."""
+    """The records of a pair: one for each size, and one for each draw of each noise."""
     growth = _Growth.of(load_pair(folder, *names))
     initial = shipped_map(folder, START, *names)
     starts = [zo.functional_map_of(initial, growth.source, growth.target, size, size) for size in SIZES]

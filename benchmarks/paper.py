@@ -49,7 +49,7 @@ class Section:
         name: the name of its command, and of the files of its figure and its records.
         title: its heading.
         published: the paper's figures.
-        setup: what is compared here, and how it differs from the paper; nothing that the figures decide.
+        setup: the methods compared here, and differences from the paper; nothing that the figures decide.
         reading: sentences from the figures of the tables.
         run: computes the tables from the folder of the sets, the number of pairs, and the file for the figure, which it
             may not write.

@@ -168,7 +168,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     `not isometric`: the same for sets of shapes that are far from isometric, with published maps.
 
     Initial maps are `map_WKSini_direct.npz` of the set, or, if it has only `map_WKSini_symm.npz`, made by
-    `from_signatures`. Sets of the latter kind, which are people, are refined once more with an eighth of the edges
+    `from_signatures`. Sets of the latter kind, which are people, are refined again with an eighth of the edges
     of both meshes flipped, from two random landmarks (`from_landmarks`); in sets with several meshes of one surface,
     meshes of different kinds are refined from SHOT descriptors (`from_shot`); the paper used learned ones.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tests of several rooms have in common."""
+"""Fixtures and options shared by all tests."""
 
 from __future__ import annotations
 

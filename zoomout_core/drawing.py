@@ -17,7 +17,7 @@ from zoomout_core.transfer.pixels import INSIDE, pixels_near
 SAMPLES = 2
 # The background of upright meshes, and the share of the picture that they fill.
 PAPER, FILLED = np.full(3, 0.97), 0.92
-# Direction to the light (right, up, towards the viewer), and the brightness of what is turned away from it.
+# Direction to the light (right, up, towards the viewer), and the brightness of surfaces that face away from it.
 LIGHT, SHADOW = np.array([-0.45, 0.55, 0.7]), 0.3
 
 

@@ -111,7 +111,7 @@ class _Problem:
 
     @classmethod
     def of(cls, source: Side, target: Side, on_source: Floats, on_target: Floats, k: int) -> _Problem:
-        """Of two shapes with descriptors (n_s, d) and (n_t, d), and k eigenfunctions of each."""
+        """Set up the system for two shapes with descriptors (n_s, d) and (n_t, d), and k eigenfunctions of each."""
         share = target.surface.area / source.surface.area
         basis = target.basis.at_area(share)
         r = int((basis.eigenvalues[:k] < source.basis.eigenvalues[k - 1]).sum())

@@ -35,7 +35,7 @@ class Picture(NamedTuple):
 
     Attributes:
         row: of the table.
-        case: what was matched.
+        case: the matched pair.
         result: of the match.
     """
 

@@ -16,7 +16,7 @@ from zoomout_core.transfer.poses import pose_of_turns
 from zoomout_core.transfer.skinning import blend_matrices, transform_points
 
 Bodies: TypeAlias = Any  # the class of `clothes.py`, which comes with the data
-# Distance at which two limbs count as touching, in centimetres; each pose approaches it in so many steps.
+# Distance at which two limbs count as touching, in centimetres, and the number of steps in which a pose approaches it.
 GAP, STEPS = 0.3, 60
 # A vertex belongs to a limb if the bones of that limb have this share of its weights.
 OF_LIMB = 0.9

@@ -20,7 +20,7 @@ from zoomout_core.mesh.surface import Surface
 REMESHED, MAKEHUMAN = "remeshed", "MakeHuman"
 # Regions of the head model that form its skin; the others are eyes, teeth, tongue, lashes and tears.
 SKIN = ("face", "head_neck", "mouth_socket", "eye_socket_L", "eye_socket_R")
-# Of the 68 landmarks, those on the upper lids, and those opposite on the lower lids.
+# Landmarks, of 68, on the upper lids, and those opposite on the lower lids.
 UPPER_LIDS, LOWER_LIDS = (37, 38, 43, 44), (41, 40, 47, 46)
 JAW_OPEN = "jawOpen"
 Sides = tuple[Integers, Integers]
@@ -67,7 +67,7 @@ class Case:
 
 
 def cases(data: Path, pairs: int | None) -> Iterator[Case]:
-    """The pairs in a folder with the set `faces`, or in the set itself; at most so many of each kind."""
+    """The pairs in a folder with the set `faces`, or in the set itself; at most `pairs` of each kind."""
     folder = data / "faces" if (data / "faces").is_dir() else data
     model = _Model(folder / "ict.npz")
     for path in evenly(sorted((folder / "pairs").glob("*.npz")), pairs):

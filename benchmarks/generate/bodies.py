@@ -139,7 +139,7 @@ def draw_individual(template: Template, random: np.random.Generator, exaggeratio
 
 
 def posed_mesh(template: Template, individual: Individual, random: np.random.Generator) -> PosedMesh:
-    """An individual in a random pose, meshed anew with 4,000 to 8,000 vertices, possibly with loose parts.
+    """An individual in a random pose, remeshed with 4,000 to 8,000 vertices, possibly with loose parts.
 
     Raises:
         GenerationError: none of the poses tried gave one closed body.

@@ -28,7 +28,7 @@ from .partial import load_whole
 RESOLUTIONS = (100, 80, 60)
 # Depth of the hull in voxels, at which its area is that of the surface.
 INSET = 0.5
-# Parts are merged if the shortest path between two of so many vertices becomes shorter by more than this, at unit area:
+# Parts are merged if the shortest path between two of PROBES vertices becomes shorter by more than this, at unit area:
 # half of the way from a hand to the hip.
 PROBES, SHORTCUT = 150, 0.3
 

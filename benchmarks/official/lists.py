@@ -74,7 +74,7 @@ class OfficialList:
 
     @property
     def protocol(self) -> Record:
-        """What `protocol.json` says; empty if there is none."""
+        """The content of `protocol.json`; empty if there is none."""
         path = self.folder / PROTOCOL
         return dict(json.loads(path.read_text())) if path.is_file() else {}
 

@@ -268,7 +268,7 @@ def _rank(row: Record, figure: str) -> float:
 
 
 def _sentences(about: Record, rows: Sequence[Record]) -> list[str]:
-    """What was measured of a list, and the protocol's own description of it."""
+    """The measured sample of a list, and the protocol's own description of it."""
     said = [f"*List*: {about['protocol']['protocol']}"] if "protocol" in about["protocol"] else []
     whole = all(row["pairs"] == row["of"] for row in rows if row["of"])
     measured = (

@@ -220,7 +220,7 @@ class Skin:
 
 
 class Expected:
-    """What is expected of a worn object on the second of two skins.
+    """The place of a worn object that is expected on the second of two skins.
 
     Args:
         thing: the object on the first skin.

@@ -20,7 +20,7 @@ NO_UV = message("it is not placed by a UV map")
 
 @dataclass(frozen=True)
 class ImageRole:
-    """What images are used for; those of one role in several materials are baked into one image.
+    """The purpose of an image; images of one role in several materials are baked into one image.
 
     Attributes:
         inputs: the names of the shaders' inputs that depend on them.

@@ -91,7 +91,7 @@ def advance(context: Context) -> bool:
 
 
 def _selected_pair(context: Context) -> _Pair | None:
-    """What a match of the active object would need.
+    """The surfaces that a match of the active object would need.
 
     None without two meshes in Object Mode, or if they are large. None, too, if the target's modifiers add vertices: to
     read it takes a temporary copy in the scene, which nobody has asked for.

@@ -62,7 +62,7 @@ class ModalOperator(Operator):
 
     @property
     def adds_undo_steps(self) -> bool:
-        """Whether the work may push undo steps of its own: what is done in another mode is one step."""
+        """Whether the work may push undo steps of its own: work done in another mode is one step."""
         return self._left is None
 
     def execute(self, context: Context) -> set[str]:

@@ -12,7 +12,7 @@ EXTENSION = __package__.removesuffix(".properties")
 
 
 class AheadPreferences:
-    """What the extension does before it is asked to."""
+    """Preferences of the work that the extension does ahead."""
 
     prepare_ahead: BoolProperty(
         name="Prepare Ahead",

@@ -232,4 +232,4 @@ class KeyName:
 class ZOOMOUT_PG_symmetry(
     DetectOptions, DirectionOptions, WeightOptions, KeyOptions, LayerOptions, CheckOptions, SideOptions, PropertyGroup
 ):
-    """The scene's settings of what is done along a symmetry."""
+    """The scene's settings of transfers along a symmetry."""

@@ -15,7 +15,7 @@ NAMING = ("limit", "flip_names", "group_names", "turning")
 
 
 class TransferOptions:
-    """What to transfer."""
+    """The kinds of data to transfer."""
 
     uv_maps: BoolProperty(
         name="UV Maps",
@@ -248,7 +248,7 @@ class BindOptions:
 
 
 class BindView:
-    """What is visible after binding."""
+    """The objects that stay visible after binding."""
 
     hide_source: BoolProperty(
         name="Hide Source",

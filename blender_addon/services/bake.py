@@ -324,7 +324,7 @@ def _write_materials(
 
 
 def _label(role: ImageRole) -> str:
-    """What images are used for, such as "Base Color"; a number distinguishes several."""
+    """The purpose of images, such as "Base Color"; a number distinguishes several."""
     name = " ".join(role.inputs)
     return f"{name} {role.number + 1}" if role.number else name
 

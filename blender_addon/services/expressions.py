@@ -45,13 +45,13 @@ class _Parts:
 
     @property
     def head(self) -> Head:
-        """What is drawn."""
+        """The head to draw."""
         return Head(self.surface.vertices, self.surface.triangles, self.keys)
 
 
 @dataclass(frozen=True)
 class Review:
-    """What was found in transferred keys.
+    """Faults found in transferred keys.
 
     Attributes:
         sheet: picture of all keys, (height, width, 3), rows from top to bottom.
@@ -92,7 +92,7 @@ def review_expressions(context: Context, sources: Sequence[str], matches: Mappin
 
 @dataclass(frozen=True, eq=False)
 class Stretched:
-    """What the keys of a matched object stretch.
+    """The faces that the keys of a matched object stretch.
 
     Attributes:
         sources: names of the objects that it was matched with; none if it has no match.
@@ -112,7 +112,7 @@ class Stretched:
 
 
 def stretch_of_keys(context: Context, target: Object) -> Stretched:
-    """What the keys of an object stretch, along its stored match; nothing without one that is valid."""
+    """The faces that an object's keys stretch, along its stored match; none without a valid match."""
     content = mesh_data.content_hash(target.data)
     try:
         pair, match = run(read_stored_match(context, target.name))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The extension's section in Blender's preferences: how to begin, the news of updates, and what is done ahead."""
+"""The extension's section in Blender's preferences: first steps, release notes, and work done ahead."""
 
 from __future__ import annotations
 

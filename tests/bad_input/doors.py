@@ -11,7 +11,7 @@ from typing import Any
 import trimesh
 from click.testing import CliRunner, Result
 
-# Lets no file grow beyond so many bytes, as a full disk does.
+# Limits the size of files in bytes, as a full disk does.
 Limit = Callable[[int], AbstractContextManager[None]]
 
 

@@ -90,7 +90,7 @@ def with_nodes(obj: Object) -> None:
     obj.modifiers.new("Nodes", "NODES")  # of no node group
 
 
-# What the target is made into, and what is said of it; nothing where it is matched as well as any.
+# Changes to the target, and the error that names them; empty if the target is matched as usual.
 TARGETS: dict[str, tuple[Callable[[Object], None], str]] = {
     "a vertex that is no number": (in_place(with_values(7, np.nan)), "not finite"),
     "a vertex at infinity": (in_place(with_values(7, np.inf)), "not finite"),
@@ -152,7 +152,7 @@ def flat_source(obj: Object) -> None:
     obj.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(obj.data.loops), 1)).tolist())
 
 
-# What the source is made into, and the data that is asked for.
+# Changes to the source, and the data to transfer.
 SOURCES: dict[str, tuple[Callable[[Object], None], list[str]]] = {
     "custom normals on a flat object": (flat_source, ["custom_normals"]),
     "weights that are no numbers": (

@@ -32,7 +32,7 @@ REPOSITORY = Path(zoomout_core.__file__).parents[1]
 # Modules that the processes import: of packages, and of Python's library.
 PACKAGES = ("bpy", "click", "dask", "distributed", "numpy", "pymeshlab", "scipy", "tqdm", "trimesh")
 LIBRARY = ("json", "multiprocessing", "pickle", "random", "selectors", "socket", "subprocess", "tempfile", "uuid")
-# What starts a process, and how many times the files do; each has a test below.
+# Calls that start a process, and their number in the files; each has a test below.
 STARTING = re.compile(
     r"subprocess\.(run|Popen|call|check_\w+)\(|LocalCluster\(|ProcessPool|os\.(system|exec|spawn|fork)"
 )

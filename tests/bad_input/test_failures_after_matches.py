@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be checked is checked before the match; what fails after it keeps the map, and says where it is."""
+"""All that can be checked is checked before the match; a later failure keeps the map, and names its file."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes of other libraries are taken as they are; what is missing in them is a sentence."""
+"""Shapes of other libraries are accepted as they are; an error names missing data."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def test_meshlab_is_not_brought_down(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes((MALFORMED | {"diagonal.obj": DIAGONAL})[name])
     ms = pymeshlab.MeshSet()
-    with pytest.raises(MeshError):  # of what was read, nothing may be left to match
+    with pytest.raises(MeshError):  # nothing may remain in the layer
         read_layer(ms, load_mesh(ms, path))
 
 

@@ -45,7 +45,7 @@ def circle() -> SpectralBasis:
     return SpectralBasis(np.ones(2), np.sqrt(2) * points[:, :2], np.full(4, 0.25), points)
 
 
-# Of the four points on the circle the last one is wrong.
+# The last of the four points on the circle is wrong.
 ONE_WRONG = np.array([0, 1, 2, 2])
 
 

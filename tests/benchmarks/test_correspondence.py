@@ -123,7 +123,7 @@ def test_each_kind_of_parts_has_a_row_beside_published_figures(parts: Path, monk
     assert cuts["mean"] > 100
     assert (holes["mean"], holes["certainty"], holes["seconds"]) == (0, 0.95, 2)
     assert (holes["overlap on source"], holes["of right ones"], holes["share off by %"]) == (1, 1, 0)
-    # All is said to have a partner: the union is the whole.
+    # All vertices are predicted to have a partner: the union is the whole.
     missing = [record["missing %"] for record in tables["pairs"] if record["set"] == "cuts"]
     assert cuts["overlap on source"] == pytest.approx(1 - np.mean(missing) / 100)
     assert cuts["share off by %"] == pytest.approx(np.mean(missing))

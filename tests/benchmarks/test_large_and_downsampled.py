@@ -63,7 +63,7 @@ def test_maps_of_decimated_meshes_reach_all_vertices(meshes: Path, monkeypatch: 
     error = {(row["method"], row["vertices"]): row["mean error"] for row in tables["rows"]}
     assert len(error) == 2 + 2 * 4
     assert error[downsampled.FULL, VERTICES] < 20
-    # What is carried by vertices alone cannot be finer than these.
+    # A map between vertices alone cannot be finer than these.
     assert error[downsampled.NEAREST, 500] < error[downsampled.NEAREST, 200]
     assert error[downsampled.FUNCTIONAL, 200] < error[downsampled.NEAREST, 200]
     assert (meshes / "lines.png").is_file()

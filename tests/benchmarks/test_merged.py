@@ -19,7 +19,7 @@ from zoomout_core.mesh.triangles import edge_graph
 
 # Numbers of vertices around and along a tube, and its radius.
 AROUND, ALONG, RADIUS = 16, 60, 0.15
-# What encloses little in a flat grid counts as solid.
+# A flat grid that encloses little counts as solid.
 ASKEW = Rotation.from_euler("xy", [0.7, 0.5])
 
 

@@ -39,7 +39,7 @@ def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.Mo
                           "ZoomOut after PFM", "CPD")]  # fmt: skip
     assert [rows["cuts", name]["pairs"] for name in methods] == [2, 1, 2, 1, 1]
     for kind in ("cuts", "holes"):
-        # What it starts from and what both need is part of the time.
+        # The time includes its start, and computations that both need.
         assert rows[kind, "ZoomOut after PFM"]["seconds"] > rows[kind, "PFM"]["seconds"] > 0
     # Slow methods stand beside ZoomOut on the same pair.
     errors = {record["pair"]: record["error"] for record in tables["pairs"] if record["method"] == "ZoomOut"}
@@ -72,7 +72,7 @@ def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
     one_off = partial.figures(truth + 2, pair)
     assert one_off["error"] == pytest.approx(1000 / np.sqrt(10))
     in_one_place = partial.figures(np.zeros(13, dtype=int), pair)
-    # Of the region's 6.5 squares by vertices, a corner's triangle has its three vertices reached.
+    # Only a corner's triangle, of the region's 6.5 squares by vertices, has all three vertices reached.
     assert 0 < in_one_place["covered %"] < 25
 
 

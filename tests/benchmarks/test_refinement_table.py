@@ -81,7 +81,7 @@ def test_meshes_of_other_kinds_begin_with_shot(tmp_path: Path, monkeypatch: pyte
     np.savez(tmp_path / "template_vertex.npz", **vertex)
     monkeypatch.setattr(starts, "K_SIGNATURES", 60)
     tables = refinement.run(tmp_path, None, tmp_path / "curves.png")
-    # Of other kinds, of which not all are used, and of other people.
+    # Pairs of other kinds, not all of which are used, and of other people.
     assert {(record["target"], record["source"]) for record in tables["pairs"]} == {
         ("iso_a", "dense_b"),
         ("dense_b", "iso_a"),

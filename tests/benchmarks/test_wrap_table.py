@@ -44,7 +44,7 @@ def test_faults_are_counted(sphere: Surface) -> None:
     assert found["edges"] > 0.02
     away = np.where(np.arange(400)[:, None] < 100, 1.01, 1.0) * sphere.vertices
     assert wrap.figures(away, sphere, sphere, every)["on source"] == 75
-    # What has no partner does not count.
+    # Vertices without a partner do not count.
     assert wrap.figures(away, sphere, sphere, np.arange(400) >= 100)["on source"] == 100
 
 

@@ -27,7 +27,7 @@ ROOMS = (
     "ui",
     "cli",
 )
-# What starts the add-on, or uses it as a script does: none of the rooms imports these.
+# Modules that start the add-on, or use it as a script does: none of the rooms imports these.
 OUTSIDE = ("__init__", "__main__", "api", "watch", "demo")
 
 

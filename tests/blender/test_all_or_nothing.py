@@ -45,7 +45,7 @@ from blender_addon.services.transfer import prepare_transfer
 from blender_addon.services.wrap import Wrapping, prepare_wrap
 
 ADDON = str(Path(blender_addon.__file__).parent)
-# What does the taking back, and is not to fail itself.
+# Functions that undo changes, and must not fail themselves.
 UNDOING = room.__file__
 ERRORS = (RuntimeError, zo.MeshError, KeyboardInterrupt, MemoryError)
 NEAREST = {"initial": "nearest"}
@@ -255,7 +255,7 @@ def test_dressing_anew():
 
     fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
     names = sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys())
-    bpy.data.objects["Hat on Target"].location.x = 7  # so that what is made anew differs
+    bpy.data.objects["Hat on Target"].location.x = 7  # so that a new copy differs
     bpy.context.view_layer.update()
     fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
     assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
@@ -334,7 +334,7 @@ def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_on
         outcome(RuntimeError())
     assert state() == before
     assert list(outcome(zo.MeshError("So.")).failed) == ["Second"]
-    # What "Second" wrote was done before its own error, and is taken back only by what encloses it.
+    # "Second" was written before its own error, and is undone only by the enclosing step.
     assert target.vertex_groups.keys() == third.vertex_groups.keys() == ["Group"]
 
 

@@ -16,7 +16,7 @@ from blender_addon.demo.target import posed_copy
 from zoomout_core.geometry.closest_points import closest_points
 
 MIXAMO = ("mixamorig:Hips", "mixamorig:Spine", "mixamorig:Spine1")
-# Of a body around the bones of a basic human, in metres.
+# Thickness of a body around the bones of a basic human, in metres.
 THICK = 0.07
 
 

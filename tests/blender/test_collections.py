@@ -182,7 +182,7 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
     height = positions(scan.objects["Casual_Boots"].data)[:, 2]
     assert on_boots[height <= 0.4].all()
     assert not on_boots[height == height.max()].any()
-    # Each target has its own part of what has no partner, and that of the sources that it lies on, in their order.
+    # Each target knows which vertices of its own, and of the sources in their order, have a partner.
     np.testing.assert_array_equal(match.has_partner, positions(scan.objects["Casual_Boots"].data)[:, 0] < 0.1)
     sources = [positions(hero.objects[name].data)[:, 0] < 0.1 for name in ("King_Boots", "King_Legs")]
     np.testing.assert_array_equal(match.source_has_partner, np.concatenate(sources))

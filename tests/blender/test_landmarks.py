@@ -97,7 +97,7 @@ def test_a_landmark_is_found_again_when_edits_renumbered_the_mesh(source):
     before = world(source)[1]
     far_off = positions(source.data)[:, 2] < -0.3
     delete_vertices(source, far_off)
-    assert far_off[: len(source.data.vertices)].any()  # what is left has other numbers
+    assert far_off[: len(source.data.vertices)].any()  # the remaining vertices have other numbers
     np.testing.assert_allclose(world(source)[1], before, atol=1e-5)
     subdivision = source.modifiers.new("Finer", "SUBSURF")
     subdivision.levels, subdivision.subdivision_type = 1, "SIMPLE"

@@ -119,7 +119,7 @@ def test_a_linked_target_follows_all_kinds_of_layers_as_a_transfer_writes_them(s
     for name in names | {"Left"}:
         assert np.abs(followed[name] - linked[name]).max() > 0.01, name
         differ = np.abs(followed[name] - written[name]).reshape(len(written[name]), -1).max(axis=1) > 1e-5
-        # A transfer elects labels and islands anew, at their borders.
+        # A transfer decides again on labels and islands at their borders.
         elected = name.endswith((*LABELS, "UVMap"))
         assert differ.mean() <= (0.05 if elected else 1 - shares[name]), name
 

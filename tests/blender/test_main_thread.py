@@ -227,7 +227,7 @@ def symmetries() -> None:
     bpy.ops.zoomout.mirror_sculpt()
 
 
-# What is done, and the number of functions of the add-on that are called in threads at least.
+# Operations, and the minimum number of the add-on's functions that they call in threads.
 OPERATIONS: dict[str, tuple[Callable[[], object], int]] = {
     "match": (match_again, 1),
     "match several": (match_several, 0),

@@ -46,7 +46,7 @@ def test_what_modifiers_make_is_coloured_as_the_mesh_and_nothing_else_is_touched
     if kind == "BEVEL":
         return
     np.testing.assert_allclose(surface["color"][: len(shown)], shown, atol=1e-6)
-    if kind == "MIRROR":  # which has the same once more, but for what it merges
+    if kind == "MIRROR":  # which has a second copy, except merged vertices
         nearest = np.abs(positions(made)[:, None] * [-1, 1, 1] - positions(target.data)[None]).sum(axis=2)
         copied = np.arange(len(made.vertices)) >= len(shown)
         np.testing.assert_allclose(surface["color"][copied], shown[nearest.argmin(axis=1)[copied]], atol=1e-6)

@@ -90,7 +90,7 @@ def test_faces_that_face_against_most_are_selected(source, target, mirrored):
     assert said == f"Flipped: {faces.sum()} faces of 'Target', {share_of_faces(target, faces):.1%} of its area"
     keep(target, has_partner=np.arange(len(points)) != tip)
     assert bpy.ops.zoomout.select_flipped() == {"FINISHED"}
-    assert not selected(target)[1][at_both].any()  # what has no partner is not expected to lie well
+    assert not selected(target)[1][at_both].any()  # vertices without a partner have no place to be wrong about
 
 
 def test_what_has_no_partner_is_selected_on_both(source, target):

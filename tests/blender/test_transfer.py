@@ -430,7 +430,7 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, targe
     report = jobs.run(adjusted())()
     assert report["source"] == "Source"
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)
-    # Of other meshes it is none.
+    # It is no map of other meshes.
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     target.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()
@@ -460,7 +460,7 @@ def test_several_targets_keep_their_own_sources_where_none_is_chosen(source, tar
     assert bpy.ops.zoomout.transfer(uv_maps=False) == {"FINISHED"}
     assert "Of source" in first.vertex_groups
     assert second.vertex_groups.keys() == ["Of other"]
-    # What is selected, or chosen, beside the target is its source, where it may be meant.
+    # The object selected, or chosen, beside the target is its source if it is eligible.
     activate(first, other)
     assert own_sources(bpy.context) == {}
     match_objects(bpy.context, source, second, k_final=30)

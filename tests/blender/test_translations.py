@@ -34,7 +34,7 @@ NAMES |= {spelling.title for spelling in CONVENTIONS.values()}
 COMPLETE = ("de",)
 # The full stops of languages.
 FULL_STOPS = (".", "。")
-# What is printed in English: the command lines, the demo, and functions for scripts.
+# Modules that print in English: the command lines, the demo, and functions for scripts.
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py", "outfits")
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
 TEMPLATES = {

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts that users read are plain English, without the habits of a translation."""
+"""Texts, docstrings and comments are plain English, without the habits of a translation."""
 
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,6 +34,21 @@ HABITS = tuple(
         r"\bfor it is\b|\bas (it|they) stands?\b",
     )
 )
+# Those of docstrings and comments, which may have the others.
+CODE_HABITS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        r"^\W*What (?!.*\?)",
+        r"(\. |: )What (is|are|was|were|has|can|cannot)\b",
+        r"\banew\b",
+        r"\bonce more\b",
+        r"\bso many\b(?! (that|as))",
+        r"\bsurer\b",
+        r"\b(is|are|was|were) (said|told)\b",
+        r"\bkeeps? (its|their) word\b",
+        r"\bas good as none\b",
+    )
+)
 # Descriptions of options that still have such a habit: remove them here as they are rewritten.
 ALLOWED = (
     "A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
@@ -47,6 +64,16 @@ def _docstrings(tree: ast.Module) -> set[ast.AST]:
     owners = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     bodies = (node.body for node in ast.walk(tree) if isinstance(node, owners))
     return {body[0].value for body in bodies if body and isinstance(body[0], ast.Expr)}
+
+
+def _comments(source: str) -> Iterator[tuple[int, str]]:
+    """Lines and texts of docstrings and comments, with line breaks as spaces."""
+    for node in _docstrings(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, " ".join(node.value.split())
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
 
 
 def _texts(source: str) -> Iterator[tuple[int, str]]:
@@ -76,6 +103,22 @@ def test_texts_for_users_have_no_habits_of_a_translation(package: str) -> None:
         f"{path.relative_to(ROOT)}:{line}": text for path in paths for line, text in _stiff(path.read_text("utf-8"))
     }
     assert {place: text for place, text in found.items() if text not in ALLOWED} == {}
+
+
+@pytest.mark.parametrize("room", [*PACKAGES, "benchmarks", "tools", "tests"])
+def test_docstrings_and_comments_have_no_habits_of_a_translation(room: str) -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{line}": text
+        for path in sorted((ROOT / room).rglob("*.py"))
+        for line, text in _comments(path.read_text("utf-8"))
+        if any(habit.search(text) for habit in CODE_HABITS)
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize("code", ['"""What is drawn."""', "x = 1  # computed anew", '"""A line. What is lost."""'])
+def test_a_stiff_comment_is_found(code: str) -> None:
+    assert [text for _, text in _comments(code) if any(habit.search(text) for habit in CODE_HABITS)]
 
 
 def test_few_texts_are_allowed() -> None:

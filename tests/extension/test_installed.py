@@ -29,7 +29,7 @@ from scenes import (
     weight_array,
 )
 
-# What the shape key does to the source.
+# The offset of the shape key on the source.
 TALL = np.array([1, 1, 1.5], np.float32)
 
 # Opens the saved file in a new process, and transfers along the match that was kept. It ends as conftest.py does.
@@ -246,7 +246,7 @@ def test_the_guide_is_a_page_that_came_along(installed):
 def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
     enabled = traces()
     assert {"Scene.zoomout", "zoomout.match", "zoomout.transfer"} <= set(enabled)
-    assert addon_utils.enable(EXTENSION, default_set=True) is not None  # once more
+    assert addon_utils.enable(EXTENSION, default_set=True) is not None  # again
     assert traces() == enabled
     bpy.ops.preferences.addon_disable(module=EXTENSION)
     assert traces() == {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the extensions of VRM 0 and 1 say about the avatar of a glTF document.
+"""The avatar of a glTF document, by the extensions of VRM 0 and 1.
 
 Version 0 is the extension VRM, version 1 VRMC_vrm and VRMC_springBone: https://github.com/vrm-c/vrm-specification
 """
@@ -42,7 +42,7 @@ TERMS_1 = {
 
 @dataclass(frozen=True)
 class Avatar:
-    """What a VRM file says about its avatar.
+    """The avatar that a VRM file describes.
 
     Attributes:
         version: the version of VRM.
@@ -70,7 +70,7 @@ def is_avatar(document: Document | None) -> bool:
 
 
 def read_avatar(document: Document | None) -> Avatar | None:
-    """What a document says about its avatar, without values of a wrong type; None if it has none."""
+    """Read the avatar of a document, without values of a wrong type; None if it has no avatar."""
     if document is None or not is_avatar(document):
         return None
     extensions = document.gltf.extensions

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep the animations and the copies of meshes of a glTF document whose meshes are written anew."""
+"""Keep the animations and the copies of meshes of a glTF document whose meshes are rewritten."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OF_MATERIALS = ("materials", "textures", "images", "samplers")
 
 
 class _Target(NamedTuple):
-    """What a channel animates.
+    """The target of an animation channel.
 
     Attributes:
         node: number of the node; None for a pointer.
@@ -104,7 +104,7 @@ def keep_animations(
 def _targets(
     target: AnimationChannelTarget, made: GLTF2, document: Document, renumbering: Renumbering, keeps_materials: bool
 ) -> Iterator[_Target]:
-    """What a channel animates in the written document: nothing if that is gone, several if a mesh became several."""
+    """Targets of a channel in the written document: none if its mesh is gone, several if that was split."""
     path = (target.extensions or {}).get(POINTER, {}).get("pointer") if target.path == "pointer" else None
     steps = tuple(path.split("/")[1:]) if isinstance(path, str) else ()
     nodes, meshes = document.gltf.nodes, document.gltf.meshes

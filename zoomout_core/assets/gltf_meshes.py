@@ -417,7 +417,7 @@ def _name_keys(mesh: Mesh, part: Part, document: Document | None) -> None:
 
 
 def _keep_free_data(mesh: Mesh, part: Part, asset: Asset, look: Document | None) -> Iterator[str]:
-    """Copy free data and variants of materials from the meshes that a mesh stands for; yields notes on what is lost."""
+    """Copy free data and variants of materials from the meshes that a mesh stands for; yields notes on lost data."""
     before = [each for origin in part.origins.values() for each in origin.primitives]
     if look is asset.document:
         yield from _keep_variants(mesh, before)

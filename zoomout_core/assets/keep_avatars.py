@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep the extensions of VRM valid in a glTF document whose meshes and materials are written anew.
+"""Keep the extensions of VRM valid in a glTF document whose meshes and materials are rewritten.
 
 Nodes keep their numbers, and with them bones, springs, colliders and constraints. Expressions and the display in first
 person refer to meshes (VRM 0) or to their nodes (VRM 1), to morph targets and to materials.
@@ -32,7 +32,7 @@ PRESETS_1 = (
 )
 # The strength of a morph target in an expression: per cent in VRM 0, a share in VRM 1.
 FULL_0, FULL_1 = 100.0, 1.0
-# What VRM 0 says about a material without a shader of its own.
+# The entry of VRM 0 for a material without a shader of its own.
 PLAIN_MATERIAL: dict[str, Any] = {
     "shader": "VRM_USE_GLTFSHADER",
     "renderQueue": 2000,
@@ -46,7 +46,7 @@ PLAIN_MATERIAL: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """What changed in a document.
+    """Changes of a document.
 
     Attributes:
         made: the document to write, with its meshes and materials.
@@ -67,11 +67,11 @@ class _Change:
     reduced: list[str] = field(default_factory=list)
 
     def meshes(self, number: Any) -> list[int]:
-        """The meshes that a mesh became; none for what is no number of a mesh."""
+        """The meshes that a mesh became; none if the value is no number of a mesh."""
         return self.renumbering.meshes.get(number, []) if isinstance(number, int) else []
 
     def nodes(self, number: Any) -> list[int]:
-        """The node that has the mesh of a node now; none for what is no number of such a node."""
+        """The node that has the mesh of a node now; none if the value is no number of such a node."""
         nodes = self.renumbering.nodes
         return [nodes[number]] if isinstance(number, int) and number in nodes else []
 
@@ -301,7 +301,7 @@ def _keep_thumbnail_1(meta: dict[str, Any], change: _Change) -> None:
 
 
 def _material_properties(change: _Change) -> list[dict[str, Any]]:
-    """What VRM 0 says about each material: as in the document of the materials, or that they have no shader."""
+    """The entry of VRM 0 for each material: that of the materials' document, or one without a shader."""
     materials = change.made.materials
     extensions = {} if change.look is None else change.look.gltf.extensions or {}
     given = list_at(object_at(extensions, VRM_0), "materialProperties")

@@ -51,7 +51,7 @@ class StoredMap:
 
     @property
     def description(self) -> dict[str, Any]:
-        """What belongs to all vertices, for a file."""
+        """The values that belong to all vertices, for a file."""
         return {"source": self.source, "kinds": list(self.kinds)}
 
     def on(self, source: Surface) -> MapOfSource:

@@ -248,7 +248,7 @@ def _path_of(item: Item, place: Workplace, sent: bool) -> Path:
 
 
 def _known(load: Callable[[Path], Stored], path: Path, key: str) -> Stored | None:
-    """What an earlier run stored; None if its contents or options differ, or it cannot be read."""
+    """The result of an earlier run; None if its contents or options differ, or it cannot be read."""
     try:
         stored = load(path)
     except (FileNotFoundError, ArrayFileError):

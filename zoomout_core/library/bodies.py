@@ -69,7 +69,7 @@ def match_options() -> MatchOptions:
 
 
 def bodies_of(surface: Surface) -> dict[str, Body]:
-    """What stands for a surface, by kind: a hull, a tight hull, and the main part if that is most of the surface.
+    """Meshes that represent a surface, by kind: a hull, a tight hull, and the main part if that is most of the surface.
 
     A tight hull separates limbs that touch, and the main part has them apart in any pose.
 

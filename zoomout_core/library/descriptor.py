@@ -57,7 +57,7 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """What a body is compared by, at unit area."""
+    """Invariants by which bodies are compared, at unit area."""
 
     spectrum: Floats  # (k,) logarithms of the eigenvalues after the first
     between: Floats  # (m, m) geodesic distances between tips, the most persistent first

@@ -47,7 +47,7 @@ TRANSFERRED = KINDS[:-1]
 
 
 class Carry(StrEnum):
-    """What becomes of a source that was found."""
+    """The use of a source that was found."""
 
     NOTHING = "nothing"  # it is only named
     DATA = "data"  # its data are transferred
@@ -244,7 +244,7 @@ def _draw(surface: Surface, places: Floats, around: Floats | None = None) -> Byt
 
 
 def _read_record(folder: Path, name: str, key: str) -> TargetRecord | None:
-    """What an earlier run recorded from the same files; None if there is nothing, or what it wrote is gone."""
+    """The record of an earlier run on the same files; None if it is missing, or its output files are."""
     try:
         held: dict[str, Any] = json.loads((folder / RECORDS / f"{name}.json").read_bytes())
         record = TargetRecord(**{**held, "ranked": tuple(held["ranked"]), "notes": tuple(held["notes"])})

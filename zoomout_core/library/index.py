@@ -37,7 +37,7 @@ class Listed:
 
     @property
     def seen(self) -> tuple[int, int]:
-        """What `look_at` found: the file is the same while it finds this again."""
+        """The result of `look_at`: the file is unchanged while it is the same."""
         return self.size, self.modified
 
 

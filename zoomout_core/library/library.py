@@ -31,7 +31,7 @@ NOT_PREPARED = "{folder} contains no prepared characters: choose another folder,
 
 @dataclass(frozen=True)
 class Preparation:
-    """What became of the files of a library.
+    """The outcome of preparing a library.
 
     Attributes:
         assets: the number of assets that can be found.

@@ -56,7 +56,7 @@ class LibraryAsset:
 
     Attributes:
         path: the file.
-        bodies: what stands for its shape, by kind.
+        bodies: meshes that represent its shape, by kind.
     """
 
     path: Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find fingers and other branches that a finished map sends to the wrong branch, and match them anew.
+"""Find fingers and other branches that a finished map sends to the wrong branch, and rematch them.
 
 If fingers touch on one shape and are spread on the other, the finger that is nearest in space is often the wrong one.
 No edge of the map is torn then, but two fingers share one, and another finger receives nothing. The tips of branches
@@ -79,7 +79,7 @@ def branches_of(pair: Pair) -> tuple[Branches, Branches] | None:
 def exchange_branches(
     pair: Pair, surface_map: SurfaceMap, branches: tuple[Branches, Branches] | None
 ) -> tuple[SurfaceMap, Booleans]:
-    """Match branches anew that a map sends to the wrong branch.
+    """Rematch branches that a map sends to the wrong branch.
 
     Returns the map, and (n_t,) the vertices at the bases of these branches, whose images must be filled in.
     """

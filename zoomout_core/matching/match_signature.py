@@ -25,7 +25,7 @@ GIVEN = "        given: options as keyword arguments; they override `options`.\n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchArguments(MatchOptions):
-    """The keyword arguments of `match`: the options, and what is no option of a map."""
+    """The keyword arguments of `match`: the options of a map, and the other ones."""
 
     options: MatchOptions | None = None
     progress: Callable[[Progress], object] | None = None

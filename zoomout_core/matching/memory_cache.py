@@ -137,7 +137,7 @@ def forget_shapes() -> None:
     """Drop all shapes that are kept in memory.
 
     Example:
-        >>> zo.forget_shapes()  # the next match analyses its shapes anew
+        >>> zo.forget_shapes()  # the next match analyses its shapes again
     """
     _shapes.forget()
     _meshes.forget()

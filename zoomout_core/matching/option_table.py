@@ -25,7 +25,7 @@ class Door(Enum):
 
 
 class Kind(Enum):
-    """What values an option has; the value of a member describes them in the documentation."""
+    """The type of an option's values; the value of a member describes them in the documentation."""
 
     START = "choice, or map.npz"  # the file on the command line alone
     CHOICE = "choice"
@@ -74,7 +74,7 @@ class Option:
     panel: str = "Advanced"  # of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
 
     def name_at(self, door: Door) -> str:
-        """What users of a door call it."""
+        """The option's name behind a door."""
         if door is Door.COMMAND_LINE:
             return self.flag or "--" + self.name.replace("_", "-")
         return self.label if door is Door.BLENDER else self.name
@@ -99,7 +99,7 @@ def _hint(name: str, label: str, default: bool, text: str) -> Option:
     return Option(name, Kind.FLAG, default, text, BLENDER, label, starts=("auto",), panel="Hints")
 
 
-# How to begin, and what is known of the map.
+# The initial map, and evidence on it.
 MATCHING = (
     Option(
         "initial",
@@ -244,7 +244,7 @@ ACCURACY = (
     Option("seed", Kind.COUNT, 0, "Random seed of the eigensolver", FILES, minimum=0),
 )
 
-# Of the nearest points, with initial="nearest".
+# Options of nearest points, with initial="nearest".
 NEAREST = (
     Option(
         "most_distance",
@@ -280,7 +280,7 @@ NEAREST = (
     ),
 )
 
-# Of what is transferred along a match.
+# Options of the transfer along a match.
 RESULT = (
     Option(
         "candidate",

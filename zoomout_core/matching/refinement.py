@@ -37,7 +37,7 @@ class Schedule(NamedTuple):
     # Size of the functional map, and diffusion length, at unit area, over which images are smoothed: the target is
     # aligned with the source in space, which decides the orientation of its limbs.
     aligning: tuple[tuple[int, float], ...]
-    # First and last size of the functional map, which grows once more by the step, with a lower weight of positions in
+    # First and last size of the functional map, which grows again by the step, with a lower weight of positions in
     # space.
     settling: tuple[int, int]
 
@@ -72,14 +72,14 @@ class RefinementTuning(Tuning, set_by="correspondence"):
     onto_itself: Schedule = tuned(
         Schedule(((30, 0.08), (60, 0.06)), (90, 120)), "eigenfunctions, and lengths at unit area", 0, 1000
     )
-    # Of positions in space in the rounds of settling. Nearly isometric shapes agree better along the surface than any
-    # alignment in space.
+    # Weight of positions in space in the rounds of settling. Nearly isometric shapes agree better along the surface
+    # than any alignment in space.
     settling_weight: float = tuned(0.2, "1", 0, 100)
     steepness: float = tuned(4, "1", 0, 20)  # below the usual ratio it falls with this power of the factor more
-    # Of positions in space on all vertices, where eigenfunctions decide; it keeps triangles from turning over.
+    # Weight of positions in space on all vertices, where eigenfunctions decide; it keeps triangles from turning over.
     finishing_weight: float = tuned(0.05, "1", 0, 100)
-    # Of the functional map from which on that weight falls with the inverse square of its size, for positions are known
-    # no better by more eigenfunctions.
+    # Size of the functional map from which on that weight falls with the inverse square of the size, as further
+    # eigenfunctions do not improve positions.
     finishing_size: int = tuned(120, "eigenfunctions", 1, 1000)
     usual_ratio: float = tuned(2.5, "1", 0.01, 100)  # of the squares of the mean misses along the surface and in space
     min_factor: float = tuned(0.2, "1", 0, 1)  # of the weights
@@ -100,7 +100,7 @@ def refine(
     mirrored: bool,  # it maps the target's mirror image
     k_final: int,  # size of the final functional map; less on coarse meshes
     step: int,  # its growth in a round, once the target is aligned with the source
-    # Of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
+    # Schedule of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
     schedule: Schedule | None = None,
 ) -> tuple[SurfaceMap, Floats]:
     """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""

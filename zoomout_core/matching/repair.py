@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Repair a finished map: match wrong branches anew, find where it tears the target apart, and fill these places in.
+"""Repair a finished map: rematch wrong branches, find where it tears the target apart, and fill these places in.
 
 A map that is right as a whole may still send a patch of the target to another limb, finger or lip, where the source's
 surfaces face each other. Closest points cannot tell the two sides apart, but geodesic distances can: the images of two
@@ -149,7 +149,7 @@ class _Meshes:
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
-    """Match branches anew that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
+    """Rematch branches that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
     meshes, of_both = _Meshes(pair), branches_of(pair)
     exchanged, bases = exchange_branches(pair, surface_map, of_both)
     branches = exchanged.triangle != surface_map.triangle
@@ -164,7 +164,7 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
 
 
 def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
-    """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were matched anew."""
+    """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were rematched."""
     source, target, member, edges = meshes.source, meshes.target, meshes.member, meshes.edges
     number = np.zeros(len(pair.source.triangles), dtype=np.int64)
     number[source.triangle_of] = np.arange(len(source.triangles))

@@ -22,8 +22,8 @@ from zoomout_core.matching.ranking import CERTAINTY, RANKING, Candidate, with_ot
 from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, total_score
 from zoomout_core.runtime.once import once_per_argument
 
-# Of the spiral of quaternions: the square root of 2, and the root of x^4 = x + 4 (Alexa, Super-Fibonacci spirals: fast,
-# low-discrepancy sampling of SO(3), 2022).
+# Constants of the spiral of quaternions: the square root of 2, and the root of x^4 = x + 4 (Alexa, Super-Fibonacci
+# spirals: fast, low-discrepancy sampling of SO(3), 2022).
 SPIRAL = 2**0.5, 1.533751168755204288118041
 
 # Evenly spread rotations from which the refinement starts, and an upper bound on the angle, in radians, between any

@@ -89,7 +89,7 @@ class Verdict(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """What may be wrong with a map that is right as a whole.
+    """Possible local faults of a map that is right as a whole.
 
     Attributes:
         torn: the part of the target's area at torn edges.

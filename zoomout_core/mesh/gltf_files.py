@@ -361,7 +361,7 @@ def check_structure(tree: Any, size: int = 0) -> None:
 
 
 def _values(part: Any, path: str, whole: str = "") -> Iterator[Any]:
-    """The values at a path; what is missing is skipped.
+    """The values at a path; missing ones are skipped.
 
     Args:
         part: the object, list or value where the path begins.

@@ -29,7 +29,7 @@ Polygons = tuple[Floats, Integers, Integers]
 # Meshio's cell types that are faces, and their numbers of corners; cells of higher order list their corners first.
 CELLS = {"triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 
-# Elements that each prim of an instance counts for, whatever it contains: so many take a millisecond.
+# Elements that each prim of an instance counts for, whatever it contains: that number takes a millisecond.
 PRIM = 2000
 
 

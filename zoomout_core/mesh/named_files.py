@@ -82,7 +82,7 @@ def _of_obj(path: Path, content: bytes, folders: tuple[Path, ...]) -> Iterator[N
 
 
 def _names(statement: re.Pattern[str], content: bytes) -> dict[str, None]:
-    """The names in statements: a name may have spaces, but several names or options may also stand there."""
+    """The names in statements: a name may have spaces, but it may also be several names or options."""
     found: dict[str, None] = {}
     for text in statement.findall(decode(content).replace("\\\n", " ")):
         words = text.partition("#")[0].split()

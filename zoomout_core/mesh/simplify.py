@@ -6,7 +6,7 @@ can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Bo
 between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
 result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves across a seam
 keeps its own data, such as texture coordinates, so that no triangle has those of two charts. A round makes cheap
-collapses that do not touch each other, and only costs of edges that these change are computed anew.
+collapses that do not touch each other, and only costs of edges that these change are recomputed.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def simplify(
     mirror: Integers | None = None,
     chart: Floats | None = None,
 ) -> list[tuple[Integers, Integers, Integers]]:
-    """Reduce a mesh to about so many vertices, step by step.
+    """Reduce a mesh step by step, to about the given numbers of vertices.
 
     Args:
         poses: (p, n, 3) positions in the poses, the first of which is at rest.
@@ -143,7 +143,7 @@ class _State:
     def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
         """Let seams of these layers be lines, and no collapse move vertices farther than a distance.
 
-        Quadrics are summed anew, so that lines of other layers count no more.
+        Quadrics are summed again, so that lines of other layers no longer count.
         """
         self.distance = distance
         self.wedge = np.zeros(self.corner_count, dtype=np.int64)

@@ -367,7 +367,7 @@ def place_of_picture(name: OutfitName) -> Path:
 
 
 def _read_record(path: Path) -> Worn | None:
-    """What an earlier run recorded; None if there is none, or it cannot be read."""
+    """The record of an earlier run; None if there is none, or it cannot be read."""
     try:
         held: dict[str, Any] = json.loads(path.read_bytes())
         return Worn(**{**held, "objects": tuple(held["objects"]), "notes": tuple(held["notes"])})

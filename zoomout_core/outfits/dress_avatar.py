@@ -94,7 +94,7 @@ def _objects(worn: Asset) -> list[Surface]:
 
 
 def _place(worn: Asset, dressed: Dressed) -> Asset:
-    """What is worn, where it was fitted."""
+    """The worn object, where it was fitted."""
     moved = replace(worn, surface=worn.surface.with_vertices(np.concatenate(dressed.vertices)))
     return _turn(moved, np.concatenate(dressed.turns))
 

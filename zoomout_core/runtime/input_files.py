@@ -42,7 +42,7 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
         OSError: the file is missing, is not a regular file, or cannot be read; `strerror` is a part of a sentence.
     """
     _check_regular(path, os.stat(path))
-    # The file may have been replaced by a pipe since, so opening must not wait, and what was opened is checked again.
+    # The file may have been replaced by a pipe since, so opening must not wait, and the opened file is checked again.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Memory: what is still available to this process, if the system reports it, and what objects take."""
+"""Memory that is still available to this process, if the system reports it, and memory that objects take."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ def print_any_character() -> None:
 
     A standard error that is closed discards what is printed.
     """
-    if sys.stderr is None:  # the user has closed it; what is opened next must not take its place
+    if sys.stderr is None:  # the user has closed it; the next opened file must not take its place
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115, until the process ends
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # not if a program has replaced it

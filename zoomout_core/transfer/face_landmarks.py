@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Twelve landmarks of a head, found by its expression keys.
 
-The lips are where the key that opens the jaw separates what touches, and the rims of the eyelids where a blink joins
-what is apart. Both are slits, whose corners are halfway around their ends. The two eyes and the mouth give the
-directions left, up and forward, in which the other landmarks are the extreme points that anthropometry defines them by.
+The lips are where the key that opens the jaw separates touching surfaces, and the rims of the eyelids are where a
+blink closes a gap. Both are slits, whose corners are halfway around their ends. The two eyes and the mouth give the
+directions left, up and forward; anthropometry defines the other landmarks as extreme points in these directions.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FACE_LANDMARKS = (
     "Left Ear",
     "Right Ear",
 )
-# What the keys that are needed do, each with the keys that do it, as a convention and a name.
+# Expressions that are needed, each with the keys of the conventions that make it.
 BLINK_LEFT, BLINK_RIGHT, OPEN_MOUTH = "left", "right", "mouth"
 KEYS = {
     BLINK_LEFT: (("arkit", "eyeBlinkLeft"),),
@@ -56,7 +56,7 @@ NOTHING_OPENS = {
 
 # Lengths relative to the distance between the eyes, about 65 mm.
 TOUCHING = 0.08  # between the sides of a closed slit: lips of few vertices, and lids that do not close fully
-THICKNESS = 0.08  # of lips and lids: what is farther behind the visible skin is in the mouth or in a socket
+THICKNESS = 0.08  # of lips and lids: a surface farther behind the visible skin is in the mouth or in a socket
 BESIDE_LIP = 0.05  # from the plane between left and right, of the middle of the lips
 BESIDE = 0.15  # the same of nose and chin
 LIP = 0.15  # height of a lip

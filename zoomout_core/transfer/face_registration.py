@@ -8,8 +8,8 @@ Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004
     b u^T L A^-1 L u + sum_i a_i |P_i (x_i + u_i - q_i)|^2,
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
-surface less than those across it (Chen and Medioni 1992). Lips and lids whose surfaces face each other are told apart
-by their normals.
+surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
+each other.
 """
 
 from __future__ import annotations

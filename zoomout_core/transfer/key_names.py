@@ -102,7 +102,7 @@ def recognise_key_names(names: Sequence[str]) -> str | None:
         'arkit'
     """
     found = {convention: _find(names, convention) for convention in CONVENTIONS}
-    # Of conventions that spell the same names, prefer that of this spelling.
+    # Among conventions that spell the same names, prefer that of this spelling.
     exact = {convention: sum(new == name for new, name in one.items()) for convention, one in found.items()}
     best = max(CONVENTIONS, key=lambda convention: (len(found[convention]), exact[convention]))
     enough = max(MIN_NAMES, MIN_SHARE * min(len(set(names)), len(key_names(best))))
@@ -341,7 +341,7 @@ def _known(convention: str) -> Mapping[str, str]:
 
 
 def _forms(name: str) -> Iterator[str]:
-    """What is compared of a name: its words with a single side at the end, its letters, and both without a node."""
+    """The forms of a name to compare: its words with a single side at the end, its letters, and both without a node."""
     name = COPY.sub("", name)
     bare = NODE.sub("", name)
     for text in (name, bare if bare.lower() not in SIDES else name):

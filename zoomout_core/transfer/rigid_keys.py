@@ -18,7 +18,7 @@ from zoomout_core.transfer.frames import Frames, on_working_mesh, without_small_
 
 # A motion is rigid, or that of another part, up to this share of its length: the vertices of sculpted keys are rounded.
 TOLERANCE = 0.02
-# Of a target's part, the share of vertices that are mapped to one part of the source.
+# Share of the vertices of a target's part that are mapped to one part of the source.
 MOST = 0.9
 # Fewer vertices determine no rotation.
 MIN_VERTICES = 4

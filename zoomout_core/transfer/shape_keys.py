@@ -122,7 +122,7 @@ def without_noise(offsets: Floats, area: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Carrier:
-    """What all keys share: the system for the offsets of n vertices of the target's working mesh."""
+    """Data shared by all keys: the system for the offsets of n vertices of the target's working mesh."""
 
     frames: Frames
     turns_back: Floats  # (n, 3, 3) inverses of the turns

@@ -46,7 +46,7 @@ def mix_weights(
 ) -> Attribute:
     """Weights (n, groups) at vertices, sparse throughout.
 
-    Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled to
+    Weights below 1e-4 are dropped. Each vertex keeps the `limit` largest weights of the `normalised` groups, scaled to
     sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups are
     mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in, and so are
     islands of the `normalised` groups, see `find_islands`.

@@ -335,7 +335,7 @@ def test_what_an_avatar_is(path: Path, version: int) -> None:
         assert avatar.springs == (("Hair1", 3),)
     else:
         assert avatar.licence["modification"] == "allowModification"
-        # What the file does not say is not allowed.
+        # Uses that the file does not mention are not allowed.
         allowed = {name: value for name, value in avatar.licence.items() if name.startswith("allow")}
         assert list(allowed.values()) == [False] * 5
         assert avatar.licence["avatarPermission"] == "onlyAuthor"

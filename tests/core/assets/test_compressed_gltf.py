@@ -93,7 +93,7 @@ def test_the_file_requires_the_extension_and_is_smaller(asset: Asset, method: st
     assert {"draco": DRACO, "meshopt": MESHOPT[0]}[method] in tree["extensionsRequired"]
     assert (tmp_path / "small.glb").stat().st_size < 0.8 * (tmp_path / "plain.glb").stat().st_size
     assert len(read_shape(tmp_path / "small.glb").vertices) == len(asset.surface.vertices)
-    # What is read is plain, so writing it again does not need the extension.
+    # A document is decompressed when it is read, so writing it again does not need the extension.
     write_asset(read_asset(tmp_path / "small.glb"), tmp_path / "again.glb")
     assert "extensionsRequired" not in tree_of(tmp_path / "again.glb")
 

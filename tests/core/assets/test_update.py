@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`zoomout update` carries what changed on a source to what was transferred from it, and nothing else."""
+"""`zoomout update` carries changes of a source to assets derived from it, and nothing else."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def test_a_folder_of_targets_receives_the_data_of_their_sources_once(
     assert np.ptp(color.values[:, :3], axis=0).min() > 0.5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert (page.count("data:image/png;base64,"), "broken" in page) == (1, True)
-    # An interrupted run resumes; what is gone, or was made of other files, is made again.
+    # An interrupted run resumes; results that are missing, or were made of other files, are made again.
     monkeypatch.setattr(batch, "search", None)
     assert run(*arguments)[1]["new"] == 0
     (out / row["output"]).unlink()

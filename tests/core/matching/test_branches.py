@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fingers that a map sends to the wrong finger are found by the distances among their tips, and matched anew."""
+"""Fingers that a map sends to the wrong finger are found by the distances among their tips, and rematched."""
 
 from __future__ import annotations
 

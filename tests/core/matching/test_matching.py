@@ -277,7 +277,7 @@ def test_a_match_can_be_cancelled_and_reports_nothing_after_that(resting: Creatu
 
     with pytest.raises(zo.Cancelled):
         zo.match(resting.surface, bent.surface, progress=listen)
-    # Each concurrent computation reports at most once more before it is cancelled.
+    # Each concurrent computation reports at most one more time before it is cancelled.
     assert 20 <= len(seen) < 20 + 10
     assert seen[-1].fraction < 0.9
 

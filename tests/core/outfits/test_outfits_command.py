@@ -38,7 +38,7 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
     page = (output / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 2
     assert "broken" in page
-    # What is there is not made again, except what is missing.
+    # Existing results are kept, and missing ones are made again.
     (output / "dressed" / "twin" / "dressed.glb").unlink()
     again = json.loads(run(dolls / "dressed.glb", avatars, "-o", output, "--json").stdout)
     assert (again["matched_now"], again["dressed_now"]) == (0, 1)

@@ -160,7 +160,7 @@ def _best_maps(
         for quota, by_merit in zip(quotas, (np.arange(len(found)), by_score), strict=True):
             for i in by_merit:
                 if len(kept) < quota and not same[i, kept].any():
-                    # Of similar maps the one that most pairs support, whatever their order.
+                    # Among similar maps, keep the one that most pairs support, whatever their order.
                     kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
         for of_target, of_source in (found[i] for i in kept):
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))

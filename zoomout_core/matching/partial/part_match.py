@@ -46,8 +46,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Ratio of the areas from which the map of whole shapes is kept if both are the same map: it is more exact then (a
     # body in a fight, 21 against 28), and less exact if much is missing (two people, both cut, 73 against 29).
     nearly_whole: float = tuned(0.8, "1", 0, 1)
-    # Of the scales of two shapes, beyond which their units differ: a hand is 7 to 10 times smaller than its body, and a
-    # foot 5 to 7.
+    # Ratio of the scales of two shapes beyond which their units differ: a hand is 7 to 10 times smaller than its body,
+    # and a foot 5 to 7.
     largest_ratio: float = tuned(11.0, "1", 1, 1000)
     residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no counterpart beyond this distance
     another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals

@@ -93,7 +93,7 @@ class Samples(NamedTuple):
         return cls(points, unit_vectors(np.einsum("sc,scx->sx", weights, normals[corners])))
 
     def thin(self, count: int) -> Samples:
-        """At most so many of them, evenly spread."""
+        """At most `count` of them, evenly spread."""
         chosen = evenly(len(self.points), count)
         return Samples(self.points[chosen], self.normals[chosen])
 
@@ -230,5 +230,5 @@ def _fit_to_correspondences(known: Correspondences, basis: ThinPlateBasis, how: 
 
 
 def evenly(count: int, most: int) -> Integers:
-    """At most so many of some numbers from 0 on, evenly spaced."""
+    """At most `most` of the numbers below `count`, evenly spaced."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))

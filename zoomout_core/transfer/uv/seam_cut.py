@@ -60,7 +60,7 @@ class SeamCut:
         return np.concatenate([values, on_edges, np.einsum("hc,hcd->hd", self.weights, values[self.corners])])
 
     def changes(self, confidence: Floats, has_partner: Booleans | None) -> dict[str, Any]:
-        """What the cut changes in a match with these values (n,), for `dataclasses.replace`.
+        """The fields that the cut changes in a match with these values (n,), for `dataclasses.replace`.
 
         New vertices get the minimum of the values around them.
         """
