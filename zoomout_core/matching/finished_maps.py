@@ -31,8 +31,7 @@ class FinishedMapTuning(Tuning, set_by="correspondence"):
 
     most: int = tuned(3, "candidates", 2, 100)  # number of candidates that are refined at most; 4 rank no better
     # Lag in score up to which candidates are refined. With margins of 1 to 1.5 as many right maps come first (84 of 85
-    # pairs), but with 1 only 81 % of them are above 90 % certainty, instead of 86 %. At this margin 0.2 maps a pair are
-    # refined of SHREC19, 0.6 of FAUST and SCAPE, 1.3 of TOSCA, and 2.8 of SMAL.
+    # pairs), but with 1 only 81 % of them are above 90 % certainty, instead of 86 %.
     margin: float = tuned(1.25, "1", 0, 100)
     size: int = tuned(120, "eigenfunctions", 4, 1000)  # size of the functional maps
 
