@@ -40,6 +40,8 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
     without_partner: float = tuned(0.085, "at unit area", 0, 2)  # no counterpart beyond this miss there and back
     # The same where the map there ends on a border of the other shape: what fills a hole of it.
     beyond_border: float = tuned(0.03, "at unit area", 0, 2)
+    # An edge is torn if its image is longer by more than this.
+    torn: float = tuned(0.15, "at unit area", 0, 2)
 
 
 CONFIDENCE = ConfidenceTuning()
@@ -125,6 +127,16 @@ def local_distortion(surface_map: SurfaceMap, source: ShapeAnalysis, target: Sha
     places = target.mesh.vertices * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
     images = surface_map.interpolate(source.mesh.vertices)
     return similarity_residual(places, target.mesh.triangles, images, CONFIDENCE.rings)
+
+
+def torn_share(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
+    """The part of the target's area, in [0, 1], on triangles whose corners a map sends far apart."""
+    triangles = target.mesh.triangles
+    edges = triangles, np.roll(triangles, 1, axis=1)
+    images = surface_map.interpolate(source.mesh.vertices)
+    own, mapped = (np.linalg.norm(at[edges[0]] - at[edges[1]], axis=2) for at in (target.mesh.vertices, images))
+    areas = triangle_areas(target.mesh.vertices, triangles)
+    return float(areas @ (mapped - own > CONFIDENCE.torn).any(axis=1) / areas.sum())
 
 
 def spectral_distance(rows: Floats, others: Floats, eigenvalues: Floats) -> Floats:

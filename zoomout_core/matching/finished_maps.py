@@ -3,8 +3,8 @@
 
 On a few hundred samples a map with two legs exchanged may score as well as the right one. Refined at all vertices, it
 has to tear or twist the surface between them, which the residual of local similarities detects. It depends neither on
-eigenfunctions nor on distances, so it complements the other criteria. A clear lead needs no more evidence: then no map
-is refined.
+eigenfunctions nor on distances, so it complements the other criteria. If one candidate leads clearly, it alone is
+refined: the order needs no more evidence, but the certainty depends on how far its map tears the surface.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import local_distortion
+from zoomout_core.matching.confidence import local_distortion, torn_share
 from zoomout_core.matching.ranking import Candidate, in_order
 from zoomout_core.matching.refinement import final_size, refine
-from zoomout_core.matching.scores import ENERGY
+from zoomout_core.matching.scores import ENERGY, TORN
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -31,8 +31,7 @@ class FinishedMapTuning(Tuning, set_by="correspondence"):
 
     most: int = tuned(3, "candidates", 2, 100)  # number of candidates that are refined at most; 4 rank no better
     # Lag in score up to which candidates are refined. With margins of 1 to 1.5 as many right maps come first (84 of 85
-    # pairs), but with 1 only 81 % of them are above 90 % certainty, instead of 86 %. At this margin 0.2 maps a pair are
-    # refined of SHREC19, 0.6 of FAUST and SCAPE, 1.3 of TOSCA, and 2.8 of SMAL.
+    # pairs), but with 1 only 81 % of them are above 90 % certainty, instead of 86 %.
     margin: float = tuned(1.25, "1", 0, 100)
     size: int = tuned(120, "eigenfunctions", 4, 1000)  # size of the functional maps
 
@@ -52,8 +51,8 @@ def rank_finished(
         step: growth of the functional map in a round.
 
     Returns:
-        The same maps; those that were refined keep their finished map, and have the score `ENERGY`. If the first one is
-        far ahead, none is refined.
+        The same maps; those that were refined keep their finished map, and have the scores `ENERGY` and `TORN`. If the
+        first one is far ahead, it alone is refined.
     """
     first = candidates[0]
     near = [
@@ -61,8 +60,6 @@ def rank_finished(
         for number, one in enumerate(candidates[: FINISHED_MAPS.most])
         if one.mirrored == first.mirrored and one.scores["total"] - first.scores["total"] < FINISHED_MAPS.margin
     ]
-    if len(near) < 2:
-        return list(candidates)
     finished = for_each(lambda number: _finish(candidates[number], source, target, step), near)
     found = list(candidates)
     for number, candidate in zip(near, finished, strict=True):
@@ -82,11 +79,12 @@ def refine_candidate(
 
 
 def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, step: int) -> Candidate:
-    """A candidate with its finished map and the energy of that map, unless it has them already."""
+    """A candidate with its finished map, and the energy and tears of that map, unless it has them already."""
     if candidate.refined is not None:
         return candidate
     refined = refine_candidate(candidate, source, target, FINISHED_MAPS.size, step)
     distortion = local_distortion(refined[0], source, target, candidate.mirrored)
     # 0 for a similarity around every vertex, near 1 for a scattered map.
     energy = float(np.average(distortion, weights=target.basis.areas))
-    return replace(candidate, refined=refined, distortion=distortion, scores=candidate.scores | {ENERGY: energy})
+    scores = candidate.scores | {ENERGY: energy, TORN: torn_share(refined[0], source, target)}
+    return replace(candidate, refined=refined, distortion=distortion, scores=scores)

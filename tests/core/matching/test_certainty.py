@@ -20,7 +20,7 @@ from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.ranking import Candidate, _align, _leading, in_order, rank, with_others
-from zoomout_core.matching.scores import ENERGY, IN_SPACE, evidence_score
+from zoomout_core.matching.scores import ENERGY, IN_SPACE, TORN, evidence_score
 
 COUNT = 40
 
@@ -64,6 +64,21 @@ def test_a_map_without_rivals_is_as_sure_as_its_fit_in_space() -> None:
     assert fitting > 0.99
     assert 0.1 < doubtful < 0.95
     assert misfit < 0.01
+
+
+def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() -> None:
+    fair = candidate(0.0, place=0.025)
+    whole, scratched, torn = (
+        certainties(replace(fair, scores=fair.scores | {TORN: share}))[0] for share in (0.0, 0.0002, 0.01)
+    )
+    assert whole > scratched > 0.9 > 0.6 > torn
+    assert certainties(fair) == [whole]
+    # Limbs that touch are joined in a hull, from which a right map has to tear them.
+    hulls = [
+        in_order([replace(fair, scores=fair.scores | {TORN: share})], line(is_hull=True), line())[0]
+        for share in (0.0, 0.01)
+    ]
+    assert hulls[0].certainty == hulls[1].certainty
 
 
 def test_a_shape_with_a_border_may_lack_pieces_and_a_hull_hides_them() -> None:
