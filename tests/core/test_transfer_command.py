@@ -133,7 +133,7 @@ def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None
     write_asset(Asset(made.surface), files[1])
     arguments = "match", *map(str, files), "-o", str(tmp_path / "map.npz"), "--detail", "fast"
     said = CliRunner().invoke(main, arguments).stdout
-    assert "Share of the target's area by part of the source: 'source: Skin' " in said
+    assert "Share of the target's area by part of the source: 'Skin' " in said
     assert "Almost nothing arrives from 'source: Hat'." in said
     code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
     assert code == 0, said
