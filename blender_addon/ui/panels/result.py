@@ -154,7 +154,7 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
     header.label(text="Candidates")
     if body is None:
         return
-    rows = body.column(align=True)
+    rows = body.column()  # not aligned: the gaps show which label belongs to which button
     rows.enabled = enabled
     _beside_picture(rows, icon_of_source(listing)).label(text="Source")
     for place, (candidate, name) in enumerate(zip(listing.candidates, _names(listing), strict=True)):
