@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,10 +82,18 @@ def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
-    """The name on most triangles of each component from which little arrives for certain."""
+def name_components(result: MatchResult, parts: NamedParts) -> MatchResult:
+    """The result with the name on most triangles of each component, which its verdict depends on."""
     component = result.source.components[result.source.triangles[:, 0]]
-    return {parts.names[int(np.bincount(parts.number[component == each]).argmax())].label for each in result.uncertain}
+    count = np.zeros((len(result.pair.shares), len(parts.names)), dtype=np.int64)
+    np.add.at(count, (component, parts.number), 1)
+    return replace(result, names=count.argmax(axis=1))
+
+
+def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
+    """The names of the components from which little arrives for certain."""
+    names = name_components(result, parts).names
+    return set() if names is None else {parts.names[number].label for number in names[result.uncertain]}
 
 
 def _quote(names: Iterable[str]) -> Message:
