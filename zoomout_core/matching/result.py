@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 
 import numpy as np
@@ -87,7 +87,7 @@ class MatchResult(Summary):
     placed: float
     filled: Booleans
     torn: Booleans
-    names: Integers | None = None
+    names: Integers | None = field(default=None, kw_only=True)
 
     @property
     def source(self) -> Surface:
@@ -171,6 +171,7 @@ class MatchResult(Summary):
             self.target.share_of_area(self.confidence < LOW),
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,
+            1 - self.placed,
         )
 
     @property

@@ -32,6 +32,8 @@ from zoomout_core.tuning import retune
         ({"doubtful": 0.6}, AMBER, "60% of the target is doubtful"),
         ({"alone": 0.05}, GREEN, "certain"),
         ({"mirrored": True}, AMBER, "mirror image"),
+        ({"certainty": 0.76, "unplaced": 0.235}, AMBER, "24% of the target has no certain place"),
+        ({"certainty": 0.6, "unplaced": 0.235}, AMBER, "may be wrong"),
         ({"alone": 0.4}, AMBER, "no counterpart"),
     ],
 )
@@ -40,6 +42,12 @@ def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str,
     assert verdict.level == level
     assert reason in verdict.sentence
     assert bool(verdict.advice) == (level != GREEN)
+
+
+def test_if_only_places_are_unknown_sides_are_not_in_doubt() -> None:
+    assert "list of parts" in judge(0.76, Faults(unplaced=0.235, silent=0.35)).advice
+    assert "doubtful vertices" in judge(0.76, Faults(unplaced=0.235)).advice
+    assert "sides are swapped" in judge(0.6, Faults(unplaced=0.235, silent=0.35)).advice
 
 
 def test_of_several_verdicts_the_worst_counts() -> None:
