@@ -33,6 +33,9 @@ from zoomout_core.matching.verdict import judge
 from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
 
+# Width of the sidebar in pixels, before a user changes it.
+DEFAULT_WIDTH = 283
+
 
 def drawn():
     """All drawn elements of the visible panels: type, name or text, and whether they are enabled."""
@@ -132,6 +135,16 @@ def test_long_names_differ_when_they_are_shortened(source, target):
     assert shown.endswith("_v012")
     assert 0.4 * width < blf.dimensions(sidebar.FONT, shown)[0] + sidebar.ICON <= 0.6 * width
     assert sidebar.elide(Context(), "Hero", 0.6) == "Hero"
+
+
+def test_names_of_settings_fit_a_sidebar_of_the_default_width():
+    blf.size(sidebar.FONT, 11)
+    panel = DEFAULT_WIDTH - sidebar.MARGIN
+    for setting in bpy.context.scene.zoomout.bl_rna.properties:
+        beside_check_box = setting.type == "BOOLEAN"
+        width = 0.6 * panel - 26 if beside_check_box else 0.4 * panel - 8
+        if setting.identifier not in ("rna_type", "name", "active_landmark"):  # these are not drawn
+            assert blf.dimensions(sidebar.FONT, setting.name)[0] <= width, setting.name
 
 
 def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
