@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zoomout_core.arrays import Integers
 from zoomout_core.matching.components.hulls import outer_triangles
 from zoomout_core.matching.memory_cache import cached_hull
 from zoomout_core.matching.result import MatchResult
@@ -84,16 +85,20 @@ def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
 
 def name_components(result: MatchResult, parts: NamedParts) -> MatchResult:
     """The result with the name on most triangles of each component, which its verdict depends on."""
+    return replace(result, names=_names_of_components(result, parts))
+
+
+def _names_of_components(result: MatchResult, parts: NamedParts) -> Integers:
+    """(c,) the number of the name on most triangles of each component of the source."""
     component = result.source.components[result.source.triangles[:, 0]]
     count = np.zeros((len(result.pair.shares), len(parts.names)), dtype=np.int64)
     np.add.at(count, (component, parts.number), 1)
-    return replace(result, names=count.argmax(axis=1))
+    return np.asarray(count.argmax(axis=1))
 
 
 def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
     """The names of the components from which little arrives for certain."""
-    names = name_components(result, parts).names
-    return set() if names is None else {parts.names[number].label for number in names[result.uncertain]}
+    return {parts.names[number].label for number in _names_of_components(result, parts)[result.uncertain]}
 
 
 def _quote(names: Iterable[str]) -> Message:
