@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 
 import bpy
 import numpy as np
-from bpy.types import AnimData, FCurve, Object
+from bpy.types import AnimData, FCurve, NlaStrip, Object
 from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats
@@ -26,12 +27,12 @@ def moves_by_itself(obj: Object) -> bool:
     animation = obj.animation_data
     if animation is None:
         return False
-    tracked = any(strip.action for track in animation.nla_tracks for strip in track.strips)
-    return tracked or any(curve.data_path.removeprefix("delta_") in OF_PLACE for curve in _curves(animation))
+    curves = [_curves(animation), *(_curves(strip) for track in animation.nla_tracks for strip in track.strips)]
+    return any(curve.data_path.removeprefix("delta_") in OF_PLACE for curve in chain.from_iterable(curves))
 
 
-def _curves(animation: AnimData) -> list[FCurve]:
-    """The curves of the action of an object, or of other data."""
+def _curves(animation: AnimData | NlaStrip) -> list[FCurve]:
+    """The curves of the action of an object or other data, or of an NLA strip."""
     action = animation.action
     if action is None:
         return []

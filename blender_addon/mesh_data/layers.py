@@ -179,6 +179,11 @@ def _kind(attribute: bpy.types.Attribute, role: Role, turning: bool) -> Kind:
     return Kind.DIRECTION if turning and kind is Kind.VECTOR else kind
 
 
+def is_bookkeeping(name: str) -> bool:
+    """Whether an attribute stores a match, a symmetry or a link, which users do not miss on copies."""
+    return name in (*MATCH_ATTRIBUTES, HAS_PARTNER) or name.startswith((SYMMETRY_ATTRIBUTES, LINK_ATTRIBUTES))
+
+
 def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
     name = attribute.name
     if name.startswith(SYMMETRY_ATTRIBUTES):

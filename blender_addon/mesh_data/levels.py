@@ -19,7 +19,16 @@ from zoomout_core.transfer.weights import limit_weights
 
 from .armatures import Bones, read_bones
 from .arrays import read_array
-from .layers import ActiveLayers, Layer, Role, read_active_layers, read_layers, write_active_layers, write_layer
+from .layers import (
+    ActiveLayers,
+    Layer,
+    Role,
+    is_bookkeeping,
+    read_active_layers,
+    read_layers,
+    write_active_layers,
+    write_layer,
+)
 from .normals import read_own_normals, write_custom_normals
 from .shape_keys import (
     ShapeKeys,
@@ -67,7 +76,8 @@ def read_detailed_mesh(obj: Object) -> DetailedMesh:
     rest = read_rest_positions(mesh)
     found, skipped = read_layers(mesh)
     layers = tuple(layer for layer in found if layer.attribute.domain is not Domain.EDGE)
-    left_out = (*skipped, *(layer.attribute.name for layer in found if layer.attribute.domain is Domain.EDGE))
+    on_edges = (layer.attribute.name for layer in found if layer.attribute.domain is Domain.EDGE)
+    left_out = tuple(name for name in (*skipped, *on_edges) if not is_bookkeeping(name))
     attributes = [replace(layer.attribute, name=_name_in_asset(number, layer)) for number, layer in enumerate(layers)]
     slots = read_array(mesh.polygons, "material_index", np.int32).astype(np.int64)
     smooth = read_array(mesh.polygons, "use_smooth", bool).astype(np.int64)

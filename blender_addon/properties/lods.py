@@ -32,7 +32,7 @@ class LevelOptions:
         options=ONCE,
     )
     lod_max_weights: IntProperty(
-        name="Bones per Vertex",
+        name="Bone Limit",
         description="Maximum number of bones that move a vertex of the levels; 0 for as many as in the mesh itself",
         default=4,
         min=0,

@@ -71,7 +71,7 @@ class WrapOptions:
         options=ONCE,
     )
     wrap_subdivided: BoolProperty(
-        name="Fit Subdivision Surface",
+        name="Fit Subdivision",
         description=(
             "If the last modifier is Subdivision Surface, fit its smooth surface to the shape instead of the mesh "
             "itself"

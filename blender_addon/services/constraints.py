@@ -19,7 +19,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.pair import LandmarkError
-from zoomout_core.matching.part_report import notes_on_parts
+from zoomout_core.matching.part_report import name_components, notes_on_parts
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.messages import enumeration, message, plural, sentences
 from zoomout_core.runtime.progress import stage
@@ -131,7 +131,7 @@ async def match_pair(
         notes.append(
             "The map contradicts most names that the two objects share: check whether names or sides are swapped."
         )
-    on_parts = notes_on_parts(result, parts)
+    result, on_parts = name_components(result, parts), notes_on_parts(result, parts)
     if whole is not None:
         notes.append(
             message(

@@ -67,7 +67,11 @@ def _search(target: zo.Surface, folders: Sequence[str], program: str | None) -> 
     try:
         for number, library in enumerate(libraries):
             with portion(PREPARED * number / len(libraries), PREPARED * (number + 1) / len(libraries)):
-                failures |= library.prepare().failures
+                prepared = library.prepare()
+            if prepared.failures and not prepared.assets:
+                reason = next(iter(prepared.failures.values()))
+                raise zo.MeshError("No file of {folder} can be used: {reason}", folder=library.folder, reason=reason)
+            failures |= prepared.failures
         with portion(PREPARED, 1.0):
             return Search(zo.find_source(target, libraries), failures)
     except OSError as error:

@@ -14,7 +14,7 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH,
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import Door, Kind, Option, select_options
-from zoomout_core.matching.part_report import notes_on_parts, part_figures
+from zoomout_core.matching.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.runtime.progress import portion
@@ -114,7 +114,7 @@ def report_on(result: zo.MatchResult, source: Layer) -> dict[str, Any]:
         "source_has_partner": result.source_has_partner,
         "share_without_partner": result.share_without_partner,
         "source_share_without_partner": result.source_share_without_partner,
-        "verdict": result.verdict._asdict(),
+        "verdict": name_components(result, parts).verdict._asdict(),
         "certainty": result.certainty,
         "candidates": [
             {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}

@@ -44,7 +44,7 @@ class Layout:
         self.drawn.append(("label", text, self.usable))
         self.drawn.append(("mark", icon, self.usable))
 
-    def operator(self, name, text=None, icon="NONE", depress=False):
+    def operator(self, name, text=None, icon="NONE", translate=True, depress=False):
         assert icon in ICONS
         owner, kind = name.split(".")
         kind = getattr(getattr(bpy.ops, owner), kind).get_rna_type()

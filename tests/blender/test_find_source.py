@@ -53,6 +53,13 @@ def test_scripts_find_sources_without_a_selection(target, folder):
     assert api.append_source(bpy.context, search.found.best.path).name == "hero"
 
 
+def test_a_library_without_a_readable_file_says_why(target, folder):
+    (folder / "hero.ply").unlink()
+    bpy.context.scene.zoomout.library_folder = str(folder)
+    with pytest.raises(RuntimeError, match=r"No file of .* can be used: .*broken\.obj"):
+        bpy.ops.zoomout.find_source()
+
+
 def test_a_search_needs_a_library(target, tmp_path):
     assert not bpy.ops.zoomout.find_source.poll()
     bpy.context.scene.zoomout.library_folder = str(tmp_path / "missing")

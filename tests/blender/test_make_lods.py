@@ -18,7 +18,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import api
+from blender_addon import api, mesh_data
 from zoomout_core.geometry.closest_points import closest_points
 
 CHOICE = api.LevelChoice(ratios=(0.5, 0.25), max_weights=2)
@@ -44,6 +44,13 @@ def source():
     mesh.normals_split_custom_set(np.tile([0.0, 0.0, 1.0], (len(mesh.loops), 1)))
     obj.lock_location[0] = True
     return obj
+
+
+def test_the_stored_match_is_not_reported_missing(source):
+    for name in ("zoomout_triangle", "zoomout_has_partner"):
+        add_attribute(source.data, name, "INT", "POINT", np.zeros(len(source.data.vertices), dtype=np.int32))
+    add_attribute(source.data, "crease", "FLOAT", "EDGE", np.ones(len(source.data.edges)))
+    assert mesh_data.read_detailed_mesh(source).left_out == ("crease",)
 
 
 def test_levels_have_all_data_and_are_grouped_and_named(source):

@@ -148,6 +148,6 @@ def test_faces_have_the_names_of_their_objects_and_materials():
     names, number = read_parts(bpy.context, pair)
     label = [names[part].label for part in number]
     slots = np.array([polygon.material_index for polygon in both.data.polygons])[pair.source.triangle_face]
-    assert label == [["Both: Skin", "Both: Hair"][slot] for slot in slots]
+    assert label == [["Skin", "Hair"][slot] for slot in slots]
     pair = jobs.run(read_pair(bpy.context, body.name, both.name))
     assert [name.label for name in read_parts(bpy.context, pair).names] == ["Body"]

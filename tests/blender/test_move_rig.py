@@ -241,6 +241,16 @@ def test_bones_that_constraints_turn_at_rest_are_noted():
     assert set(mesh_data.bends_at_rest(armature, made)) == {"Upper"}
 
 
+def test_a_rig_with_actions_in_nla_tracks_is_moved_unless_they_move_the_armature():
+    _, armature = source_and_rig()
+    for path, moves in (('pose.bones["Upper"].location', False), ("location", True)):
+        armature.keyframe_insert(path, frame=1)
+        animation = armature.animation_data
+        animation.nla_tracks.new().strips.new("Take", 1, animation.action)
+        animation.action = None
+        assert mesh_data.moves_by_itself(armature) == moves
+
+
 def test_what_cannot_be_moved_is_refused_and_nothing_is_written():
     source, armature = source_and_rig()
     target, _ = other_build()

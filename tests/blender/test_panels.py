@@ -33,6 +33,9 @@ from zoomout_core.matching.verdict import judge
 from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
 
+# Width of the sidebar in pixels, before a user changes it.
+DEFAULT_WIDTH = 283
+
 
 def drawn():
     """All drawn elements of the visible panels: type, name or text, and whether they are enabled."""
@@ -72,8 +75,8 @@ def open_notes(monkeypatch):
 
 
 def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
-    assert "Source (selected)" in texts()
-    assert "Target (active)" in texts()
+    rows = [text for kind, text, _ in drawn() if kind == "label"][:4]
+    assert rows == ["Selected", "Source", "Target", "Target"]
     assert buttons()["Match"]
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
@@ -123,6 +126,27 @@ def test_lines_are_as_long_as_fits_in_letters_of_any_width():
     assert sidebar._wrap("", 200) == []
 
 
+def test_long_names_differ_when_they_are_shortened(source, target):
+    target.name = "Character_Body_LOD0_sculpted_and_retopologized_v012"
+    width = Context.region.width - sidebar.MARGIN
+    shown = [text for kind, text, _ in drawn() if kind == "label"][3]
+    blf.size(sidebar.FONT, 11)
+    assert shown.startswith("Char")
+    assert shown.endswith("_v012")
+    assert 0.4 * width < blf.dimensions(sidebar.FONT, shown)[0] + sidebar.ICON <= 0.6 * width
+    assert sidebar.elide(Context(), "Hero", 0.6) == "Hero"
+
+
+def test_names_of_settings_fit_a_sidebar_of_the_default_width():
+    blf.size(sidebar.FONT, 11)
+    panel = DEFAULT_WIDTH - sidebar.MARGIN
+    for setting in bpy.context.scene.zoomout.bl_rna.properties:
+        beside_check_box = setting.type == "BOOLEAN"
+        width = 0.6 * panel - 26 if beside_check_box else 0.4 * panel - 8
+        if setting.identifier not in ("rna_type", "name", "active_landmark"):  # these are not drawn
+            assert blf.dimensions(sidebar.FONT, setting.name)[0] <= width, setting.name
+
+
 def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
     drawn()
     mesh_facts.inspect_now()
@@ -144,16 +168,14 @@ def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(t
 def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, target, open_notes):
     match_objects(bpy.context, source, target, k_final=30)
     assert "Candidates" in texts()
-    assert "Most Likely" not in texts()  # folded up while the match is certain
+    assert "Most Likely" not in buttons()  # folded up while the match is certain
 
     assert "Matched with" not in texts()  # the row of the source says it
     assert ("mark", "CHECKMARK", True) in drawn()
     listing = stored_candidates.read(target.data)
     use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
-    shown = texts()
-    assert "Most Likely" in shown
-    assert "Mirror Image" in shown
-    assert "Certain" in buttons()
+    assert {"Most Likely", "Mirror Image"} <= buttons().keys()
+    assert "Certain" in texts()
     assert ("mark", "CHECKMARK", True) not in drawn()
 
 
@@ -202,6 +224,15 @@ def test_no_two_candidates_share_a_name():
     candidates = [SimpleNamespace(difference=name) for name in ("BEST", "LEGS", "SIDES", "LEGS", "LEGS")]
     names = result._names(SimpleNamespace(candidates=candidates))
     assert names == ["Most Likely", "Legs Swapped", "Sides Swapped", "Legs Swapped 2", "Legs Swapped 3"]
+
+
+def test_a_candidate_is_no_higher_than_two_buttons(source, target, monkeypatch):
+    match_objects(bpy.context, source, target, k_final=30)
+    monkeypatch.setattr(drawing, "OPENED", {result.CERTAIN, result.UNCERTAIN})
+    listing = stored_candidates.read(target.data)
+    heights = [size for kind, _, size in drawn() if kind == "icon"]
+    assert len(heights) == 1 + len(listing.candidates)
+    assert max(heights) <= 2
 
 
 def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):

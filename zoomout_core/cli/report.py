@@ -13,7 +13,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
-from zoomout_core.matching.part_report import notes_on_parts, part_figures
+from zoomout_core.matching.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.verdict import GREEN
 from zoomout_core.mesh.named_parts import NamedParts
@@ -38,6 +38,7 @@ def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None
 
 def match_figures(result: MatchResult, parts: NamedParts) -> dict[str, Any]:
     """Figures of a match for programs, with the shares of the source's parts."""
+    result = name_components(result, parts)
     return {
         "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
@@ -54,6 +55,7 @@ def match_figures(result: MatchResult, parts: NamedParts) -> dict[str, Any]:
 
 def match_lines(result: MatchResult, parts: NamedParts) -> list[str]:
     """The same figures in sentences."""
+    result = name_components(result, parts)
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,

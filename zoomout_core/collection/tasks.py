@@ -25,7 +25,7 @@ from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spre
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.part_report import notes_on_parts
+from zoomout_core.matching.part_report import name_components, notes_on_parts
 from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.opening import existing, file_bytes
@@ -207,7 +207,7 @@ def match_pair(
         if beginning is not None and beginning.candidate:
             result = result.use(beginning.candidate)
         parts = parts_of_file(paths[0], result.source)
-    result = replace(result, notes=(*notes_on_parts(result, parts), *result.notes))
+    result = name_components(replace(result, notes=(*notes_on_parts(result, parts), *result.notes)), parts)
     summaries = [ShapeSummary.load(place.folder / place_of_shape(name)) for name in pair]
     through = "" if beginning is None else beginning.through
     # Keep the earlier candidates, so that the next run makes the same choice.

@@ -131,6 +131,10 @@ class Similarities:
     def __getitem__(self, chosen: slice | Integers) -> Similarities:
         return Similarities(self.scale[chosen], self.rotation[chosen], self.translation[chosen])
 
+    def repeat(self, count: int) -> Similarities:
+        """The same similarity several times."""
+        return Similarities(*(np.stack([each] * count) for each in (self.scale, self.rotation, self.translation)))
+
     @classmethod
     def concatenate(cls, several: Sequence[Similarities]) -> Similarities:
         """Join several along their first dimension."""

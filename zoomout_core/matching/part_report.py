@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from zoomout_core.arrays import Integers
 from zoomout_core.matching.components.hulls import outer_triangles
 from zoomout_core.matching.memory_cache import cached_hull
 from zoomout_core.matching.result import MatchResult
@@ -81,10 +83,22 @@ def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
-    """The name on most triangles of each component from which little arrives for certain."""
+def name_components(result: MatchResult, parts: NamedParts) -> MatchResult:
+    """The result with the name on most triangles of each component, which its verdict depends on."""
+    return replace(result, names=_names_of_components(result, parts))
+
+
+def _names_of_components(result: MatchResult, parts: NamedParts) -> Integers:
+    """(c,) the number of the name on most triangles of each component of the source."""
     component = result.source.components[result.source.triangles[:, 0]]
-    return {parts.names[int(np.bincount(parts.number[component == each]).argmax())].label for each in result.uncertain}
+    count = np.zeros((len(result.pair.shares), len(parts.names)), dtype=np.int64)
+    np.add.at(count, (component, parts.number), 1)
+    return np.asarray(count.argmax(axis=1))
+
+
+def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
+    """The names of the components from which little arrives for certain."""
+    return {parts.names[number].label for number in _names_of_components(result, parts)[result.uncertain]}
 
 
 def _quote(names: Iterable[str]) -> Message:

@@ -23,6 +23,7 @@ RIGHT_BUT_FOR_DOUBTS = (
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
 UNSURE = "The match may be wrong: it is {certainty} certain."
+UNPLACED = "The match is {certainty} certain, because {share:.0%} of the target has no certain place on the source."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = (
@@ -97,6 +98,7 @@ class Faults(NamedTuple):
         doubtful: the part of the target's area of low confidence. Faces and hands have most of the vertices of a body.
         alone: the part of the target's area without a counterpart.
         mirrored: the map reverses the orientation.
+        unplaced: the part of the target's area without a known place, by which the certainty is lower.
     """
 
     torn: float = 0.0
@@ -104,6 +106,7 @@ class Faults(NamedTuple):
     doubtful: float = 0.0
     alone: float = 0.0
     mirrored: bool = False
+    unplaced: float = 0.0
 
 
 NO_FAULTS = Faults()
@@ -111,10 +114,14 @@ NO_FAULTS = Faults()
 
 def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
-    torn, silent, doubtful, alone, mirrored = faults
+    torn, silent, doubtful, alone, mirrored, unplaced = faults
+    # No other candidate is likely, and sides are not in doubt.
+    only_unplaced = certainty < VERDICT.sure and certainty >= VERDICT.sure * (1 - unplaced)
+    look_there = LOOK_AT_PARTS if silent >= VERDICT.silent else LOOK_AT_DOUBTFUL
     cases = (
         (certainty < VERDICT.wrong, RED, message(WRONG, certainty=probability(certainty)), TRY_CANDIDATES),
         (torn > VERDICT.shattered, RED, message(SHATTERED, share=torn), TRY_CANDIDATES),
+        (only_unplaced, AMBER, message(UNPLACED, certainty=probability(certainty), share=unplaced), look_there),
         (certainty < VERDICT.sure, AMBER, message(UNSURE, certainty=probability(certainty)), LOOK_AT_SIDES),
         (mirrored, AMBER, message(MIRRORED), ONLY_IF_MIRRORED),
         (silent >= VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),

@@ -16,7 +16,8 @@ class PartName(NamedTuple):
     """How an artist calls a part of a source.
 
     Attributes:
-        label: the name for the user: that of the object, followed by that of the material if the object has several.
+        label: the name for the user: that of the object, followed by that of the material if the object has several;
+            without that of the object if there is no other.
         name: of its object; empty for none.
         material: of its material; empty for none.
     """
@@ -63,10 +64,12 @@ def name_parts(
     shape = len(names), len(looks), int(loose.max()) + 1
     keys, part = np.unique(np.ravel_multi_index((name, material, loose), shape), return_inverse=True)
     found = np.stack(np.unravel_index(keys, shape), axis=1).tolist()
-    divided = np.bincount([first for first, _, _ in found]) > 1
-    return NamedParts([_part_name(str(names[i]), str(looks[j]), k, bool(divided[i])) for i, j, k in found], part)
+    counts = np.bincount([first for first, _, _ in found])
+    alone = np.count_nonzero(counts) == 1
+    return NamedParts([_part_name(str(names[i]), str(looks[j]), k, counts[i] > 1, alone) for i, j, k in found], part)
 
 
-def _part_name(name: str, material: str, loose: int, divided: bool) -> PartName:
-    label = ": ".join(filter(None, (name, material if divided or not name else "")))
+def _part_name(name: str, material: str, loose: int, divided: bool, alone: bool) -> PartName:
+    look = material if divided or not name else ""
+    label = look if alone and look else ": ".join(filter(None, (name, look)))
     return PartName(label or f"part {loose}", name, material)

@@ -3,7 +3,8 @@
 
 The map gives an initial pose. If it takes the target to the source's own body at rest, the target's vertices are
 projected to the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which
-shift whole limbs, no longer matter.
+shift whole limbs, no longer matter. Where the map is wrong, such as below clothes, it bends bones of a target that is
+at rest: a target that fits the source at rest as well by one similarity as by all bones is at rest.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
@@ -40,6 +42,9 @@ class RestTuning(Tuning, set_by="binding"):
         beside: weight of the map at vertices that are not projected.
         rounds: number of rounds of projecting and fitting.
         in_place: a target in the rest pose stays in place if no vertex would move farther.
+        aligned: maximum number of vertices that are aligned with the source as a whole.
+        iterations: number of rounds of this alignment.
+        outlying: distance, relative to the median, at which the weight of a vertex in it is halved.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -49,6 +54,9 @@ class RestTuning(Tuning, set_by="binding"):
     beside: float = tuned(0.1, "1", 0, 1)
     rounds: int = tuned(6, "rounds", 0, 100)
     in_place: float = tuned(0.02, "at unit area", 0, 1)
+    aligned: int = tuned(1500, "vertices", 3, 1_000_000)
+    iterations: int = tuned(10, "rounds", 1, 100)
+    outlying: float = tuned(3.0, "1", 0.1, 1000)
 
 
 REST = RestTuning()
@@ -83,14 +91,21 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     search, normals = SurfaceSearch(rest.vertices, rest.triangles), vertex_normals(target.vertices, target.triangles)
     found = replace(mapped, confidence=confidence)
     for _ in range(REST.rounds):
-        lying, trusted = _read_at_rest(found, mapped, pose, weights, search)
-        if lying is None:
+        projection = _project_at_rest(found, mapped, pose, weights, search, REST.along)
+        if not projection.is_same_body:
             break
-        doubted = REST.beside * confidence
-        found = replace(mapped, surface_map=lying, confidence=np.where(trusted, FULL_CONFIDENCE, doubted))
+        found, trusted = _follow(projection, mapped, confidence), projection.trusted
         own = csr_array(mixing_matrix(found) @ weights)
-        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), doubted)
+        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
         pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
+    if pose.is_rest:
+        return PosedTarget(found, pose)
+    counted = areas if mapped.has_partner is None else areas * mapped.has_partner
+    unbent = _unbend(pose, target, rest, search)
+    projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
+    bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
+    if projection.is_same_body and counted @ projection.off <= counted @ bent.off:
+        return PosedTarget(_follow(projection, mapped, confidence), unbent)
     return PosedTarget(found, pose)
 
 
@@ -103,32 +118,69 @@ def align(target: Surface, pose: Pose) -> Rest:
     return Rest(placed, np.broadcast_to(linear, (len(placed), 3, 3)), 0)
 
 
-def _read_at_rest(
-    found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch
-) -> tuple[SurfaceMap | None, Booleans]:
-    """Project the target, taken to the rest pose, to the source; also returns (n_t,) where this is trusted.
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """A target, taken to the rest pose and projected to the source at rest.
 
-    The map is None if it is another body.
+    Attributes:
+        surface_map: the projection where it is trusted, the map elsewhere.
+        off: (n_t,) distances from the source.
+        trusted: (n_t,) where the projection is trusted.
+        is_same_body: whether the target is the source's own body.
     """
+
+    surface_map: SurfaceMap
+    off: Floats
+    trusted: Booleans
+    is_same_body: bool
+
+
+def _project_at_rest(
+    found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch, along: float
+) -> _Projection:
+    """Project the target, taken to the rest pose, to the source: no vertex farther than `along` from its image."""
     target, rest = mapped.target, mapped.source
     matrices = skinning_matrices(pose.transforms, csr_array(mixing_matrix(found) @ weights))
     at_rest, _, sound = inverse_skinning(target.vertices, matrices, pose.scale)
     triangle, barycentric = search.closest(at_rest)
-    lying = SurfaceMap(triangle, barycentric, rest.triangles)
-    places, unit = lying.interpolate(rest.vertices), np.sqrt(rest.area)
+    places, unit = SurfaceMap(triangle, barycentric, rest.triangles).interpolate(rest.vertices), np.sqrt(rest.area)
     off = np.linalg.norm(places - at_rest, axis=1)
-    if np.median(off) > REST.same_body * unit:
-        return None, np.zeros(len(off), dtype=bool)
-    along = np.linalg.norm(places - mapped.points, axis=1)
     outwards = triangle_normals(rest.vertices, rest.triangles)[triangle]
     facing = np.einsum("nx,nx->n", vertex_normals(at_rest, target.triangles), outwards)
-    trusted = sound & (off < REST.near * unit) & (along < REST.along * unit) & (facing > REST.facing)
+    near = np.linalg.norm(places - mapped.points, axis=1) < along * unit
+    trusted = sound & near & (off < REST.near * unit) & (facing > REST.facing)
     if mapped.has_partner is not None:
         trusted &= mapped.has_partner
     kept = mapped.surface_map
-    lying = SurfaceMap(
+    surface_map = SurfaceMap(
         np.where(trusted, triangle, kept.triangle),
         np.where(trusted[:, None], barycentric, kept.barycentric),
         rest.triangles,
     )
-    return lying, trusted
+    return _Projection(surface_map, off, trusted, bool(np.median(off) <= REST.same_body * unit))
+
+
+def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -> MappedTarget:
+    """The target along a projection: certain where it is trusted, else hardly trusted."""
+    trust = np.where(projection.trusted, FULL_CONFIDENCE, REST.beside * confidence)
+    return replace(mapped, surface_map=projection.surface_map, confidence=trust)
+
+
+def _unbend(pose: Pose, target: Surface, rest: Surface, search: SurfaceSearch) -> Pose:
+    """The rest pose that brings a target closest to the source at rest, by iterative closest points.
+
+    The size is that of the source or that of the given pose, whichever fits better.
+    """
+    chosen = np.unique(np.linspace(0, len(target.vertices) - 1, REST.aligned).astype(np.int64))
+    images, areas, fits = target.vertices[chosen], target.vertex_areas[chosen], []
+    for scale in (1.0, pose.scale):
+        places, counted = pose.common.inverse(images), areas
+        for _ in range(REST.iterations + 1):
+            similarity = procrustes(places, images, counted, scales=(scale, scale))
+            aligned = similarity.inverse(images)
+            places = SurfaceMap(*search.closest(aligned), rest.triangles).interpolate(rest.vertices)
+            off = np.linalg.norm(places - aligned, axis=1)
+            counted = areas / (1 + (off / max(REST.outlying * np.median(off), SMALLEST)) ** 2)
+        fits.append((float(areas @ off), similarity))
+    _, common = min(fits, key=lambda fit: fit[0])
+    return Pose(common.repeat(len(pose.transforms.scale)), common, 0.0)

@@ -22,12 +22,16 @@ from .sidebar import (
     VERDICT_ICONS,
     SidebarPanel,
     count_text,
+    elide,
     help_button,
     main_button,
     sentences,
     show_findings,
     split_properties,
 )
+
+# Share of the panel's width that Blender gives to the names of properties.
+LABELS = 0.4
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
@@ -47,8 +51,8 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
         # The number of rows does not depend on the selection, so that no button moves.
         if settings.source is None:
-            _object_row(column, "", _describe_source(source, target))
-        _object_row(column, "Target", _describe_targets(target if is_mesh else None, len(others)))
+            _object_row(column, _how_found(source, target), _name(context, source))
+        _object_row(column, "Target", _describe_targets(context, target if is_mesh else None, len(others)))
         layout.prop(settings, "initial")
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
@@ -84,27 +88,31 @@ def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) ->
     sentences(context, box, [join_sentences(verdict.sentence, verdict.advice)], VERDICT_ICONS[verdict.level])
 
 
-def _describe_source(source: Object | None, target: Object | None) -> str:
-    """The source that was not chosen in the panel, and how it was found; empty if there is none."""
+def _how_found(source: Object | None, target: Object | None) -> str:
+    """How the source was found that was not chosen in the panel; empty if there is none."""
     if source is None:
         return ""
-    how = "{name} (selected)" if source.select_get() and source != target else "{name} (matched)"
-    return translated(message(how, name=source.name))
+    return "Selected" if source.select_get() and source != target else "Matched"
 
 
-def _describe_targets(target: Object | None, others: int) -> str:
+def _describe_targets(context: Context, target: Object | None, others: int) -> str:
     """The active target, and the number of other selected ones; empty if there is none."""
-    if target is None:
-        return ""
     if not others:
-        return translated(message("{name} (active)", name=target.name))
-    return translated(message("{name} and {count} more", name=target.name, count=others))
+        return _name(context, target)
+    return translated(message("{name} and {count} more", name=_name(context, target, 0.6), count=others))
+
+
+def _name(context: Context, obj: Object | None, share: float = 1.0) -> str:
+    """The name of an object, as far as it fits a share of the column of values; empty for none."""
+    return "" if obj is None else elide(context, obj.name, share * (1 - LABELS))
 
 
 def _object_row(layout: UILayout, label: str, text: str) -> None:
     """Draw objects that were chosen elsewhere, aligned like a property."""
-    split = layout.split(factor=0.4)
+    split = layout.split(factor=LABELS)
     name = split.row()
     name.alignment = "RIGHT"
     name.label(text=label)
-    split.label(text=text or translated("None selected"), icon="OUTLINER_OB_MESH" if text else "BLANK1")
+    split.label(
+        text=text or translated("None selected"), translate=False, icon="OUTLINER_OB_MESH" if text else "BLANK1"
+    )

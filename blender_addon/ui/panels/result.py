@@ -28,7 +28,6 @@ from ...viewport import preview
 from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
 from .sidebar import (
-    PICTURE,
     SidebarPanel,
     draw_notes,
     explain_hidden_preview,
@@ -42,8 +41,9 @@ from .sidebar import (
 TOLD = 0.005
 # Names of the panels of candidates and of notes, of which Blender remembers whether they are open.
 CERTAIN, UNCERTAIN, NOTES = "zoomout_candidates_certain", "zoomout_candidates_uncertain", "zoomout_notes"
-# Number of thumbnails in a row, so that the candidates' differences fit below them.
-COLUMNS = 2
+# Size of a thumbnail in icons: as high as a button and a label, so that four candidates leave Transfer on a screen of
+# 880 pixels; and its share of the panel's width.
+PICTURE, PICTURED = 2.0, 0.25
 # Differences of a candidate from the most likely one.
 DIFFERENCES = {
     candidate_differences.BEST: "Most Likely",
@@ -154,20 +154,22 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
     header.label(text="Candidates")
     if body is None:
         return
-    grid = body.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
-    grid.enabled = enabled
-    column = grid.column(align=True)
-    column.template_icon(icon_of_source(listing), scale=PICTURE)
-    column.label(text="Source")
-    column.label(text="")
+    rows = body.column()  # not aligned: the gaps show which label belongs to which button
+    rows.enabled = enabled
+    _beside_picture(rows, icon_of_source(listing)).label(text="Source")
     for place, (candidate, name) in enumerate(zip(listing.candidates, _names(listing), strict=True)):
-        column = grid.column(align=True)
-        column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
-        column.label(text=name)
-        text = "Use" if candidate.mirrored else _likelihood(listing, place)
+        column = _beside_picture(rows, icon_of_candidate(listing, place))
         chosen = place == listing.chosen
-        button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
+        button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=name, translate=False, depress=chosen)
         button.candidate = place + 1
+        column.label(text="" if candidate.mirrored else _likelihood(listing, place))
+
+
+def _beside_picture(layout: UILayout, icon: int) -> UILayout:
+    """A column to the right of a thumbnail."""
+    split = layout.split(factor=PICTURED, align=True)
+    split.template_icon(icon, scale=PICTURE)
+    return split.column(align=True)
 
 
 def _likelihood(listing: CandidateList, place: int) -> str:

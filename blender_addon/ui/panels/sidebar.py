@@ -21,16 +21,15 @@ from ...translations import CONTEXT, translated
 from ...viewport import preview
 from .. import manual
 
-# Width of the border around a panel's text, in pixels at a scale of 1, and the font of labels.
-BORDER, FONT = 86, 0
+# Widths of the border around a panel's text in a box, of a panel's margins, and of the icon and padding of a label, in
+# pixels at a scale of 1; and the font of labels.
+BORDER, MARGIN, ICON, FONT = 86, 48, 34, 0
 # Height of a panel's main button, relative to others.
 BUTTON = 1.5
 # Letters of a label that fits beside two others.
 NARROW = 12
 # Icons of verdicts on a match.
 VERDICT_ICONS = {GREEN: "CHECKMARK", AMBER: "ERROR", RED: "CANCEL"}
-# Size of the thumbnails of candidates, in icons.
-PICTURE = 3.2
 
 
 class SidebarPanel:
@@ -44,12 +43,32 @@ class SidebarPanel:
 
 def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE") -> None:
     """Draw sentences in the user's language, wrapped to the width of the panel; each may have an icon."""
-    scale = context.preferences.system.ui_scale
-    blf.size(FONT, context.preferences.ui_styles[0].widget.points * scale)
+    width = context.region.width - BORDER * _set_font(context)
     for text in texts:
         column = layout.column(align=True)
-        for number, line in enumerate(_wrap(translated(text), context.region.width - BORDER * scale)):
+        for number, line in enumerate(_wrap(translated(text), width)):
             column.label(text=line, translate=False, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
+
+
+def elide(context: Context, text: str, share: float = 1.0) -> str:
+    """Leave out the middle of a text that is wider than a share of the panel: names often differ at their ends only.
+
+    Blender cuts off the ends of labels.
+    """
+    scale = _set_font(context)
+    width = share * (context.region.width - MARGIN * scale) - ICON * scale
+    short, kept = text, len(text) - 1
+    while kept > 1 and not _fits(short, width):
+        short = f"{text[: (kept + 1) // 2]}…{text[len(text) - kept // 2 :]}"
+        kept -= 1
+    return short
+
+
+def _set_font(context: Context) -> float:
+    """Set the font in which texts are measured to that of labels; returns the scale of the interface."""
+    scale = float(context.preferences.system.ui_scale)
+    blf.size(FONT, context.preferences.ui_styles[0].widget.points * scale)
+    return scale
 
 
 def _wrap(text: str, width: float) -> list[str]:

@@ -19,7 +19,6 @@ from ...viewport import preview
 from .. import manual
 from ..thumbnails import icon_of_symmetry
 from .sidebar import (
-    PICTURE,
     SidebarPanel,
     draw_notes,
     explain_hidden_preview,
@@ -38,6 +37,8 @@ RESHAPED = Finding(
 FEW = Finding("The mesh has few vertices: if a symmetry is missing, subdivide it and detect again.", False)
 # Number of thumbnails in a row.
 COLUMNS = 2
+# Size of the thumbnails, in icons.
+PICTURE = 3.2
 
 
 class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):

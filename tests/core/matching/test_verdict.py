@@ -11,7 +11,9 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
+from zoomout_core.matching.part_report import name_components
 from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Faults, judge, worst
+from zoomout_core.mesh.named_parts import name_parts
 from zoomout_core.tuning import retune
 
 
@@ -30,6 +32,8 @@ from zoomout_core.tuning import retune
         ({"doubtful": 0.6}, AMBER, "60% of the target is doubtful"),
         ({"alone": 0.05}, GREEN, "certain"),
         ({"mirrored": True}, AMBER, "mirror image"),
+        ({"certainty": 0.76, "unplaced": 0.235}, AMBER, "24% of the target has no certain place"),
+        ({"certainty": 0.6, "unplaced": 0.235}, AMBER, "may be wrong"),
         ({"alone": 0.4}, AMBER, "no counterpart"),
     ],
 )
@@ -38,6 +42,12 @@ def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str,
     assert verdict.level == level
     assert reason in verdict.sentence
     assert bool(verdict.advice) == (level != GREEN)
+
+
+def test_if_only_places_are_unknown_sides_are_not_in_doubt() -> None:
+    assert "list of parts" in judge(0.76, Faults(unplaced=0.235, silent=0.35)).advice
+    assert "doubtful vertices" in judge(0.76, Faults(unplaced=0.235)).advice
+    assert "sides are swapped" in judge(0.6, Faults(unplaced=0.235, silent=0.35)).advice
 
 
 def test_of_several_verdicts_the_worst_counts() -> None:
@@ -71,6 +81,27 @@ def test_a_part_that_arrives_without_confidence_makes_the_verdict_amber() -> Non
     assert doubted.verdict.level == AMBER
     with retune(VERDICT, trusted=0.0):
         assert doubted.verdict.level == GREEN
+
+
+def test_a_small_part_is_missed_unless_others_of_its_name_arrive() -> None:
+    made = creature(400)
+    top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
+    source = zo.Surface.joined([made.surface, zo.Surface(made.surface.vertices * 0.05 + top, made.surface.triangles)])
+    found = zo.match(source, made.surface, k_final=30, samples=120)
+    shares = np.array([0.998, 0.002])
+    result = replace(found, pair=replace(found.pair, shares=shares))
+    np.testing.assert_array_equal(result.uncertain, [1])
+    is_small = source.components[source.triangles[:, 0]] == 1
+
+    def level(materials: list[str], lost: float = 0.002) -> str:
+        pair = replace(found.pair, shares=np.array([1 - lost, lost]))
+        parts = name_parts(source, ["Hero"], 0, materials, np.where(is_small, 1, 0))
+        return name_components(replace(result, pair=pair), parts).verdict.level
+
+    assert result.verdict.level == AMBER
+    assert level(["Skin", "Glasses"]) == AMBER
+    assert level(["Skin", "Skin"]) == GREEN
+    assert level(["Skin", "Skin"], lost=0.02) == AMBER
 
 
 def test_a_match_of_a_shape_with_itself_is_green() -> None:

@@ -31,6 +31,13 @@ def test_the_material_of_an_object_is_named_if_there_are_several() -> None:
     assert parts.names[-1] == ("Hat", "Hat", "Skin")
 
 
+def test_the_name_of_the_only_object_is_left_out() -> None:
+    found = labels(["Character"], 0, ["Skin", "Shirt"], OBJECT)
+    assert found == ["Skin"] * COUNT + ["Shirt"] * COUNT
+    assert labels(["Character"], 0, ["Skin"], 0) == ["Character"] * 2 * COUNT
+    assert set(labels(["Character"], 0, ["Skin"], OBJECT - 1)) == {"Character", "Skin"}
+
+
 def test_objects_and_materials_of_one_name_are_one_part() -> None:
     parts = name_parts(TWO, ["Body", "Body"], OBJECT, ["Skin", "Skin"], OBJECT)
     assert [each.label for each in parts.names] == ["Body"]

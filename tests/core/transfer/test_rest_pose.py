@@ -2,7 +2,7 @@
 """The pose of a target is estimated from its map to a rigged source, and refined if both have the same body."""
 
 import numpy as np
-from bent_tube import PARENTS, bend, pose_surface, tube, weights_of
+from bent_tube import LENGTH, PARENTS, bend, pose_surface, tube, weights_of
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
@@ -129,3 +129,21 @@ def test_a_target_that_stands_elsewhere_is_at_rest():
     found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert found.pose.is_rest
     np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02)
+
+
+def test_a_wrong_map_does_not_bend_a_target_at_rest():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = still.with_vertices(still.vertices + np.array([3.0, 0, 0]))
+    images = pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices  # closest points of these are elsewhere
+    found = find_pose(_mapped(source, target, images), source, weights_of(source.vertices), PARENTS)
+    assert found.pose.bend == 0
+    assert found.pose.scale == 1
+    np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02 * LENGTH)
+    assert np.median(np.linalg.norm(found.mapped.points - still.vertices, axis=1)) < 0.02 * LENGTH
+
+
+def test_a_slight_bend_is_a_pose():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend((12, 0, 0), (0, 12, 0)))
+    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    assert not found.pose.is_rest

@@ -250,7 +250,7 @@ def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, nois
     middle = TURN.inv().apply(found.vertices[700:].mean(axis=0) - [5.0, -2, 9])
     assert middle[0] > 0.9 * np.linalg.norm(middle)
     assert 2.4 < middle[0] < 4
-    assert "1 loose parts follow as rigid pieces." in found.notes
+    assert "Loose parts that follow as rigid pieces: 1." in found.notes
 
 
 def test_a_loose_part_with_images_goes_there_but_does_not_spin(source: Surface, target: Surface) -> None:
