@@ -98,18 +98,29 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
 @pytest.fixture(scope="module")
 def quick_search() -> Iterator[None]:
-    """Matches search among fewer candidates, which is faster.
+    """Matches search among fewer candidates, refine in fewer rounds and have coarser hulls, which takes half the time.
 
-    For modules that use a match: the search itself is tested in `core/matching`.
+    For modules that use a match: the search, the refinement and the hulls are tested in `core/matching`.
     """
+    from zoomout_core.matching.components.hulls import HULLS
+    from zoomout_core.matching.finished_maps import FINISHED_MAPS
     from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
     from zoomout_core.matching.ranking import RANKING
+    from zoomout_core.matching.refinement import REFINEMENT, Schedule
+    from zoomout_core.matching.registration import nonrigid_icp
+    from zoomout_core.matching.registration.nonrigid_icp import Level
     from zoomout_core.tuning import retune
 
+    few_levels = Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 3), Level(100, 0.02, 0.3, 1), Level(200, 0.02, 0.1, 1)
     with (
         retune(RANKING, direct=(2, 4), mirrored=(1, 2)),
         retune(EXTREMITIES, quotas=(20, 6, 2, 1), kept_consistent=3, kept=6),
+        retune(HULLS, resolution=64, tight_resolution=96),
+        retune(FINISHED_MAPS, most=2),
+        retune(REFINEMENT, between_shapes=Schedule(((30, 0.08), (60, 0.06), (120, 0.04)), (90, 120))),
+        pytest.MonkeyPatch.context() as patch,
     ):
+        patch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", few_levels)
         yield
 
 

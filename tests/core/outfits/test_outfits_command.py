@@ -15,7 +15,7 @@ from zoomout_core.cli import main
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1"])
+    return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1", "--detail", "fast"])
 
 
 def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
