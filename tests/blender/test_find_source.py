@@ -12,6 +12,8 @@ from blender_addon.services.library import append_source, library_folders
 from zoomout_core.mesh.files import write_shape
 from zoomout_core.samples import creature
 
+pytestmark = pytest.mark.usefixtures("coarse_hulls")
+
 
 @pytest.fixture
 def target():

@@ -26,7 +26,7 @@ from zoomout_core.samples import creature, directions
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("quick_search", "coarse_hulls")
 
 # The number of the creature's tail.
 TAIL = 5
