@@ -9,6 +9,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 # Results of the last calls of long functions in this process, which tests of other modules may repeat.
 _results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
 MAX_RESULTS = 80
+# The modules of the command line that import these functions by name.
+COMMANDS = [f"zoomout_core.cli.{name}_command" for name in ("landmarks", "match", "symmetry", "transfer")]
 # Arrays that identify a shape.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
 
@@ -97,11 +100,8 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="module")
-def quick_search() -> Iterator[None]:
-    """Matches search among fewer candidates, which is faster.
-
-    For modules that use a match: the search itself is tested in `core/matching`.
-    """
+def few_candidates() -> Iterator[None]:
+    """Matches search among fewer candidates, which is faster: the search itself is tested in `core/matching`."""
     from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
     from zoomout_core.matching.ranking import RANKING
     from zoomout_core.tuning import retune
@@ -114,6 +114,38 @@ def quick_search() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
+def quick_search(few_candidates: None) -> Iterator[None]:
+    """Matches search among fewer candidates and refine in fewer rounds, which takes half the time.
+
+    For modules that use a match: the search and the refinement themselves are tested in `core/matching`.
+    """
+    from zoomout_core.matching.finished_maps import FINISHED_MAPS
+    from zoomout_core.matching.refinement import REFINEMENT, Schedule
+    from zoomout_core.matching.registration import nonrigid_icp
+    from zoomout_core.matching.registration.nonrigid_icp import Level
+    from zoomout_core.tuning import retune
+
+    few_levels = Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 3), Level(100, 0.02, 0.3, 1), Level(200, 0.02, 0.1, 1)
+    with (
+        retune(FINISHED_MAPS, most=2),
+        retune(REFINEMENT, between_shapes=Schedule(((30, 0.08), (60, 0.06), (120, 0.04)), (90, 120))),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", few_levels)
+        yield
+
+
+@pytest.fixture(scope="module")
+def coarse_hulls() -> Iterator[None]:
+    """The hulls of meshes have an eighth of the voxels."""
+    from zoomout_core.matching.components.hulls import HULLS
+    from zoomout_core.tuning import retune
+
+    with retune(HULLS, resolution=64, tight_resolution=96):
+        yield
+
+
+@pytest.fixture(scope="module")
 def remember_matches(quick_search: None) -> Iterator[None]:
     """A repeated match or symmetry detection returns the earlier result, and reports the same progress.
 
@@ -121,7 +153,12 @@ def remember_matches(quick_search: None) -> Iterator[None]:
     """
     import zoomout_core as zo  # after bpy, where that is imported
 
+    remembered = {zo.match: remember(zo.match, 2), zo.detect_symmetry: remember(zo.detect_symmetry, 1)}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zo, "match", remember(zo.match, 2))
-        patch.setattr(zo, "detect_symmetry", remember(zo.detect_symmetry, 1))
+        for function, other in remembered.items():
+            patch.setattr(zo, function.__name__, other)
+        for module in map(import_module, COMMANDS):
+            for name, function in list(vars(module).items()):
+                if getattr(function, "__name__", "") in ("match", "detect_symmetry"):
+                    patch.setattr(module, name, remembered[function])
         yield

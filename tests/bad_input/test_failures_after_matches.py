@@ -30,7 +30,7 @@ from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("remember_matches")
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="files and terminals are others there")
 FAST = ("--initial", "proximity", "--detail", "fast")

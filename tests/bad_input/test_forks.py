@@ -48,6 +48,10 @@ if not child:
 os._exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 HELD = {
+    "everything": (
+        "Core(), threads.one_blas_thread, threads.one_blas_thread._lock, memory_cache._shapes._lock, "
+        "memory_cache._meshes._lock"
+    ),
     "all cores": "Core()",
     "the lock of BLAS": "threads.one_blas_thread._lock",
     "BLAS at one thread": "threads.one_blas_thread",
@@ -56,7 +60,7 @@ HELD = {
 }
 
 
-@pytest.mark.slow(but=2)
+@pytest.mark.slow(but=1)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no forks")
 @pytest.mark.parametrize("name", HELD)
 def test_the_child_can_match(name: str) -> None:

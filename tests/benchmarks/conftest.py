@@ -22,7 +22,7 @@ BUILDS = ["woman", "man", "thin", "tall"]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _each_match_quick(quick_search: None) -> None:
+def _each_match_quick(few_candidates: None) -> None:
     """Matches are computed by the core, and tested there."""
 
 

@@ -21,22 +21,33 @@ SMALL = Size(cell=0.025, voxel=0.02, target_vertices=4500, width=240, samples=1)
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    """The folder and the report of a run in a session where the add-on is not registered."""
-    folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
-    report = run(folder, SMALL)
+def finished(tmp_path_factory):
+    """The folder and the report of a run in a session where the add-on is not registered, and what it began with."""
+    folder = tmp_path_factory.mktemp("demo")
+    built = []
+
+    def make_and_save(size):
+        built.append(make_demo_objects(size))
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / "objects.blend"), copy=True)
+        return built[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("blender_addon.demo.make_demo_objects", make_and_save)
+        report = run(folder / "new" / "folder", SMALL)
     assert not hasattr(bpy.types.Scene, "zoomout"), "the demo left its add-on registered"
-    return folder, report
+    return folder / "new" / "folder", report, folder / "objects.blend", built[0]
 
 
-@pytest.fixture(scope="module")
-def prepared(tmp_path_factory):
-    """The demo's objects, built once and saved."""
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    objects = make_demo_objects(SMALL)
-    path = tmp_path_factory.mktemp("demo") / "demo.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path, objects
+@pytest.fixture
+def demo(finished):
+    """The folder and the report of the run."""
+    return finished[:2]
+
+
+@pytest.fixture
+def prepared(finished):
+    """The demo's objects as saved before the match, and as built."""
+    return finished[2:]
 
 
 @pytest.fixture

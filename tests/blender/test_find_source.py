@@ -12,10 +12,12 @@ from blender_addon.services.library import append_source, library_folders
 from zoomout_core.mesh.files import write_shape
 from zoomout_core.samples import creature
 
+pytestmark = pytest.mark.usefixtures("coarse_hulls")
+
 
 @pytest.fixture
 def target():
-    surface = creature(1500, seed=1, bend=0.9).surface
+    surface = creature(900, seed=1, bend=0.9).surface
     obj = from_pydata("Scan", surface.vertices, surface.triangles)
     activate(obj)
     return obj
@@ -23,7 +25,7 @@ def target():
 
 @pytest.fixture
 def folder(tmp_path):
-    write_shape(creature(2000).surface, tmp_path / "hero.ply")
+    write_shape(creature(1000).surface, tmp_path / "hero.ply")
     (tmp_path / "broken.obj").write_text("f 1 2 3\n")
     return tmp_path
 

@@ -16,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share
 from zoomout_core.spectral.sampling import farthest_points
 
-pytestmark = pytest.mark.usefixtures("remember_matches")
+pytestmark = pytest.mark.usefixtures("remember_matches", "coarse_hulls")
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,8 @@ from meshlab_filter.mesh_data import add_layer, read_layer
 from meshlab_filter.samples import SYMMETRIC, sample
 from zoomout_core.mesh.surface import PointCloud
 
+pytestmark = pytest.mark.usefixtures("remember_matches")
+
 SIZE = 14.2**0.5
 SOURCE, TARGET = creature(0.12, SOURCE_POSE), creature(0.14, TARGET_POSE)
 

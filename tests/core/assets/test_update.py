@@ -39,7 +39,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     character = next(folder.glob("*.glb"))
     character.rename(folder / "old.glb")
     code, said = run(
-        "transfer", folder / "old.glb", folder / "scan.ply", "-o", folder / "scan.glb", "--keep-map", "--cache", "off"
+        "transfer",
+        folder / "old.glb",
+        folder / "scan.ply",
+        "-o",
+        folder / "scan.glb",
+        "--keep-map",
+        "--detail",
+        "fast",
+        "--cache",
+        "off",
     )
     assert code == 0, said
     return folder

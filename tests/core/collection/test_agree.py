@@ -14,6 +14,8 @@ from zoomout_core.collection.agree import agree
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 # Two candidates of "c" are nearly the same, and the evidence of heights exchanges them.
 FAST = MatchOptions(**DETAIL["fast"], upright=False)  # type: ignore[arg-type]
 SOURCE = creature(500, asymmetry=0.3)

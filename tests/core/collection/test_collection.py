@@ -34,7 +34,7 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.surface import MeshError, PointCloud
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 # Seeds and poses of four meshes of one creature.

@@ -18,7 +18,7 @@ from zoomout_core.mesh.blender_files import blender_command
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 # This stand-in reads PLY files with other suffixes. Like Blender, it also prints unrelated lines.
 STAND_IN = """#!{python}

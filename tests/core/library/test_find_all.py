@@ -22,7 +22,7 @@ from zoomout_core.mesh.files import write_shape
 from zoomout_core.samples import creature
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("quick_search", "coarse_hulls")
 
 
 @pytest.fixture(scope="module")

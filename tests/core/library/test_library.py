@@ -26,14 +26,14 @@ from zoomout_core.samples import creature, directions
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("quick_search", "coarse_hulls")
 
 # The number of the creature's tail.
 TAIL = 5
 
 
 def ball() -> zo.Surface:
-    where = directions(1500, 0)
+    where = directions(600, 0)
     return zo.Surface(where, outward_hull(where))
 
 
@@ -42,8 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A prepared library of a creature, one without its tail, and a broken file."""
     place = tmp_path_factory.mktemp("library")
     (place / "pack").mkdir()
-    write_shape(creature(2500, seed=2).surface, place / "pack" / "whole.ply")
-    write_shape(creature(2500, seed=3, without=TAIL).surface, place / "tailless.ply")
+    write_shape(creature(1300, seed=2).surface, place / "pack" / "whole.ply")
+    write_shape(creature(1300, seed=3, without=TAIL).surface, place / "tailless.ply")
     (place / "broken.obj").write_text("v 0 0\nf 1 2 3\n")
     (place / "notes.txt").write_text("No mesh.")
     report = zo.Library(place).prepare()
@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def target() -> zo.Surface:
     """The creature in another pose, with other triangles, turned, moved and in another unit."""
     turn = Rotation.from_euler("xyz", [40, 100, 200], degrees=True)
-    surface = creature(2000, seed=1, bend=0.9).surface
+    surface = creature(1100, seed=1, bend=0.9).surface
     return surface.with_vertices(turn.apply(surface.vertices) * 170 + 30)
 
 

@@ -20,7 +20,7 @@ from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.disk_cache import ShapeFolder
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 COUNT = 2500  # large enough to be decimated
 PROXY_VERTICES = 1000

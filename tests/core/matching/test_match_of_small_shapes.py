@@ -31,7 +31,7 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, stage
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 SOURCE, TARGET = creature(260), creature(240, seed=1)
 TRUTH = true_vertex(SOURCE, TARGET)

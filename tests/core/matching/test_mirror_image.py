@@ -17,12 +17,12 @@ MIRROR = np.array([-1.0, 1, 1])
 
 
 def test_landmarks_on_a_mirror_image_are_placed_by_the_mirrored_candidate() -> None:
-    source, other = hollow(900, 0), hollow(800, 1)
+    source, other = hollow(700, 0), hollow(650, 1)
     target = Surface(MIRROR * grow(other.vertices), other.triangles[:, ::-1])
     result = zo.match(source, target, **FAST)
     number = zo.mirror_candidate(result)
     assert number is not None
-    points = source.vertices[farthest_points(source.vertices[:900], 20)]
+    points = source.vertices[farthest_points(source.vertices[:700], 20)]
     assert (zo.transfer_landmarks(result, points).confidence == 0).all()
     mirrored = result.use(number)
     assert zo.mirror_candidate(mirrored) is None

@@ -25,7 +25,7 @@ from zoomout_core.matching.retry import attempt_part, retry
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 COUNT = 100
 PLACES = np.random.default_rng(1).standard_normal((COUNT, 3))

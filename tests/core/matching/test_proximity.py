@@ -15,7 +15,7 @@ from zoomout_core.samples.creatures import at_rest
 from zoomout_core.samples.grids import ring_faces
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 # Centres of the bones' influence on the creature at rest.
 BONES = np.array(

@@ -17,7 +17,7 @@ from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.repair import Repair
 from zoomout_core.runtime.array_files import read_arrays
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 OPTIONS = {"k_final": 30, "samples": 120}
 

@@ -27,6 +27,8 @@ from zoomout_core.matching.rotational_symmetry import (
 from zoomout_core.matching.scores import no_disagreement
 from zoomout_core.mesh.surface import Surface
 
+# Functions and samples that suffice.
+FEW = {"k_final": 60, "samples": 400}
 BOX = CUBE * [1.0, 1.4, 2.1]
 # The rotations of a cube: signed permutations of the axes with determinant 1.
 OF_CUBE = np.array(
@@ -121,7 +123,7 @@ def test_a_self_map_takes_functions_to_where_the_shape_is_turned() -> None:
 @pytest.fixture(scope="module")
 def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
     source, target = (solid(CUBE, 900, seed).surface for seed in (1, 2))
-    return zo.match(source, target, upright=False), source, target
+    return zo.match(source, target, **FEW, upright=False), source, target
 
 
 def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
@@ -164,7 +166,7 @@ def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surfa
     places /= np.linalg.norm(places, axis=1, keepdims=True)
     on_source = cKDTree(known[0]).query(places @ wanted)[1]
     on_target = cKDTree(known[1]).query(places)[1]
-    result = zo.match(source, target, initial="landmarks", landmarks=(on_source, on_target))
+    result = zo.match(source, target, initial="landmarks", landmarks=(on_source, on_target), **FEW)
     truth = cKDTree(known[0]).query(known[1] @ wanted)[1]
     assert np.median(np.linalg.norm(source.vertices[result.surface_map.vertex] - source.vertices[truth], axis=1)) < 0.1
     assert result.certainty > 0.9
@@ -172,7 +174,7 @@ def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surfa
 
 
 def test_a_target_that_is_round_is_unsure_where_the_source_is_not() -> None:
-    result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface, upright=False)
+    result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface, **FEW, upright=False)
     assert result.certainty < 0.3
     assert "at least 4 maps" in result.notes[0]
 
@@ -183,12 +185,12 @@ def test_what_stands_upright_is_likely_to_stay_so_unless_that_is_turned_off() ->
         for box in (solid(BOX, 900, seed) for seed in (1, 2))
     )
     aside = target.with_vertices(target.vertices[:, [1, 0, 2]] * [-1, 1, 1])  # turned by 90° about z
-    result = zo.match(source, aside)
+    result = zo.match(source, aside, **FEW)
     heights = aside.vertices[:, 2], result.surface_map.interpolate(source.vertices)[:, 2]
     assert np.corrcoef(*heights)[0, 1] > 0.9
     assert 0.3 < result.certainty < 0.5  # z stays up in two of the four maps
     lying = target.with_vertices(target.vertices[:, [2, 0, 1]])
-    certainties = [zo.match(source, either, upright=False).certainty for either in (aside, lying)]
+    certainties = [zo.match(source, either, **FEW, upright=False).certainty for either in (aside, lying)]
     assert certainties == pytest.approx([0.25, 0.25], abs=0.01)
 
 

@@ -8,13 +8,22 @@ from itertools import product
 import numpy as np
 import pytest
 from creatures import directions
-from scipy.ndimage import label
+from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.mesh.voxel_remesh import _bridge, _fill, _rasterise, _walls_around, surface_nets, voxel_remesh
+from zoomout_core.mesh.voxel_remesh import (
+    REACH,
+    _bridge,
+    _distance_to,
+    _fill,
+    _rasterise,
+    _walls_around,
+    surface_nets,
+    voxel_remesh,
+)
 
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -118,6 +127,20 @@ def test_the_same_voxels_are_filled_however_many_points_are_looked_at_once(monke
     whole = voxel_remesh(*ball((0, 0, 0), 1.0), 16)
     monkeypatch.setattr("zoomout_core.mesh.voxel_remesh.POINTS", 100)
     for ours, theirs in zip(voxel_remesh(*ball((0, 0, 0), 1.0), 16), whole, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_distances_are_exact_and_clamped() -> None:
+    voxels = np.random.default_rng(0).random((30, 31, 32)) < 0.001
+    distances = distance_transform_edt(~voxels)
+    assert distances.max() > REACH
+    np.testing.assert_array_equal(_distance_to(voxels), np.minimum(distances, REACH))
+
+
+def test_clamping_distances_moves_no_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
+    clamped = voxel_remesh(*ball((0, 0, 0), 1.0), 40, 0.7)
+    monkeypatch.setattr("zoomout_core.mesh.voxel_remesh._distance_to", lambda voxels: distance_transform_edt(~voxels))
+    for ours, theirs in zip(clamped, voxel_remesh(*ball((0, 0, 0), 1.0), 40, 0.7), strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 

@@ -13,9 +13,11 @@ from click.testing import CliRunner, Result
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1"])
+    return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1", "--detail", "fast"])
 
 
 def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry
 from zoomout_core.tuning import retune
 
+pytestmark = pytest.mark.usefixtures("quick_search", "coarse_hulls")
+
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. SIDED lists the left side only.
 MIDDLE = {
     "hips": ((0, 0, 1.0), (0.2, 0.15, 0.17)),

@@ -32,7 +32,7 @@ from zoomout_core.samples.creatures import at_rest
 from zoomout_core.samples.grids import ring_faces
 from zoomout_core.spectral.sampling import farthest_points
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 EYES = {"eye.L": np.array([0.3, -0.5, 1.0]), "eye.R": np.array([-0.3, -0.5, 1.0])}
 BUTTON, TOP = np.array([0, -1, 0.2]), np.array([0, 0.05, 1])

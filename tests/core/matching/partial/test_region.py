@@ -35,7 +35,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 # Directions and lengths of the fingers of the left hand; the body has a hand on each side.
 FINGERS, LENGTHS = (

@@ -22,7 +22,7 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_no
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
-pytestmark = pytest.mark.usefixtures("quick_search")
+pytestmark = pytest.mark.usefixtures("few_candidates")
 
 
 def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis:
