@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from benchmarks.characters.cases import FEW_PARTS, is_broken, spread, surface_of
+from benchmarks.characters.cases import is_broken, spread, surface_of
 from benchmarks.characters.game import Body, Character, one_skin, read_character
 from benchmarks.characters.skeleton import limbs_of
 from benchmarks.everywhere.touching import ALL_POSES, POSES, Bodies, arms_and_legs, feet_together, number_limbs
@@ -133,7 +133,7 @@ def skin_case(path: Path, posed: bool, voxels: Sequence[float] = VOXELS, bend: f
     """A character, and one skin around it, at rest or in the frame of that rank by its bend."""
     character = read_character(path, bend)
     source = surface_of(character.rest)
-    if is_broken(character) or source.components.max() < FEW_PARTS:
+    if is_broken(character) or source.components.max() == 0:
         return None
     body = character.posed if posed else character.rest
     made = whole_skin(body, voxels)

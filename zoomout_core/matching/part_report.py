@@ -17,8 +17,8 @@ from zoomout_core.matching.verdict import VERDICT
 from zoomout_core.mesh.named_parts import NamedParts, PartName
 from zoomout_core.messages import Message, enumeration, message, warning
 
-# Number of parts that a sentence lists, the largest first; and the share of the outside below which none is listed.
-LISTED, MIN_VISIBLE = 24, 0.001
+# Number of parts that a sentence lists, the largest first.
+LISTED = 24
 SHARES = "Share of the target's area by part of the source: {parts}."
 
 
@@ -64,16 +64,16 @@ def part_figures(result: MatchResult, parts: NamedParts) -> list[dict[str, Any]]
 
 def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
     """Sentences about the share of each part, and those that provide almost nothing."""
-    shares = [share for share in part_shares(result, parts) if max(share.visible, share.arrived) >= MIN_VISIBLE]
+    shares = [share for share in part_shares(result, parts) if max(share.visible, share.arrived) >= VERDICT.visible]
     if len(shares) < 2:
         return ()
-    listed = sorted(((arrived, part.label) for part, _, arrived in shares if arrived >= MIN_VISIBLE), reverse=True)
+    listed = sorted(((arrived, part.label) for part, _, arrived in shares if arrived >= VERDICT.visible), reverse=True)
     quoted = enumeration(message("'{name}' {share:.1%}", name=name, share=share) for share, name in listed[:LISTED])
     notes = [message(SHARES, parts=quoted)]
     silent = [
         part.label
         for part, visible, arrived in shares
-        if visible >= MIN_VISIBLE and arrived < VERDICT.arrived * visible
+        if visible >= VERDICT.visible and arrived < VERDICT.arrived * visible
     ]
     if silent:
         notes.append(warning("Almost nothing arrives from {parts}.", parts=_quote(silent)))

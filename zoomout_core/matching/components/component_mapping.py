@@ -15,9 +15,11 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
+from zoomout_core.matching.components.fused_parts import FusedPart, find_fused
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.verdict import VERDICT
 
 # Smaller parts (size at unit area) move by one similarity: any bending would only be an error of the body's map.
 MIN_DEFORMABLE_SIZE = 0.06
@@ -30,6 +32,7 @@ COUNTERPART_CONFIDENCE = 0.9
 OTHER_PART_CONFIDENCE = 0.5
 # Misfit that halves the confidence in a counterpart.
 HALF_CONFIDENCE_MISFIT = 0.5
+NO_VERTICES = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class Image:
 
     @classmethod
     def concatenate(cls, images: Sequence[Image]) -> Image:
-        none = cls(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+        none = cls(NO_VERTICES, NO_VERTICES, np.zeros((0, 3)), np.zeros(0))
         return cls(
             *(np.concatenate([getattr(image, field.name) for image in (none, *images)]) for field in fields(cls))
         )
@@ -56,6 +59,7 @@ class ComponentMap:
     image: Image  # images of the parts that have one
     paired: int  # number of the target's parts that have a counterpart
     others: int  # number of those that map to other parts
+    fused: int  # number of the source's parts that the target shows fused with its body
     alone: int  # number of those without an image
     left: int  # number of the source's parts without an image on them
     left_vertices: Integers  # their vertices in the source's working mesh
@@ -67,10 +71,43 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     theirs = source.parts(source.points)
-    if not theirs or not target.loose.any():
-        lone = len(target.parts(target.points))
-        return ComponentMap(Image.concatenate([]), 0, 0, lone, len(theirs), np.flatnonzero(source.loose), 0)
-    points, normals, around = _carry(target, _motion(pair, source, target, body, confidence))
+    if not theirs:
+        return ComponentMap(Image.concatenate([]), 0, 0, 0, len(target.parts(target.points)), 0, NO_VERTICES, 0)
+    motion = _motion(pair, source, target, body, confidence)
+    if target.loose.any():
+        found, met = _map_parts(pair, source, target, theirs, motion)
+    else:
+        found, met = ComponentMap(Image.concatenate([]), 0, 0, 0, 0, 0, NO_VERTICES, 0), set()
+    images = body.interpolate(source.points[source.body_vertices])
+    lost = {i: part for i, part in enumerate(theirs) if i not in met and _is_visible(part, pair, source)}
+    fused = find_fused(pair, images, motion, source, target, lost)
+    left = [part.vertices for i, part in enumerate(theirs) if i not in met and i not in fused]
+    return replace(
+        found,
+        image=Image.concatenate([found.image, *(_onto_fused(each, theirs[i], source) for i, each in fused.items())]),
+        fused=len(fused),
+        left=len(left),
+        left_vertices=np.concatenate([NO_VERTICES, *left]),
+    )
+
+
+def _is_visible(part: Part, pair: Pair, source: Side) -> bool:
+    """Whether the source's outside shows a part, and another surface may, too."""
+    visible = np.flatnonzero(pair.shares >= VERDICT.visible)
+    return pair.source is not pair.target and source.mesh.component[part.vertices[0]] in visible
+
+
+def _onto_fused(fused: FusedPart, part: Part, source: Side) -> Image:
+    """The image on a part of the vertices of the target that show it."""
+    most = COUNTERPART_CONFIDENCE / (1 + (fused.residual / HALF_CONFIDENCE_MISFIT) ** 2)
+    return _onto(fused.vertices, part.size, fused.points, fused.normals, [part], source, most)[0]
+
+
+def _map_parts(
+    pair: Pair, source: Side, target: Side, theirs: Sequence[Part], motion: SimilarityField
+) -> tuple[ComponentMap, set[int]]:
+    """Map the target's loose parts; returns also the numbers of the source's parts that have images on them."""
+    points, normals, around = _carry(target, motion)
     ours = target.parts(points)
     counterparts, misfit = pair_parts(
         ours[:MAX_PAIRED_PARTS],
@@ -97,11 +134,8 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     others += len(among_all)
     alone = len(ours) - len(counterparts) - others
     unpaired = max(len(ours), len(theirs)) - MAX_PAIRED_PARTS
-    left = [part.vertices for number, part in enumerate(theirs) if number not in met]
-    left_vertices = np.concatenate([np.zeros(0, dtype=np.int64), *left])
-    return ComponentMap(
-        Image.concatenate(found), len(counterparts), others, alone, len(left), left_vertices, max(unpaired, 0)
-    )
+    images = Image.concatenate(found)
+    return ComponentMap(images, len(counterparts), others, 0, alone, 0, NO_VERTICES, max(unpaired, 0)), met
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:
@@ -169,8 +203,8 @@ def _onto_pieces(
     onto = [theirs[j] for j in pieces]
     if pieces == [counterpart]:
         most = COUNTERPART_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
-        return _onto(part, _correct_towards(part, onto[0]), normals, onto, source, most)[0]
-    image, residual = _onto(part, part.points, normals, onto, source, OTHER_PART_CONFIDENCE)
+        return _onto(part.vertices, part.size, _correct_towards(part, onto[0]), normals, onto, source, most)[0]
+    image, residual = _onto(part.vertices, part.size, part.points, normals, onto, source, OTHER_PART_CONFIDENCE)
     return image if counterpart is not None or _fits(part, residual) else None
 
 
@@ -185,11 +219,18 @@ def _correct_towards(part: Part, counterpart: Part) -> Floats:
 
 
 def _onto(
-    part: Part, points: Floats, normals: Floats, pieces: Sequence[Part], source: Side, most: float
+    vertices: Integers,
+    size: float,
+    points: Floats,
+    normals: Floats,
+    pieces: Sequence[Part],
+    source: Side,
+    most: float,
 ) -> tuple[Image, Floats]:
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
-    The part's vertices lie at `points` (n, 3) on the source, with `normals` (n, 3); an exact fit has trust `most`.
+    Vertices (n,) of the target, of a part of some size, lie at `points` (n, 3) on the source, with `normals` (n, 3);
+    an exact fit has trust `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])
@@ -200,14 +241,14 @@ def _onto(
     near = nearest(points, positions)
     agreement = np.bincount(piece_of[near], np.einsum("ij,ij->i", normals, facing[near]), minlength=len(pieces))
     facing = facing * np.where(agreement < 0, -1, 1)[piece_of, None]
-    weight = NORMAL_WEIGHT * min(part.size, BODY_MAP_ERROR)
+    weight = NORMAL_WEIGHT * min(size, BODY_MAP_ERROR)
     embedded, queries = np.hstack([positions, weight * facing]), np.hstack([points, weight * normals])
     triangle, barycentric = project_to_embedding(
         queries, embedded, Neighbourhoods(corners, len(embedded)), nearest(queries, embedded)
     )
     residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
     of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
-    return Image(part.vertices, of_source, barycentric, _trust(most, residual)), residual
+    return Image(vertices, of_source, barycentric, _trust(most, residual)), residual
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:

@@ -29,6 +29,7 @@ TOO_MANY = "{parts} beyond the {most} largest, too many to pair: mapped to the n
 OF_TWO = {
     "paired": "{parts} paired with parts of the source by position, size and shape.",
     "others": "{parts} of the target mapped to other parts of the source at the same position.",
+    "fused": "{parts} of the source found fused with the target's body.",
     "too_many": TOO_MANY,
     "alone": "{parts} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
     "left": "{parts} of the source without a partner: no part of the target was matched to them.",

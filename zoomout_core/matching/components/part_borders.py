@@ -66,7 +66,7 @@ def straighten_borders(
     target = motions.target
     part = source.mesh.component[source.mesh.triangles[triangle, 0]]
     edges, _ = unique_edges(target.mesh.triangles)
-    graph = _adjacency(edges, len(part))
+    graph = adjacency(edges, len(part))
     vertex, label = _candidates(part, edges, graph, target)
     contested = np.bincount(vertex)[vertex] > 1
     areas = np.maximum(vertex_areas(target.points, target.mesh.triangles), 1e-300)
@@ -128,7 +128,7 @@ def _shorten(
     return first
 
 
-def _adjacency(edges: Integers, n: int) -> csr_array:
+def adjacency(edges: Integers, n: int) -> csr_array:
     """(n, n) ones where an edge (e, 2) is."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     return csr_array((np.ones(len(ends), dtype=np.int32), ends.T), shape=(n, n))

@@ -158,7 +158,7 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
     # The shift makes the other layer nearer.
     points = part.points + np.array([0, 0, 0.012])
     normals = part.mesh.vertex_normals * (-1 if flip else 1)
-    image, residual = _onto(part, points, normals, [piece], source, 1.0)
+    image, residual = _onto(part.vertices, part.size, points, normals, [piece], source, 1.0)
     on = np.einsum("nc,ncx->nx", image.barycentric, source.points[source.mesh.triangles[image.triangle]])
     inner = part.points[:, 0] < 0.08
     np.testing.assert_allclose(on[inner, 2], part.points[inner, 2], atol=1e-9)
