@@ -47,8 +47,8 @@ class SimilarityField:
 
     @cached_property
     def scale(self) -> float:
-        """Median scale of the similarities."""
-        moments = self._moments[-1]
+        """Median scale of narrow surroundings: wider ones of a body that bends seem to grow or shrink."""
+        moments = self._moments[0]
         return float(np.median(moments.scale(self.handedness)))
 
     @cached_property
