@@ -57,6 +57,11 @@ class SimilarityField:
         local = products(self.places, self.images)
         return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in POOLING_LENGTHS]
 
+    def rotations(self, points: Floats) -> Floats:
+        """(q, 3, 3) rotations, mirrored if the body is, of the surroundings of points (q, 3)."""
+        near = np.reshape(self._tree.query(points)[1], len(points))
+        return self._moments[1].rotations(self.handedness)[near]
+
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) trust in the body."""
         count = min(BLENDED_NEIGHBOURS, len(self.places))
