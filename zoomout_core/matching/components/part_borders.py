@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clean borders between the parts of a source that a target receives from.
 
-Each vertex maps to the nearest part, which is moved by itself if it is rigid. Where two parts are about equally near,
-as hair and scalp or the two sides of a joint are, errors of a voxel decide: borders zigzag, and flecks of the one
-remain in the other.
+Each vertex maps to the nearest part, moved by its rigid pieces. Where two parts are about equally near, as hair and
+scalp or the two sides of a joint are, errors of a voxel decide: borders zigzag, and flecks of the one remain in the
+other.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class PartBorderTuning(Tuning, set_by="everywhere"):
 
     # A fleck of this radius disappears if the part around it is farther away by at most twice this distance.
     straightening: float = tuned(0.001, "at unit area", 1e-6, 1)
-    # By how much nearer a part without a motion of its own must be to a vertex of a rigid part: the body's map moves it
-    # there in any case, and the rigid part's place is exact.
+    # By how much nearer a part without a motion of its own must be to a vertex of a rigid piece: the body's map moves
+    # it there in any case, and the rigid piece's place is exact.
     body_error: float = tuned(0.01, "at unit area", 0, 1)
 
 
@@ -81,11 +81,13 @@ def straighten_borders(
         some, places, turned = some[near], places[near], turned[near]
         apart[some] = surface.closest(places, turned, label[some])[2]
 
-    # The distance from the vertex's own part is known, but for the part's motion.
+    # The distance from the vertex's own part is known, unless a piece of it moves by itself.
     own = np.flatnonzero(label == part[vertex])
-    measure(own[(may_move & motions.rigid[label])[own]], np.full(len(part), np.inf))
+    rigid = np.zeros(len(vertex), dtype=bool)
+    rigid[may_move] = motions.pieces(vertex[may_move], label[may_move]) >= 0
+    measure(own[rigid[own]], np.full(len(part), np.inf))
     measure(np.flatnonzero(may_move & (label != part[vertex])), apart[own] + max_detour)
-    compared = apart + PART_BORDERS.body_error * (motions.rigid[part[vertex]] & ~motions.rigid[label])
+    compared = apart + PART_BORDERS.body_error * (rigid[own][vertex] & ~rigid)
     detour = compared - np.minimum.reduceat(compared, np.flatnonzero(np.diff(vertex, prepend=-1)))[vertex]
     worth = np.flatnonzero(detour <= max_detour[vertex])
     cost = detour[worth] * areas[vertex[worth]] / PART_BORDERS.straightening**2

@@ -47,8 +47,8 @@ class SimilarityField:
 
     @cached_property
     def scale(self) -> float:
-        """Median scale of the similarities."""
-        moments = self._moments[-1]
+        """Median scale of narrow surroundings: wider ones of a body that bends seem to grow or shrink."""
+        moments = self._moments[0]
         return float(np.median(moments.scale(self.handedness)))
 
     @cached_property
@@ -56,6 +56,11 @@ class SimilarityField:
         """Those of the surroundings of each vertex, for each of the widths."""
         local = products(self.places, self.images)
         return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in POOLING_LENGTHS]
+
+    def rotations(self, points: Floats) -> Floats:
+        """(q, 3, 3) rotations, mirrored if the body is, of the surroundings of points (q, 3)."""
+        near = np.reshape(self._tree.query(points)[1], len(points))
+        return self._moments[1].rotations(self.handedness)[near]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) trust in the body."""

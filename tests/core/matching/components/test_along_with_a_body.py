@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bent_tube import bend, pose_surface, tube
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
@@ -106,3 +107,10 @@ def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basi
     _, turned, _ = motion.carry(at, across)
     angle = np.arccos(np.clip(np.einsum("ij,ij->i", turned, across), -1, 1))
     assert angle[0] > 2 * angle[1]
+
+
+def test_a_body_that_unbends_keeps_its_scale() -> None:
+    straight = tube()
+    bent = pose_surface(straight, bend((90, 0, 0), (90, 0, 0)))
+    motion = SimilarityField(bent.vertices, straight.vertices, np.ones(len(bent.vertices)), eigenbasis(bent, 60))
+    assert motion.scale == pytest.approx(1, abs=0.01)

@@ -54,8 +54,8 @@ def strays(straightening: float) -> tuple[int, int]:
     distance = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, corners) - points, axis=1)
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     every = np.ones(len(points), dtype=bool)
-    none = procrustes(np.zeros((2, 1, 3)), np.zeros((2, 1, 3)))
-    motions = PartMotions(target, points, normals, np.zeros(2, dtype=bool), none)
+    no_piece, still = np.zeros(0, dtype=np.int64), procrustes(np.zeros((0, 1, 3)), np.zeros((0, 1, 3)))
+    motions = PartMotions(target, points, normals, no_piece, no_piece, no_piece, np.zeros(0, dtype=bool), still)
     surface = grouped(source)
     with retune(PART_BORDERS, straightening=straightening):
         changed, onto, weights, apart = straighten_borders(triangle, distance, every, motions, surface, source)

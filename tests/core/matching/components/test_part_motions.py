@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from test_part_borders import both, grouped, sheet, side_of
 
@@ -19,11 +20,17 @@ from zoomout_core.matching.components.part_borders import straighten_borders
 from zoomout_core.matching.components.part_motions import PartMotions, fit_motions
 from zoomout_core.samples.spheres import ball
 
-# The motion of the body, which keeps sizes and sides.
-MOTION: Any = SimpleNamespace(scale=1.0, handedness=1.0)
 # The angle by which the second of two ellipsoids turns about the hinge, and the error of the body's map there.
 ANGLE, SLIDE = 0.3, 0.025
 HINGE = np.array([0.15, 0, 0])
+
+
+def unturned(points: np.ndarray) -> np.ndarray:
+    return np.tile(np.eye(3), (len(points), 1, 1))
+
+
+# The motion of the body, which keeps sizes and sides.
+MOTION: Any = SimpleNamespace(scale=1.0, handedness=1.0, rotations=unturned)
 
 
 def ellipsoids() -> zo.Surface:
@@ -68,7 +75,29 @@ def test_a_part_that_turns_takes_its_vertices_beside_the_hinge() -> None:
 
 def test_a_part_that_bends_has_no_motion_of_its_own() -> None:
     motions, _, _, _ = match_ellipsoids(bend=5)
-    assert motions.rigid.tolist() == [True, False]
+    assert motions.rigid[:2].tolist() == [True, False]
+
+
+def test_pieces_of_a_part_that_folds_move_by_themselves() -> None:
+    rest = ball(0.4, (0, 0, 0), (1, 0.3, 0.2), 2000)
+    fold = Rotation.from_rotvec([0, 0, 0.8])
+    outer = rest.vertices[:, 0] > 0
+    source = side_of(rest)
+    target = side_of(rest.with_vertices(np.where(outer[:, None], fold.apply(rest.vertices), rest.vertices)))
+    inverse = fold.inv().as_matrix()
+    turned = np.where(outer[:, None], target.mesh.vertex_normals @ inverse.T, target.mesh.vertex_normals)
+    near = cKDTree(target.points)
+
+    def rotations(points: np.ndarray) -> np.ndarray:
+        return np.where(outer[near.query(points)[1], None, None], inverse, np.eye(3))
+
+    motion: Any = SimpleNamespace(scale=1.0, handedness=1.0, rotations=rotations)
+    points = source.points + [0, SLIDE, 0] * outer[:, None]
+    part, every, triangles = source.mesh.component, np.ones(len(points), dtype=bool), source.mesh.triangles
+    motions = fit_motions(part, points, turned, every, grouped(source), triangles, source, target, motion)
+    away = np.flatnonzero(np.abs(source.points[:, 0]) > 0.1)
+    places, _ = motions.carry(away, part[away])
+    assert np.linalg.norm(places - source.points[away], axis=1).max() < SLIDE / 2
 
 
 def test_no_part_moves_by_itself_without_usable_vertices() -> None:
@@ -97,7 +126,9 @@ def test_a_part_that_bends_takes_vertices_of_a_rigid_one_only_if_it_is_clearly_n
         triangle[chosen] = own[closest_points(target.points[chosen], source.points, source.mesh.triangles[own])[0]]
     still = procrustes(np.stack([source.points[:50]] * 2), np.stack([source.points[:50]] * 2))
     normals, every = np.tile([0.0, 0.0, 1.0], (len(target.points), 1)), np.ones(len(target.points), dtype=bool)
-    motions = PartMotions(target, target.points, normals, np.arange(2) == rigid, still)
+    pieces, samples = np.array([0, 1]), [np.argmin(np.abs(target.points[:, 0] - x)) for x in (0.25, 0.75)]
+    parts = np.array([rigid, 1 - rigid])
+    motions = PartMotions(target, target.points, normals, np.array(samples), parts, pieces, pieces == 0, still)
     distance = np.where(component[triangle] == rigid, apart, 0.0)
     changed, onto, _, _ = straighten_borders(triangle, distance, every, motions, grouped(source), source)
     from_rigid = changed[component[triangle[changed]] == rigid]
