@@ -18,6 +18,7 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
+    are_fragments,
     in_one_unit,
     match_part,
     may_be_part,
@@ -69,7 +70,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     if not other_units:
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
-            candidates = match_part(pair, known.disagreement(pair))
+            candidates = match_part(pair, known.disagreement(pair), _maps_of_fragments(whole))
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     if best.candidates[0].certainty >= UNKNOWN_SCALE.likely:
         return best
@@ -86,18 +87,28 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     return best if keep_unit or rescaled is whole else rescaled
 
 
+def _maps_of_fragments(whole: Attempt) -> Sequence[Candidate]:
+    """Maps of a pair as wholes that may as well be maps of two fragments."""
+    if not are_fragments(whole.pair):
+        return ()
+    return [one for one in whole.candidates if not one.reverses_orientation][: PART_MATCH.as_wholes]
+
+
 def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
     """Choose between a match of two whole shapes and one of a part, by certainty.
 
     The candidates are those of the pair in one unit; below the certainty `likely` no shape is taken for a part.
     """
-    # The certainty of the map of two wholes knows nothing of their sizes.
-    of_whole = certainty_but_for_turns(whole.candidates) * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
+    between_fragments = are_fragments(whole.pair)
+    # The certainty of the map of two wholes knows nothing of their sizes; that of two fragments competes as a part.
+    weight = 0.0 if between_fragments else REGION.as_wholes if is_small(*part_of(pair)) else 1.0
+    of_whole = weight * certainty_but_for_turns(whole.candidates)
     if not candidates or candidates[0].certainty <= max(likely, of_whole):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
-    if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
+    nearly_whole = min(areas) >= PART_MATCH.nearly_whole * max(areas)
+    if nearly_whole and not between_fragments and agree(whole, part):
         return confirm(whole, part)
     return part
 
