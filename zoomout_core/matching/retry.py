@@ -44,6 +44,7 @@ def needs_retry(first: Attempt, options: MatchOptions) -> bool:
 
 def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
     """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
+    fragments = False
     if options.partial == "auto" and may_be_part(first.pair):
         if too_coarse(first.pair):
             first = replace(first, pair=_with_note(first.pair, warning(TOO_COARSE)))
@@ -54,7 +55,9 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
                 return second
             if units_differ(first.pair):
                 first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
-    if options.initial == "auto" and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
+            fragments = are_fragments(first.pair)
+    # More guesses found none of eight maps of fragments that were not found as parts.
+    if options.initial == "auto" and not fragments and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         with portion(0.7, 1.0):
             return _with_more_guesses(first, known, options)
     return first
@@ -72,7 +75,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
         with stage("Placing a part", 0.0, 0.3):
             candidates = match_part(pair, known.disagreement(pair), _maps_of_fragments(whole))
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
-    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely:
+    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
         found = match_at_unknown_scale(whole.pair, known.disagreement)
