@@ -18,6 +18,7 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
+    are_fragments,
     in_one_unit,
     match_part,
     may_be_part,
@@ -43,6 +44,7 @@ def needs_retry(first: Attempt, options: MatchOptions) -> bool:
 
 def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
     """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
+    fragments = False
     if options.partial == "auto" and may_be_part(first.pair):
         if too_coarse(first.pair):
             first = replace(first, pair=_with_note(first.pair, warning(TOO_COARSE)))
@@ -53,7 +55,9 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
                 return second
             if units_differ(first.pair):
                 first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
-    if options.initial == "auto" and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
+            fragments = are_fragments(first.pair)
+    # More guesses found none of eight maps of fragments that were not found as parts.
+    if options.initial == "auto" and not fragments and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         with portion(0.7, 1.0):
             return _with_more_guesses(first, known, options)
     return first
@@ -69,9 +73,9 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     if not other_units:
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
-            candidates = match_part(pair, known.disagreement(pair))
+            candidates = match_part(pair, known.disagreement(pair), _maps_of_fragments(whole))
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
-    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely:
+    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
         found = match_at_unknown_scale(whole.pair, known.disagreement)
@@ -86,18 +90,28 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     return best if keep_unit or rescaled is whole else rescaled
 
 
+def _maps_of_fragments(whole: Attempt) -> Sequence[Candidate]:
+    """Maps of a pair as wholes that may as well be maps of two fragments."""
+    if not are_fragments(whole.pair):
+        return ()
+    return [one for one in whole.candidates if not one.reverses_orientation][: PART_MATCH.as_wholes]
+
+
 def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
     """Choose between a match of two whole shapes and one of a part, by certainty.
 
     The candidates are those of the pair in one unit; below the certainty `likely` no shape is taken for a part.
     """
-    # The certainty of the map of two wholes knows nothing of their sizes.
-    of_whole = certainty_but_for_turns(whole.candidates) * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
+    between_fragments = are_fragments(whole.pair)
+    # The certainty of the map of two wholes knows nothing of their sizes; that of two fragments competes as a part.
+    weight = 0.0 if between_fragments else REGION.as_wholes if is_small(*part_of(pair)) else 1.0
+    of_whole = weight * certainty_but_for_turns(whole.candidates)
     if not candidates or candidates[0].certainty <= max(likely, of_whole):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
-    if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
+    nearly_whole = min(areas) >= PART_MATCH.nearly_whole * max(areas)
+    if nearly_whole and not between_fragments and agree(whole, part):
         return confirm(whole, part)
     return part
 

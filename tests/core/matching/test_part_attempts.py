@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -58,8 +59,12 @@ def gone_on_with(
     by_part: float,
     areas: tuple[float, float] = (LARGE, SMALL),
     image: np.ndarray = THERE,
+    fragments: bool = False,
 ) -> tuple[str, float]:
-    """The chosen map and its certainty, given both maps' certainties, the areas, and the images of the partial map."""
+    """The chosen map and its certainty, given both maps' certainties, the areas, and the images of the partial map.
+
+    Two fragments are compared by the partial maps only.
+    """
 
     def shape(area: float) -> Any:
         full = SimpleNamespace(to_surface=lambda points: points, scale=1.0)
@@ -71,7 +76,8 @@ def gone_on_with(
             basis=SimpleNamespace(areas=np.full(4, area / 4)),
         )
 
-    def placed(*_: object) -> list[Candidate]:
+    def placed(_pair: object, _disagreement: object, as_wholes: Sequence[Candidate]) -> list[Candidate]:
+        assert [one.certainty for one in as_wholes] == ([by_whole, 0.0] if fragments else [])
         advance(0.5)
         return [candidate(by_part, image), candidate(0.0, ELSEWHERE)]
 
@@ -82,6 +88,7 @@ def gone_on_with(
     pair: Any = each_at_unit_area
     whole = Attempt(pair, [candidate(by_whole, THERE), candidate(0.0, ELSEWHERE)], 0.9)
     monkeypatch.setattr(retry_module, "in_one_unit", lambda _: in_one_unit)
+    monkeypatch.setattr(retry_module, "are_fragments", lambda _: fragments)
     monkeypatch.setattr(retry_module, "match_part", placed)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     found = attempt_part(whole, cast(Constraints, Evidence()))
@@ -120,6 +127,24 @@ def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree
     assert gone_on_with(monkeypatch, 0.6, 0.5, areas) == ("whole", 0.6)
 
 
+@pytest.mark.parametrize("areas", [(LARGE, SMALL), (1.0, 0.9)])
+def test_the_map_of_two_fragments_as_wholes_counts_as_that_of_a_part_only(
+    monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
+) -> None:
+    assert gone_on_with(monkeypatch, 0.5, 0.3, areas, fragments=True) == ("part", 0.3)
+    assert gone_on_with(monkeypatch, 0.4, 0.1, areas, fragments=True) == ("whole", 0.4)
+
+
+@pytest.mark.parametrize("fragments", [False, True])
+def test_no_scale_of_two_fragments_is_tried_if_a_map_in_their_unit_is_likely(
+    monkeypatch: pytest.MonkeyPatch, fragments: bool
+) -> None:
+    tried: list[object] = []
+    monkeypatch.setitem(globals(), "without_fragment", lambda *_: tried.append(True))
+    gone_on_with(monkeypatch, 0.1, 0.3, fragments=fragments)
+    assert bool(tried) != fragments
+
+
 @pytest.mark.parametrize(
     ("unsure", "options", "has_cuts", "tried", "factor"),
     [
@@ -155,23 +180,25 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
 
 @pytest.mark.parametrize(
-    ("initial", "certainty", "has_cuts", "partial", "part_is_taken", "gone_on_with"),
+    ("initial", "certainty", "cuts", "partial", "part_is_taken", "gone_on_with"),
     [
-        ("auto", 0.3, True, "auto", True, "part"),
-        ("auto", 0.3, True, "auto", False, "more"),
-        ("auto", 0.3, True, "off", True, "more"),
-        ("auto", 0.3, False, "auto", True, "more"),
-        ("auto", 0.7, False, "auto", True, "first"),
-        ("auto", 0.7, True, "auto", False, "first"),
-        ("landmarks", 0.3, True, "auto", True, "part"),
-        ("landmarks", 0.3, True, "auto", False, "first"),
+        ("auto", 0.3, 1, "auto", True, "part"),
+        ("auto", 0.3, 1, "auto", False, "more"),
+        ("auto", 0.3, 2, "auto", False, "first"),
+        ("auto", 0.3, 1, "off", True, "more"),
+        ("auto", 0.3, 2, "off", True, "more"),
+        ("auto", 0.3, 0, "auto", True, "more"),
+        ("auto", 0.7, 0, "auto", True, "first"),
+        ("auto", 0.7, 1, "auto", False, "first"),
+        ("landmarks", 0.3, 1, "auto", True, "part"),
+        ("landmarks", 0.3, 1, "auto", False, "first"),
     ],
 )
 def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch: pytest.MonkeyPatch,
     initial: str,
     certainty: float,
-    has_cuts: bool,
+    cuts: int,
     partial: str,
     part_is_taken: bool,
     gone_on_with: str,
@@ -186,7 +213,8 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
 
     monkeypatch.setattr(retry_module, "attempt_part", saying("part" if part_is_taken else None))
     monkeypatch.setattr(retry_module, "_with_more_guesses", saying("more"))
-    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(retry_module, "may_be_part", lambda _: cuts > 0)
+    monkeypatch.setattr(retry_module, "are_fragments", lambda _: cuts > 1)
     monkeypatch.setattr(retry_module, "units_differ", lambda _: False)
     monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty, turns=1)])

@@ -104,9 +104,11 @@ class IncompleteShape:
     @cached_property
     def log_ball_areas(self) -> Floats:
         """(d, r) logarithms of the areas within the radii around each place."""
-        edges = np.append(0, INCOMPLETE.radii)
-        rings = [np.histogram(row, edges, weights=self.shape.basis.areas)[0] for row in self.shape.distances]
-        return np.asarray(np.log(np.maximum(np.cumsum(rings, axis=1), 1e-9)))
+        count, rings = len(self.shape.distances), len(INCOMPLETE.radii) + 1
+        ring = np.searchsorted(INCOMPLETE.radii, self.shape.distances) + rings * np.arange(count)[:, None]
+        areas = np.bincount(ring.ravel(), np.tile(self.shape.basis.areas, count), rings * count)
+        balls = np.cumsum(areas.reshape(count, rings)[:, :-1], axis=1)
+        return np.asarray(np.log(np.maximum(balls, 1e-9)))
 
     @cached_property
     def areas(self) -> Floats:
@@ -121,12 +123,13 @@ def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats
     it is only known to be too small, so that only its excess counts; where cuts reach both nothing is known.
     """
     radii = np.array(INCOMPLETE.radii)
-    cut_target, cut_source = (radii > shape.cut_distance[:, None] for shape in (of_target, of_source))
-    total, count = np.zeros((2, len(cut_target), len(cut_source)))
+    is_cut, is_cut_there = (radii > shape.cut_distance[:, None] for shape in (of_target, of_source))
+    areas, areas_there = (shape.log_ball_areas.astype(np.float32) for shape in (of_target, of_source))
+    # An excess of an infinite area counts nothing.
+    bounds, bounds_there = np.where(is_cut, np.inf, areas), np.where(is_cut_there, np.inf, areas_there)
+    total = np.zeros((len(areas), len(areas_there)), dtype=np.float32)
     for r in range(len(radii)):
-        excess = of_target.log_ball_areas[:, None, r] - of_source.log_ball_areas[:, r]
-        here, there = cut_target[:, None, r], cut_source[:, r]
-        cost = np.where(here, np.maximum(excess, 0), np.where(there, np.maximum(-excess, 0), np.abs(excess)))
-        total += np.where(here & there, 0, np.minimum(cost, 1))
-        count += ~(here & there)
-    return total / np.maximum(count, 1)
+        excess = np.maximum(areas[:, None, r] - bounds_there[:, r], areas_there[:, r] - bounds[:, None, r])
+        total += np.clip(excess, 0, 1, out=excess)
+    known = len(radii) - is_cut.astype(np.float32) @ is_cut_there.T.astype(np.float32)
+    return np.asarray(total / np.maximum(known, 1), dtype=np.float64)

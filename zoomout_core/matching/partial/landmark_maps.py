@@ -29,30 +29,40 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
 
 
 LANDMARK_MAPS = LandmarkMapTuning()
+# Places whose costs are computed at once: their differences from 40 landmarks fit in the cache of a core.
+BLOCK = 8
 
 
 def extend_landmarks(
     landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
 ) -> Integers:
     """(d_t,) the source's place for each place of the target, by distances to landmarks (m,), placed on the source."""
-    place = _by_landmarks(landmarks, placed, LANDMARK_MAPS.unlikeness * unlike, target, source)
-    few = np.arange(min(LANDMARK_MAPS.landmarks, len(place)))
+    few = np.arange(min(LANDMARK_MAPS.landmarks, len(unlike)))
+    weight = LANDMARK_MAPS.unlikeness
     for _ in range(LANDMARK_MAPS.rounds):
-        place = _by_landmarks(few, place[few], LANDMARK_MAPS.later_unlikeness * unlike, target, source)
-    return place
+        placed = _by_landmarks(few, landmarks, placed, weight * unlike[few], target, source)
+        landmarks, weight = few, LANDMARK_MAPS.later_unlikeness
+    return _by_landmarks(np.arange(len(unlike)), landmarks, placed, weight * unlike, target, source)
 
 
 def _by_landmarks(
-    landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
+    places: Integers,
+    landmarks: Integers,
+    placed: Integers,
+    unlike: Floats,
+    target: IncompleteShape,
+    source: IncompleteShape,
 ) -> Integers:
-    here, there = target.between[landmarks].astype(np.float32), source.between[placed].astype(np.float32)
-    weight = 1 / (len(landmarks) * (LANDMARK_MAPS.tolerance + LANDMARK_MAPS.relative_tolerance * here))
-    most = np.float32(LANDMARK_MAPS.max_cost / len(landmarks))
+    """(p,) the source's place for some places (p,) of the target, which are unlike (p, d_s) those of the source."""
+    here = target.between[np.ix_(places, landmarks)].astype(np.float32)
+    there = source.between[placed].astype(np.float32)
+    tolerance = LANDMARK_MAPS.tolerance + LANDMARK_MAPS.relative_tolerance * here
+    most, weight = LANDMARK_MAPS.max_cost * tolerance, 1 / (len(landmarks) * tolerance)
     cost = unlike.astype(np.float32)
-    difference = np.empty_like(cost)
-    for from_here, from_there, weighed in zip(here, there, weight, strict=True):
-        np.subtract(from_here[:, None], from_there, out=difference)
+    for start in range(0, len(places), BLOCK):
+        block = slice(start, start + BLOCK)
+        difference = there - here[block, :, None]
         np.abs(difference, out=difference)
-        difference *= weighed[:, None]
-        cost += np.minimum(difference, most, out=difference)
+        np.minimum(difference, most[block, :, None], out=difference)
+        cost[block] += (weight[block, None] @ difference)[:, 0]
     return np.asarray(np.argmin(cost, axis=1))

@@ -68,30 +68,37 @@ class _Found(NamedTuple):
 _Map = TypeVar("_Map", _Found, PartCandidate)
 
 
-def part_candidates(regions: Sequence[Region]) -> list[PartCandidate]:
+def part_candidates(regions: Sequence[Region], given: Sequence[Integers] = ()) -> list[PartCandidate]:
     """Maps of a part to a whole, or to regions of it, which compete, the most likely first.
 
-    Each of two fragments has regions that the other one lacks. So landmarks of the whole are placed on the part, too,
-    and the best maps of both searches are compared, because their promises are not comparable.
+    Each of two fragments has regions that the other one lacks. So landmarks of the whole are placed on the part, too.
+    Promises of both searches are not comparable, so the best maps of each are registered again and compared by fit.
+    Maps from elsewhere compete: `given` are places of the whole (d_p,) for each place of the part.
     """
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
     sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
     if is_small or not (part.is_fragment and whole.is_fragment):
         return _fine_candidates(regions, sets)
-    with portion(0.0, 0.5):
-        there = _fine_candidates(regions, sets)
-    with portion(0.5, 1.0):
+    with portion(0.0, 0.4):
+        there = _fine_candidates(regions, sets, given=given)
+    with portion(0.4, 0.8):
         back = _fine_candidates(regions, landmark_sets(whole, PART_CANDIDATES.regions), backwards=True)
-    found = sorted(there + back, key=lambda candidate: candidate.scores["fit"])
+    # Rough maps of two fragments are less exact than those of a part of a whole: places of either are not on the other.
+    with portion(0.8, 1.0):
+        again = for_each(_register, there + back)
+    found = sorted(again, key=lambda candidate: candidate.scores["fit"])
     return _differing(found, len(found))
 
 
 def _fine_candidates(
-    regions: Sequence[Region], sets: Sequence[Integers], backwards: bool = False
+    regions: Sequence[Region],
+    sets: Sequence[Integers],
+    backwards: bool = False,
+    given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
     """The best of `rough_candidates`, registered finely."""
     with portion(0.0, 0.8):
-        rough = rough_candidates(regions, sets, backwards)
+        rough = rough_candidates(regions, sets, backwards, given)
     ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
         compared = for_each(_register, ahead)
@@ -99,12 +106,15 @@ def _fine_candidates(
 
 
 def rough_candidates(
-    regions: Sequence[Region], sets: Sequence[Integers], backwards: bool = False
+    regions: Sequence[Region],
+    sets: Sequence[Integers],
+    backwards: bool = False,
+    given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
     """Maps of a part to a whole, with coarse registration only, the most likely first.
 
     Regions compete; they are of the same part, at one scale or at several. The sets are those of landmarks by which it
-    is searched for; backwards, they are landmarks of the whole.
+    is searched for; backwards, they are landmarks of the whole. Maps (d_p,) to the first region may be given, too.
     """
     for region in regions:  # computed once, before several threads need it
         _ = region.unlike, region.part.unaffected, region.whole.unaffected
@@ -116,7 +126,8 @@ def rough_candidates(
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
         found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
-    ahead = _differing(found, PART_CANDIDATES.registered)
+    others = [_Found(_promise(places, regions[0]), regions[0], places) for places in given]
+    ahead = _differing([*others, *_differing(found, PART_CANDIDATES.registered)], len(found) + len(others))
     with portion(0.5, 1.0):
         sifted = for_each(_register, ahead)
     return sorted(sifted, key=lambda candidate: candidate.scores["fit"])

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import slanted_sizes
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -49,6 +49,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Ratio of the scales of two shapes beyond which their units differ: a hand is 7 to 10 times smaller than its body,
     # and a foot 5 to 7.
     largest_ratio: float = tuned(11.0, "1", 1, 1000)
+    # Number of maps of two fragments as wholes that compete with those found by landmarks.
+    as_wholes: int = tuned(3, "maps", 0, 100)
     residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no counterpart beyond this distance
     another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals
     rivalry: float = tuned(10.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
@@ -104,8 +106,15 @@ def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return (target, source) if is_target else (source, target)
 
 
-def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list[Candidate]:
-    """Candidates for a pair in one unit, the most likely first."""
+def are_fragments(pair: Pair) -> bool:
+    """Whether large pieces may be missing on both shapes of a pair."""
+    return all(IncompleteShape(shape).is_fragment for shape in (pair.source_shape, pair.target_shape))
+
+
+def match_part(
+    pair: Pair, disagreement: Disagreement = no_disagreement, as_wholes: Sequence[Candidate] = ()
+) -> list[Candidate]:
+    """Candidates for a pair in one unit, the most likely first; maps of two fragments as wholes compete."""
     part, whole = part_of(pair)
     regions: list[Region] = []
     if is_small(part, whole):
@@ -114,10 +123,23 @@ def match_part(pair: Pair, disagreement: Disagreement = no_disagreement) -> list
     if not regions:  # faces of a soup reach across all regions
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
     with portion(0.2, 1.0):
-        found = part_candidates(regions)
+        found = part_candidates(regions, [_places_of(one, pair) for one in as_wholes])
     candidates = [_candidate(one, pair, disagreement) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
     return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
+
+
+def _places_of(candidate: Candidate, pair: Pair) -> Integers:
+    """(d_p,) the whole's place for each place of the part, by a map of both shapes of a pair as wholes."""
+    part, whole = part_of(pair)
+    image = candidate.sample_map if part is pair.target_shape else _reverse(candidate.sample_map, pair.source_shape)
+    return whole.nearest_distance_sample[image[: len(part.distances)]]
+
+
+def _reverse(sample_map: Integers, source: ShapeAnalysis) -> Integers:
+    """(s_s,) for each search sample of the source the target's sample, of a map (s_t,), with the nearest image."""
+    samples = source.mesh.vertices[source.search.samples]
+    return np.asarray(cKDTree(samples[sample_map]).query(samples)[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +189,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])
     most = min(len(shape.basis.eigenvalues) for shape in (source, target))
     k_target, k_source = slanted_sizes(source.basis, target.basis, k_final=min(pair.k_final, most))[-1]
-    samples = source.mesh.vertices[source.search.samples]
-    back = np.asarray(cKDTree(samples[sample_map]).query(samples)[1])
+    back = _reverse(sample_map, source)
     functional_map = target.search.fit(source.search.rows[sample_map, :k_source], k_target)
     reverse = source.search.fit(target.search.rows[back, :k_target], k_source)
     against = disagreement(functional_map, sample_map, None)
@@ -188,9 +209,13 @@ def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
         if images_apart(one.part_match, other.part_match) > PART_MATCH.another_map:
             lead = other.scores["total"] - one.scores["total"]
             rivals += np.exp(-rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
-    if everywhere:
-        odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * one.scores["fit"]
-        odds += PART_MATCH.extent * np.log(one.scores["extent"] + 0.01)
-    else:
-        odds = -REGION.misfit - REGION.misfit_rate * one.scores["fit"]
-    return float(expit(odds) / (1 + rivals))
+    alone = certainty_of_fit(one.scores)
+    if not everywhere:
+        alone = float(expit(-REGION.misfit - REGION.misfit_rate * one.scores["fit"]))
+    return float(alone / (1 + rivals))
+
+
+def certainty_of_fit(scores: Mapping[str, float]) -> float:
+    """Probability that a candidate of these scores is right if it has no rivals."""
+    odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * scores["fit"]
+    return float(expit(odds + PART_MATCH.extent * np.log(scores["extent"] + 0.01)))

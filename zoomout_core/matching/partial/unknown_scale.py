@@ -6,7 +6,7 @@ Scales compete like regions. Once the part is in place, the distances between im
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates
-from zoomout_core.matching.partial.part_match import match_part
+from zoomout_core.matching.partial.part_match import certainty_of_fit, match_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import Disagreement
@@ -34,6 +34,11 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
+    # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
+    # of animals reaches in the same unit.
+    of_fragments: float = tuned(0.4, "1", 0, 1)
+    # Certainty of the rough place of one of two fragments below which no scale is fitted: a smaller part fits anywhere.
+    min_of_fragments: float = tuned(0.05, "probability", 0, 1)
     one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
 
 
@@ -46,7 +51,7 @@ def match_at_unknown_scale(
     """A pair in the unit in which one of two shapes, each in a unit of its own, fits best on the other as a part of it.
 
     Returns the pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;
-    None if neither shape is a fragment.
+    None if neither shape is a fragment, or if both are, but fit nowhere on so much area that their map may be likely.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
     parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]
@@ -54,17 +59,21 @@ def match_at_unknown_scale(
         return None
 
     def place_at_scale(part: int, scale: float) -> tuple[Pair, list[Candidate]]:
-        unit, scales = max(scale, 1.0), [1.0, 1.0]
-        scales[part] = scale
-        source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, scales, strict=True))
+        unit, factors = max(scale, 1.0), [1.0, 1.0]
+        factors[part] = scale
+        source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, factors, strict=True))
         in_unit = replace(pair, source_shape=source, target_shape=target)
         return in_unit, match_part(in_unit, disagreement(in_unit))
 
+    min_scale = UNKNOWN_SCALE.of_fragments if len(parts) > 1 else 0.0
+    scales = [scale for scale in UNKNOWN_SCALE.scales if scale >= min_scale]
     found = []
     for step, part in enumerate(parts):
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
-            found.append((*_rough_scale(shapes[part], shapes[1 - part]), part))
-    _, scale, part = min(found)
+            found.append((*_rough_scale(shapes[part], shapes[1 - part], scales), part))
+    certainty, scale, part = max(found)
+    if len(parts) > 1 and certainty < UNKNOWN_SCALE.min_of_fragments:
+        return None
     with portion(0.4, 0.55):
         best = place_at_scale(part, scale)
     if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
@@ -76,14 +85,14 @@ def match_at_unknown_scale(
     return best
 
 
-def _rough_scale(part: ShapeAnalysis, whole: ShapeAnalysis) -> tuple[float, float]:
-    """How well a part fits at its best scale, the less the better, and that scale; both shapes have unit area."""
+def _rough_scale(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> tuple[float, float]:
+    """The certainty of a part's rough place at the best of some scales, and that; both shapes have unit area."""
     there = IncompleteShape(whole)
-    regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in UNKNOWN_SCALE.scales]
+    regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in scales]
     sets = landmark_sets(regions[0].part, UNKNOWN_SCALE.regions)
     best = rough_candidates(regions, sets)[0]
-    scale = next(scale for scale, region in zip(UNKNOWN_SCALE.scales, regions, strict=True) if region is best.region)
-    return best.scores["fit"], scale * stretch(best)
+    scale = next(scale for scale, region in zip(scales, regions, strict=True) if region is best.region)
+    return certainty_of_fit(best.scores), scale * stretch(best)
 
 
 def stretch(candidate: PartCandidate) -> float:

@@ -28,12 +28,14 @@ from zoomout_core.matching.partial.part_candidates import (
     _promise,
     _register,
     part_candidates,
+    rough_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
     _candidate,
     _certainty,
     _on_part,
+    _places_of,
     fit_part,
     match_part,
     units_differ,
@@ -200,7 +202,23 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
 
-def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps = [np.roll(lower.true_places(), shift) for shift in (0, 40, 80, 120)]
+    monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[:3])
+    monkeypatch.setattr(
+        candidates_module, "_promise", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
+    )
+    monkeypatch.setattr(
+        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.promise})
+    )
+    with retune(PART_CANDIDATES, registered=2):
+        found = rough_candidates([lower.everywhere], [np.arange(3)], given=[maps[3]])
+    assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
+
+
+def test_of_two_fragments_the_best_maps_of_either_search_are_registered_again_and_joined(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     whole, nothing = on_a_line(0.0, 0.1, 0.2, 0.3), Any
     whole.is_fragment = True
     region: Any = SimpleNamespace(part=whole, whole=whole, is_everywhere=True)
@@ -208,18 +226,24 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
     def of_places(fit: float, *places: int) -> PartCandidate:
         return PartCandidate(region, np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
 
+    def registered(one: PartCandidate) -> PartCandidate:
+        return replace(one, scores={"fit": one.scores["fit"] - (3.5 if one is there[1] else 0.0)})
+
     there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
-    def fine_candidates(*_: object, backwards: bool = False) -> list[PartCandidate]:
+    def fine_candidates(*_: object, backwards: bool = False, given: object = None) -> list[PartCandidate]:
         for fraction in (0.0, 0.5, 1.0):
             advance(fraction)
         return back if backwards else there
 
     monkeypatch.setattr(candidates_module, "landmark_sets", lambda *_: [])
     monkeypatch.setattr(candidates_module, "_fine_candidates", fine_candidates)
+    monkeypatch.setattr(candidates_module, "_register", registered)
     result, reports = reports_of(lambda: part_candidates([region]))
-    assert [report.fraction for report in reports] == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
-    assert [one.scores["fit"] for one in result] == [1.0, 2.0, 4.0]
+    fractions = [report.fraction for report in reports]
+    assert fractions[:6] == pytest.approx([0.0, 0.2, 0.4, 0.4, 0.6, 0.8])
+    assert fractions == sorted(fractions)
+    assert [one.scores["fit"] for one in result] == [0.5, 1.0, 2.0]
 
 
 # --- counterparts -----------------------------------------------------------------------------------------------
@@ -236,6 +260,15 @@ def surface_and_shapes(pair: PartAndWhole, part_is_target: bool = True) -> Pair:
     step = 1 if part_is_target else -1
     source, target = made[::step]
     return Pair(source.surface, target.surface, *shapes[::step], 60, 20)
+
+
+@pytest.mark.parametrize("part_is_target", [True, False])
+def test_a_map_of_wholes_gives_each_place_of_a_part_its_place(lower: PartAndWhole, part_is_target: bool) -> None:
+    true, whole = lower.true_places(), lower.whole
+    of_whole = np.argmin(whole.shape.distances_between[true], axis=0)
+    as_wholes: Any = SimpleNamespace(sample_map=true if part_is_target else of_whole)
+    places = _places_of(as_wholes, surface_and_shapes(lower, part_is_target))
+    assert whole.between[places, true].mean() < 0.05
 
 
 def candidate(

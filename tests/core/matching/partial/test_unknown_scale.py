@@ -102,7 +102,7 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
     monkeypatch.setattr(unknown_scale, "match_part", placed)
-    monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (-1.0, 0.5))
+    monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (0.1, 0.5))
     source = lower.part if fragments == 2 else lower.whole
     found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement)
     assert found is not None
@@ -112,6 +112,28 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
         assert taken == pytest.approx(certain_at or 0.5)
     else:
         assert len(seen) == 1
+
+
+def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
+    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole
+) -> None:
+    seen: list[Pair] = []
+
+    def placed(pair: Pair, _: object) -> list[Any]:
+        seen.append(pair)
+        return [SimpleNamespace(certainty=0.9)]
+
+    def roughly(_part: object, _whole: object, scales: list[float]) -> tuple[float, float]:
+        tried.append(min(scales))
+        return 0.04, 0.5
+
+    tried: list[float] = []
+    monkeypatch.setattr(unknown_scale, "_rough_scale", roughly)
+    monkeypatch.setattr(unknown_scale, "match_part", placed)
+    assert match_at_unknown_scale(pair_of(lower.part, lower.part), lambda _: no_disagreement) is None
+    assert not seen
+    assert match_at_unknown_scale(pair_of(lower.whole, lower.part), lambda _: no_disagreement) is not None
+    assert min(tried[:-1]) > UNKNOWN_SCALE.of_fragments > tried[-1] == min(UNKNOWN_SCALE.scales)
 
 
 @pytest.mark.parametrize(
@@ -134,6 +156,7 @@ def test_another_unit_has_to_be_likelier_than_the_same_one(
     rescaled = elsewhere, [SimpleNamespace(certainty=certainty)]
     monkeypatch.setattr(retry, "match_at_unknown_scale", lambda *_: rescaled)
     monkeypatch.setattr(retry, "agree", lambda *_: False)
+    monkeypatch.setattr(retry, "are_fragments", lambda _: False)
     whole = Attempt(given, [SimpleNamespace(certainty=0.1, turns=1)], 0.9)  # type: ignore[arg-type, list-item]
     monkeypatch.setattr(Constraints, "disagreement", lambda *_: None)
     found = retry.attempt_part(whole, Constraints(None, np.zeros((0, 3)), []))
