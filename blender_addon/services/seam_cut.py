@@ -38,7 +38,7 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
         A sentence for the user.
 
     Raises:
-        MeshError: there is no match, or no UV map; nothing was changed.
+        MeshError: there is no match, no UV map, or one of a single point; nothing was changed.
     """
     return run(cut_seams_async(context, source.name, target.name))
 

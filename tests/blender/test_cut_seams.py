@@ -206,12 +206,16 @@ def test_where_seams_meet_within_a_face_it_is_divided_from_there():
         assert np.ptp(sides[list(face.loop_indices)], axis=0).max() < 1e-4
 
 
-def test_without_a_match_or_a_uv_map_nothing_is_cut(source):
+def test_without_a_match_or_uvs_nothing_is_cut(source):
     target = decimate()
     faces = len(target.data.polygons)
     with pytest.raises(zo.MeshError, match="was not matched with 'Source' yet: match them first"):
         cut_seams(bpy.context, source, target)
     keep_true_match(target)
+    source.data.uv_layers["Atlas"].data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3, np.float32))
+    source.data.update_tag()
+    with pytest.raises(zo.MeshError, match="All UVs of 'Atlas' are at one point: unwrap the source"):
+        cut_seams(bpy.context, source, target)
     source.data.uv_layers.remove(source.data.uv_layers["Atlas"])
     source.data.update_tag()
     with pytest.raises(zo.MeshError, match="has no UV map"):
