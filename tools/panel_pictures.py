@@ -388,7 +388,7 @@ def begin(target: Object, *others: Object) -> Story:
         call(bpy.ops.screen.screen_full_area)
         yield DRAWN
     space = view().spaces.active
-    for name in ("floor", "axis_x", "axis_y", "cursor", "object_origins"):
+    for name in ("floor", "axis_x", "axis_y", "cursor", "object_origins", "relationship_lines"):
         setattr(space.overlay, f"show_{name}", False)
     space.show_region_toolbar, space.show_region_ui = False, True
     yield DRAWN  # a tab can be chosen once the sidebar has been drawn

@@ -95,7 +95,7 @@ def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
     """The active UV maps of the objects, as one.
 
     Raises:
-        MeshError: no object has a UV map.
+        MeshError: no object has a UV map, or all UVs are at one point.
     """
     name = read_joined_active_layers(objects).uv
     if name is None:
@@ -106,7 +106,13 @@ def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
     for obj in objects:
         own = name if name and name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv
         parts.append(own and replace(read_layer(obj.mesh, own, Role.UV_MAP).attribute, name=name))
-    return _join([part or None for part in parts], objects)
+    joined = _join([part or None for part in parts], objects)
+    if not np.ptp(joined.values, axis=0).any():
+        raise zo.MeshError(
+            "All UVs of '{uv_map}' are at one point: unwrap the source, or activate another of its UV maps.",
+            uv_map=name,
+        )
+    return joined
 
 
 def read_joined_uv(objects: Sequence[EvaluatedObject], name: str | None) -> Floats:

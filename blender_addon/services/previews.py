@@ -80,8 +80,6 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
         else:
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
-            if not np.ptp(uv.values, axis=0).any():
-                raise zo.MeshError("All UVs of '{uv_map}' are at one point: there is nothing to show.", uv_map=uv.name)
             with stage("Applying the checker", 0.1, 1):
                 carried, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
             on_source, on_target = uv.values, carried.values

@@ -16,9 +16,10 @@ from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 from ..jobs import compute, run
 from ..mesh_data import ObjectPair, divide, read_joined_active_uv_map, write_divided
+from ..mesh_data.arrays import hash_of
 from ..scene.pair import check_not_edited, evaluated_sources, find_mesh, fingerprint_target, writing
 from ..scene.stored_pair import stored_pair
-from ..storage import stored_match
+from ..storage import stored_candidates, stored_match
 from . import previews
 from .candidates import store_match
 
@@ -38,7 +39,7 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
         A sentence for the user.
 
     Raises:
-        MeshError: there is no match, or no UV map; nothing was changed.
+        MeshError: there is no match, no UV map, or one of a single point; nothing was changed.
     """
     return run(cut_seams_async(context, source.name, target.name))
 
@@ -80,8 +81,15 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Store the match on the cut mesh."""
+    """Store the match on the cut mesh, with its list of candidates."""
+    mesh = find_mesh(context, before.target_name).data
+    listing = stored_candidates.read(mesh)
     # The pair's target surface is outdated, but storing a `StoredMatch` needs only the fingerprints.
     pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
-    match = replace(stored, **cut.changes(stored.confidence, stored.has_partner))
-    store_match(find_mesh(context, before.target_name).data, match, pair, stored.settings)
+    torn = None if stored.torn is None else cut.interpolate(stored.torn[:, None].astype(float)).any(axis=1)
+    match = replace(stored, torn=torn, **cut.changes(stored.confidence, stored.has_partner))
+    store_match(mesh, match, pair, stored.settings)
+    if listing is not None:
+        # Its vertices keep their numbers, but cached results, found by its key, belong to the mesh before the cut.
+        key = hash_of(f"{listing.key} {pair.target_fingerprint.digest}")
+        stored_candidates.write(mesh, replace(listing, key=key))

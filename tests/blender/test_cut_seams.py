@@ -144,12 +144,12 @@ def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target)
     assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
 
 
-def test_a_new_vertex_has_a_partner_where_all_around_it_have(source, target):
+def test_a_new_vertex_has_a_partner_where_all_around_it_have_and_is_torn_where_any_is(source, target):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     right = pair.target.vertices[:, 0] > 0
     of_source = pair.source.vertices[:, 0] > 0
     kept = stored_match.read(target.data, pair)
-    known = replace(kept, has_partner=right, source_has_partner=of_source, without_partner=(0.5, 0.5))
+    known = replace(kept, has_partner=right, source_has_partner=of_source, without_partner=(0.5, 0.5), torn=~right)
     stored_match.write(target.data, known, pair, {})
     before = len(target.data.vertices)
     cut_seams(bpy.context, source, target)
@@ -158,6 +158,7 @@ def test_a_new_vertex_has_a_partner_where_all_around_it_have(source, target):
     new, x = now.has_partner[before:], positions(target.data)[before:, 0]
     assert new[x > 0.1].all()
     assert not new[x < 0].any()
+    np.testing.assert_array_equal(now.torn, ~now.has_partner)
     np.testing.assert_array_equal(now.source_has_partner, of_source)
     assert tuple(now.without_partner) == (0.5, 0.5)
 
@@ -206,12 +207,16 @@ def test_where_seams_meet_within_a_face_it_is_divided_from_there():
         assert np.ptp(sides[list(face.loop_indices)], axis=0).max() < 1e-4
 
 
-def test_without_a_match_or_a_uv_map_nothing_is_cut(source):
+def test_without_a_match_or_uvs_nothing_is_cut(source):
     target = decimate()
     faces = len(target.data.polygons)
     with pytest.raises(zo.MeshError, match="was not matched with 'Source' yet: match them first"):
         cut_seams(bpy.context, source, target)
     keep_true_match(target)
+    source.data.uv_layers["Atlas"].data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3, np.float32))
+    source.data.update_tag()
+    with pytest.raises(zo.MeshError, match="All UVs of 'Atlas' are at one point: unwrap the source"):
+        cut_seams(bpy.context, source, target)
     source.data.uv_layers.remove(source.data.uv_layers["Atlas"])
     source.data.update_tag()
     with pytest.raises(zo.MeshError, match="has no UV map"):

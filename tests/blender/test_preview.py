@@ -96,7 +96,7 @@ def test_collapsed_uvs_are_not_shown_in_silence(source, target):
     layer = source.data.uv_layers["UVMap"]
     layer.data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3))
     for kind in ("CHECKER", "CUT"):
-        with pytest.raises(RuntimeError, match="All UVs of 'UVMap' are at one point: there is nothing to show"):
+        with pytest.raises(RuntimeError, match="All UVs of 'UVMap' are at one point: unwrap the source"):
             bpy.ops.zoomout.preview(kind=kind)
     assert preview.current() is None
 

@@ -45,7 +45,7 @@ COMPOSED = {
     message("Exchanged the sides of {what}", what=enumeration([SEAMS, "seams"])): "Seiten ausgetauscht: Nähte, seams",
     LEFT_OUT: "'Body' wurde ausgelassen: 'Body' ist kein Mesh: ein Mesh-Objekt wählen.",
     PLACED: "'A', 2 von 3: Verfeinern",
-    message("{layer}: {count} of {total} faces have flipped UVs.", layer="UVMap", count=3, total=90): (
+    message("{layer}: {count:,} of {total:,} faces have flipped UVs.", layer="UVMap", count=3, total=90): (
         "UVMap: 3 von 90 Flächen haben umgekehrte UVs."
     ),
     message("{layer}: {count} edges of the source belong to no face and were left out.", layer=SEAMS, count=3): (

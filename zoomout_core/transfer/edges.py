@@ -88,7 +88,7 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     left = int((~place.covered).sum())
     note = (
         message(
-            "{layer}: {left} of {count} marked vertices were left out, where the target has no "
+            "{layer}: {left:,} of {count:,} marked vertices were left out, where the target has no "
             "reliable counterpart on the source.",
             layer=attribute.name,
             left=left,

@@ -96,7 +96,7 @@ def mix_weights(
     if without:
         notes += (
             message(
-                "{layer}: locked groups leave no weight for other groups on {without} of {count} "
+                "{layer}: locked groups leave no weight for other groups on {without:,} of {count:,} "
                 "vertices: reduce or unlock them.",
                 layer=attribute.name,
                 without=without,

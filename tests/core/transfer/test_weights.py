@@ -167,7 +167,7 @@ def test_unlocked_groups_share_what_locked_ones_leave(source: Sheet, target: She
     rest[:10] = 0
     result, (note,) = noted(scattered(len(source.parameters), 20, 4), source, target, room=rest)
     assert np.abs(result.sum(axis=1) - np.where(rest < 1e-4, 0, rest)).max() < 1e-12
-    assert f"no weight for other groups on {(rest < 1e-4).sum()} of {len(rest)} vertices" in note
+    assert f"no weight for other groups on {(rest < 1e-4).sum()} of {len(rest):,} vertices" in note
 
 
 def test_what_locked_groups_had_on_the_source_is_shared_anew(source: Sheet, target: Sheet) -> None:

@@ -29,10 +29,10 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
     told = (
-        (flipped, faces, "{layer}: {count} of {total} faces have flipped UVs."),
-        (degenerate, faces, "{layer}: {count} of {total} faces have collapsed UVs."),
-        (stretched, faces, "{layer}: {count} of {total} faces have strongly stretched UVs."),
-        (missing, islands, "{layer}: {count} of {total} UV islands of the source received no face."),
+        (flipped, faces, "{layer}: {count:,} of {total:,} faces have flipped UVs."),
+        (degenerate, faces, "{layer}: {count:,} of {total:,} faces have collapsed UVs."),
+        (stretched, faces, "{layer}: {count:,} of {total:,} faces have strongly stretched UVs."),
+        (missing, islands, "{layer}: {count:,} of {total:,} UV islands of the source received no face."),
     )
     return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in told if count)
 

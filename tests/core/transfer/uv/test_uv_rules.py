@@ -125,7 +125,7 @@ def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_sou
     sides[[17, 44, 80]] *= factors
     images = np.column_stack([squares(sides, (0.21, 0.32)), np.zeros(4 * count)])
     notes = transferred(corners(source), nearest_map(images, source), source, target).notes
-    told = {note.split("faces have ")[1].split(" ")[0]: int(note.split()[1]) for note in notes}
+    told = {note.split("faces have ")[1].split(" ")[0]: int(note.split()[1].replace(",", "")) for note in notes}
     assert told.pop("strongly", 0) == stretched
     assert told.pop("collapsed", 0) == collapsed
     assert not told
