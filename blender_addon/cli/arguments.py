@@ -69,13 +69,14 @@ def _parser() -> argparse.ArgumentParser:
     transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
     _add_pair(transfer)
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
-    transfer.add_argument("--force", action="store_true", help="transfer even along a match that is probably wrong")
+    _add_force(transfer)
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(transfer, group)
     wrap = commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")
     _add_objects(wrap)
     _add_options(wrap, MatchOptions)
     _add_options(wrap, WrapOptions)
+    _add_force(wrap)
     dress = commands.add_parser("dress", help="fit copies of a source's clothes, hair and other objects to targets")
     _add_objects(dress)
     dress.add_argument(
@@ -84,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     dress.add_argument("--collection", metavar="NAME", help="collection of such objects")
     _add_options(dress, MatchOptions)
     _add_options(dress, DressOptions)
+    _add_force(dress)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
     _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
@@ -99,6 +101,11 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--report", metavar="REPORT.json", help="write a report")
         command.add_argument("--in-place", action="store_true", help="allow outputs to overwrite input files")
     return parser
+
+
+def _add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the option to use any match."""
+    parser.add_argument("--force", action="store_true", help="use even a match that is probably wrong")
 
 
 def _add_carry(parser: argparse.ArgumentParser) -> None:
@@ -125,6 +132,7 @@ def _add_two_files(parser: argparse.ArgumentParser) -> None:
         help="map that `zoomout match` computed from the surfaces of both files, as written by `surface`",
     )
     parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the match, if no map is given")
+    _add_force(parser)
 
 
 def _add_faces(parser: argparse.ArgumentParser) -> None:

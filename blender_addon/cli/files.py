@@ -59,6 +59,7 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         options.map,
         options.detail,
         options.in_place,
+        force=options.force,
     )
     return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
 
@@ -85,7 +86,16 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
     files = options.source, options.target, options.save
     outcome = carry_file(
-        context, *files, ("shape_keys",), DEFAULT, None, options.map, options.detail, options.in_place, review
+        context,
+        *files,
+        ("shape_keys",),
+        DEFAULT,
+        None,
+        options.map,
+        options.detail,
+        options.in_place,
+        review,
+        options.force,
     )
     failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
     entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}

@@ -17,7 +17,7 @@ from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
-from ..services.collection_match import match_collections_async
+from ..services.collection_match import check_verdicts, match_collections_async
 from ..services.dress import Dressing, prepare_dress
 from ..services.match import prepare_match
 from ..services.targets import Write, each_target
@@ -48,12 +48,15 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     """Transfer, and report on each target by name.
 
     Raises:
-        MeshError: new names of groups are malformed, or the collections cannot be matched; nothing was written.
+        MeshError: new names of groups are malformed, the collections cannot be matched, or their match is probably
+            wrong; nothing was written.
     """
     settings = BlendOptions.settings(as_in_sidebar(options, BlendOptions))
     binding = BindOptions.how_to_bind(as_in_sidebar(options, BindOptions)) if options.bind else None
     if options.target_collection:
-        source_of = {name: source for name, (source, _) in _match_collections(context, options).items()}
+        matches = _match_collections(context, options)
+        check_verdicts(matches, options.force)
+        source_of = {name: source for name, (source, _) in matches.items()}
         matching: dict[str, Any] = {}
     else:
         source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
@@ -76,7 +79,7 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     check_one_target(wrapping, options.targets)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_wrap(context, options.source, target, wrapping, **_match_options(options))
+        return prepare_wrap(context, options.source, target, wrapping, force=options.force, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -92,7 +95,9 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     names = [*options.things, *of_collection]
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_dress(context, options.source, target, names, dressing, **_match_options(options))
+        return prepare_dress(
+            context, options.source, target, names, dressing, force=options.force, **_match_options(options)
+        )
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 

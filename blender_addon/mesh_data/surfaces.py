@@ -70,6 +70,15 @@ def evaluated_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, 
         evaluated.to_mesh_clear()
 
 
+def is_disabled(obj: Object) -> bool:
+    """Whether an object or all its collections are disabled in the viewport.
+
+    Blender may keep an earlier evaluation of such an object if something refers to it, such as the chosen source.
+    """
+    collections = obj.users_collection
+    return bool(obj.hide_viewport or (collections and all(each.hide_viewport for each in collections)))
+
+
 def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
     """The evaluated object.
 
@@ -77,7 +86,7 @@ def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
         MeshError: the object is disabled, so that Blender does not evaluate it.
     """
     evaluated = obj.evaluated_get(depsgraph)
-    if not evaluated.is_evaluated:
+    if not evaluated.is_evaluated or is_disabled(obj):
         raise zo.MeshError(
             "'{name}' or its collection is disabled in the viewport: enable it, because its "
             "modifiers are not evaluated.",

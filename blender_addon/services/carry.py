@@ -18,7 +18,7 @@ from ..jobs import Work, run
 from ..scene.files import Brought, keep_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
-from .collection_match import KnownMatch, Parts, prepare_parts
+from .collection_match import KnownMatch, Parts, check_verdicts, prepare_parts
 from .targets import Outcome, Write, each_target
 from .transfer import prepare_transfer
 
@@ -67,6 +67,7 @@ def carry(
     detail: str,
     in_place: bool = False,
     review: Review | None = None,
+    force: bool = False,
 ) -> Outcome[dict[str, Any]]:
     """Transfer the data of one file's meshes to those of another, which is open afterwards.
 
@@ -85,12 +86,13 @@ def carry(
         detail: detail of that match, one of `DETAIL`.
         in_place: whether the output may overwrite a file that is read.
         review: called after the transfer, while the objects of both files are in the scene.
+        force: whether to transfer along a match that is probably wrong.
 
     Returns:
         Reports by the names of the targets, see `stored_report`.
 
     Raises:
-        MeshError: a file cannot be used, or the map belongs to other files.
+        MeshError: a file cannot be used, the map belongs to other files, or the match is probably wrong.
         OutputError: the output is one of the files that are read.
     """
     if is_same_file(source, target):
@@ -105,6 +107,7 @@ def carry(
     targets = Parts.of([fingerprint_target(context, name) for name in own], list(own.values()))
     known = KnownMatch.load(map_file, sources.joined, targets.joined) if map_file else None
     matches = run(prepare_parts(context, sources, targets, known, detail))()
+    check_verdicts(matches, force)
 
     def work(name: str) -> Work[Write[dict[str, Any]]]:
         return _prepare(context, matches[name][0], name, data, settings, binding)

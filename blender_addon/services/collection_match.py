@@ -7,7 +7,7 @@ with the one or several sources that it maps to, as if these had been matched al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -20,6 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.matching.verdict import check_verdict
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
@@ -153,6 +154,17 @@ async def prepare_parts(
         return {pair.target_name: (pair.source_name, match) for pair, match in matches}
 
     return write
+
+
+def check_verdicts(matches: Mapping[str, tuple[str, StoredMatch]], force: bool) -> None:
+    """Refuse matches by `prepare_parts` that are probably wrong, unless the user insists.
+
+    Raises:
+        RefusedMatchError: one is probably wrong, and may not be used all the same.
+    """
+    for _, match in matches.values():
+        if match.verdict is not None:
+            check_verdict(match.verdict, force)
 
 
 def _matches(

@@ -104,7 +104,7 @@ def evaluated_data(context: Context, obj: Object) -> Mesh | None:
     if obj.mode == "EDIT":
         return obj.data
     evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
-    return evaluated.data if evaluated.is_evaluated else None
+    return evaluated.data if evaluated.is_evaluated and not mesh_data.is_disabled(obj) else None
 
 
 def stale(context: Context, target: Object) -> str:

@@ -13,6 +13,7 @@ from scenes import ellipsoid, key_shape, link, positions, values, weight_array
 
 import zoomout_core as zo
 from blender_addon import cli
+from zoomout_core.matching.verdict import judge
 from zoomout_core.mesh.files import read_surface
 
 
@@ -114,15 +115,30 @@ def test_a_file_that_is_imported_is_a_source_too(files, tmp_path):
     assert body.data.uv_layers.keys() == ["Skin"]
 
 
-def test_files_are_matched_where_there_is_no_map(tmp_path):
+def two_files(tmp_path):
+    """Two files with an ellipsoid each, the first with weights."""
     for name, subdivisions in (("one", 4), ("other", 5)):
         bpy.ops.wm.read_homefile(use_empty=True)
         obj = ellipsoid(name, subdivisions)
         if name == "one":
             obj.vertex_groups.new(name="All").add(list(range(len(obj.data.vertices))), 1, "REPLACE")
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / f"{name}.blend"), copy=True)
-    files = tmp_path / "one.blend", tmp_path / "other.blend"
-    assert run("carry", *files, "--detail", "fast", "--save", tmp_path / "out.blend") == 0
+    return tmp_path / "one.blend", tmp_path / "other.blend"
+
+
+def test_a_match_that_is_probably_wrong_is_refused_unless_forced(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1))
+    arguments = "carry", *two_files(tmp_path), "--detail", "fast", "--save", tmp_path / "out.blend"
+    assert run(*arguments) == 1
+    assert "give --force" in capsys.readouterr().err
+    assert not (tmp_path / "out.blend").exists()
+    assert run(*arguments, "--force") == 0
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
+    assert "All" in bpy.data.objects["other"].vertex_groups
+
+
+def test_files_are_matched_where_there_is_no_map(tmp_path):
+    assert run("carry", *two_files(tmp_path), "--detail", "fast", "--save", tmp_path / "out.blend") == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
     assert weight_array(bpy.data.objects["other"], "All").min() > 0.99
 

@@ -7,6 +7,7 @@ import pytest
 from scenes import activate, ellipsoid, from_pydata, link, positions
 from turns import turns
 
+import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.jobs import Job
 from blender_addon.mesh_data import content_hash
@@ -83,13 +84,17 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
     assert begins == [defect in ("no target", "no target of a source", "no source")]
 
 
-def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source, target):
+@pytest.mark.parametrize("is_chosen", [False, True])
+def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source, target, is_chosen):
     match_objects(bpy.context, source, target, k_final=30)
     activate(target)
+    bpy.context.scene.zoomout.source = source if is_chosen else None  # Blender may evaluate it all the same
     source.hide_viewport = True
     bpy.context.view_layer.update()
     sentence = "'Source' or its collection is disabled in the viewport: enable it."
     assert preflight.findings(bpy.context) == [preflight.Finding(sentence, True)]
+    with pytest.raises(zo.MeshError, match="disabled in the viewport"):
+        match_objects(bpy.context, source, target, k_final=30)
 
 
 def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
