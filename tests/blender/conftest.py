@@ -51,8 +51,8 @@ def target(source):
     return obj
 
 
-@pytest.fixture(scope="session")
-def found():
+@pytest.fixture(scope="module")
+def found(remember_matches):
     """The symmetries of the posed creature, in Blender's single precision."""
     return zo.detect_symmetry(BENT.surface.with_vertices(BENT.surface.vertices.astype(np.float32)))
 

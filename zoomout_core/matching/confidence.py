@@ -129,14 +129,14 @@ def local_distortion(surface_map: SurfaceMap, source: ShapeAnalysis, target: Sha
     return similarity_residual(places, target.mesh.triangles, images, CONFIDENCE.rings)
 
 
-def torn_share(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
-    """The part of the target's area, in [0, 1], on triangles whose corners a map sends far apart."""
+def torn_triangles(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
+    """The number of triangles of the target, weighted by their areas, whose corners a map sends far apart."""
     triangles = target.mesh.triangles
     edges = triangles, np.roll(triangles, 1, axis=1)
     images = surface_map.interpolate(source.mesh.vertices)
     own, mapped = (np.linalg.norm(at[edges[0]] - at[edges[1]], axis=2) for at in (target.mesh.vertices, images))
     areas = triangle_areas(target.mesh.vertices, triangles)
-    return float(areas @ (mapped - own > CONFIDENCE.torn).any(axis=1) / areas.sum())
+    return float(areas @ (mapped - own > CONFIDENCE.torn).any(axis=1) / areas.mean())
 
 
 def spectral_distance(rows: Floats, others: Floats, eigenvalues: Floats) -> Floats:

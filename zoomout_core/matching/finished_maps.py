@@ -17,7 +17,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import local_distortion, torn_share
+from zoomout_core.matching.confidence import local_distortion, torn_triangles
 from zoomout_core.matching.ranking import Candidate, in_order
 from zoomout_core.matching.refinement import final_size, refine
 from zoomout_core.matching.scores import ENERGY, TORN
@@ -86,5 +86,5 @@ def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, 
     distortion = local_distortion(refined[0], source, target, candidate.mirrored)
     # 0 for a similarity around every vertex, near 1 for a scattered map.
     energy = float(np.average(distortion, weights=target.basis.areas))
-    scores = candidate.scores | {ENERGY: energy, TORN: torn_share(refined[0], source, target)}
+    scores = candidate.scores | {ENERGY: energy, TORN: torn_triangles(refined[0], source, target)}
     return replace(candidate, refined=refined, distortion=distortion, scores=scores)

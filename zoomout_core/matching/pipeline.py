@@ -190,8 +190,10 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         candidates = rank(hypotheses, *shapes, disagreement, show=partial(_show, pair))
         _show_candidates(pair, candidates)
     with stage("Comparing finished maps", 0.8, 1.0):
-        for_each(partial(_prepare_rest, turns=automatic), shapes)
-        candidates = rank_finished(candidates, *shapes, pair.step)
+        with portion(0.0, 0.2):
+            for_each(partial(_prepare_rest, turns=automatic), shapes)
+        with portion(0.2, 1.0):
+            candidates = rank_finished(candidates, *shapes, pair.step)
     return with_turned(candidates, *shapes, disagreement) if automatic else candidates
 
 

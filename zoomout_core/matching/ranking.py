@@ -93,10 +93,12 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     closed: float = tuned(3.23, "1", 0, 100)
     misfit_rate: float = tuned(8.25, "1", 0, 100)  # rate at which it increases with the logarithm of the distance
     # A map that exchanges limbs tears the surface between them, also if the right map is not there to rival it. Beyond
-    # this torn share of the target's area, the odds against a finished map of closed shapes grow with a power of it.
-    # Right maps of hulls are torn where limbs touch.
-    tear: float = tuned(0.0003, "1", 1e-9, 1)
+    # this number of torn triangles, the odds against a finished map of closed shapes grow with a power of it. Right
+    # maps of hulls are torn where limbs touch.
+    tear: float = tuned(3.0, "triangles", 1e-9, 1e6)
     tear_rate: float = tuned(1.5, "1", 0, 100)  # that power
+    # Log odds by which tears count at most: right maps of shapes with few vertices are torn, too.
+    tear_limit: float = tuned(3.5, "1", 0, 100)
     unlikely: float = tuned(0.5, "probability", 0, 1)  # more guesses are tried below this certainty
 
 
@@ -269,7 +271,8 @@ def _odds_against(scores: dict[str, float], closed: bool) -> float:
     """Odds against a map by its fit in space, and between closed shapes by its tears."""
     log_odds = CERTAINTY.misfit + CERTAINTY.misfit_rate * np.log(max(scores["place"], 1e-9))
     if closed:
-        log_odds += CERTAINTY.tear_rate * np.log1p(scores.get(TORN, 0.0) / CERTAINTY.tear) - CERTAINTY.closed
+        tears = CERTAINTY.tear_rate * np.log1p(scores.get(TORN, 0.0) / CERTAINTY.tear)
+        log_odds += min(tears, CERTAINTY.tear_limit) - CERTAINTY.closed
     return float(np.exp(log_odds))
 
 

@@ -27,7 +27,7 @@ IN_SPACE = "place in space"
 UPRIGHT = "upright"
 # Name of the energy of a finished map, which only the most likely candidates have (see `finished_maps.py`).
 ENERGY = "energy"
-# Name of the part of the target's area, in [0, 1], that a finished map tears.
+# Name of the number of triangles that a finished map tears.
 TORN = "torn"
 # Weights of the disagreements in the total score, by which a map and its mirror image differ by two to four.
 EVIDENCE_WEIGHTS = {

@@ -69,14 +69,15 @@ def test_a_map_without_rivals_is_as_sure_as_its_fit_in_space() -> None:
 def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() -> None:
     fair = candidate(0.0, place=0.025)
     whole, scratched, torn = (
-        certainties(replace(fair, scores=fair.scores | {TORN: share}))[0] for share in (0.0, 0.0002, 0.01)
+        certainties(replace(fair, scores=fair.scores | {TORN: count}))[0] for count in (0, 2, 100)
     )
-    assert whole > scratched > 0.9 > 0.6 > torn
+    assert whole > scratched > 0.9 > torn
+    assert certainties(replace(fair, scores=fair.scores | {TORN: 1000})) == [torn]  # not refused for tears alone
     assert certainties(fair) == [whole]
     # Limbs that touch are joined in a hull, from which a right map has to tear them.
     hulls = [
-        in_order([replace(fair, scores=fair.scores | {TORN: share})], line(is_hull=True), line())[0]
-        for share in (0.0, 0.01)
+        in_order([replace(fair, scores=fair.scores | {TORN: count})], line(is_hull=True), line())[0]
+        for count in (0, 100)
     ]
     assert hulls[0].certainty == hulls[1].certainty
 
