@@ -74,7 +74,7 @@ def test_a_search_for_a_part_in_a_book() -> None:
 def test_a_small_part_without_regions_is_searched_for_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
 
-    def search(regions: list[part_match.Region]) -> list[object]:
+    def search(regions: list[part_match.Region], given: list[object]) -> list[object]:
         found.extend(regions)
         return []
 
