@@ -181,6 +181,7 @@ def test_shape_keys_of_one_name_are_one_and_move_only_what_has_them(front, back,
     assert [curve.data_path for curve in whole.data.shape_keys.animation_data.drivers] == ['key_blocks["Aft"].value']
 
 
+@pytest.mark.slow
 def test_keys_arrive_from_objects_that_modifiers_give_more_vertices(front, back, whole):
     for obj in (front, back):
         obj.shape_key_add(name="Basis")

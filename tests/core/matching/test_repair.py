@@ -123,6 +123,7 @@ def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
     return Pair(folded, flat, *shapes, 40, 5), zo.SurfaceMap.from_vertices(np.arange(u.size), folded), u.ravel()
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("steps", [20, 2])
 def test_a_part_that_tears_cut_off_is_connected_with_little(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     pair, truth, u = facing_plates()

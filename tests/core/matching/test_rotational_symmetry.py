@@ -126,6 +126,7 @@ def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
     return zo.match(source, target, **FEW, upright=False), source, target
 
 
+@pytest.mark.slow
 def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     result, _, _ = cubes
     assert result.certainty == pytest.approx(1 / 24, rel=0.05)

@@ -122,6 +122,7 @@ def turned(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.nda
     return shape.basis.coefficients(shape.basis.eigenvectors[image])
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("sides", [4, 5])
 def test_turns_and_mirrors_of_round_things_are_among_the_blocks(sides: int) -> None:
     shape = prepared(column(sides))

@@ -174,6 +174,7 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
     assert (result.confidence[len(truth) :] < 0.05).all()
 
 
+@pytest.mark.slow
 def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:
     """A suit has nearly the size and shape of its wearer."""
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
