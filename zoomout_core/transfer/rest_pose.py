@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.procrustes import SMALLEST, procrustes
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
@@ -44,7 +44,6 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
-        outlying: distance, relative to the median, at which the weight of a vertex in it is halved.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -56,7 +55,6 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
-    outlying: float = tuned(3.0, "1", 0.1, 1000)
 
 
 REST = RestTuning()
@@ -101,7 +99,7 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     if pose.is_rest:
         return PosedTarget(found, pose)
     counted = areas if mapped.has_partner is None else areas * mapped.has_partner
-    unbent = _unbend(pose, target, rest, search)
+    unbent = _unbend(pose, target.vertices, counted, rest, search)
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
     bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if projection.is_same_body and counted @ projection.off <= counted @ bent.off:
@@ -166,21 +164,20 @@ def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -
     return replace(mapped, surface_map=projection.surface_map, confidence=trust)
 
 
-def _unbend(pose: Pose, target: Surface, rest: Surface, search: SurfaceSearch) -> Pose:
-    """The rest pose that brings a target closest to the source at rest, by iterative closest points.
+def _unbend(pose: Pose, vertices: Floats, areas: Floats, rest: Surface, search: SurfaceSearch) -> Pose:
+    """The rest pose that brings vertices (n_t, 3) with areas (n_t,) closest to the source at rest.
 
-    The size is that of the source or that of the given pose, whichever fits better.
+    The similarity follows from iterated closest points (Besl and McKay, A method for registration of 3-D shapes, 1992).
+    Its size is that of the source or that of the given pose, whichever fits better.
     """
-    chosen = np.unique(np.linspace(0, len(target.vertices) - 1, REST.aligned).astype(np.int64))
-    images, areas, fits = target.vertices[chosen], target.vertex_areas[chosen], []
+    chosen = np.unique(np.linspace(0, len(vertices) - 1, REST.aligned).astype(np.int64))
+    images, areas, fits = vertices[chosen], areas[chosen], []
     for scale in (1.0, pose.scale):
-        places, counted = pose.common.inverse(images), areas
+        places = pose.common.inverse(images)
         for _ in range(REST.iterations + 1):
-            similarity = procrustes(places, images, counted, scales=(scale, scale))
+            similarity = procrustes(places, images, areas, scales=(scale, scale))
             aligned = similarity.inverse(images)
             places = SurfaceMap(*search.closest(aligned), rest.triangles).interpolate(rest.vertices)
-            off = np.linalg.norm(places - aligned, axis=1)
-            counted = areas / (1 + (off / max(REST.outlying * np.median(off), SMALLEST)) ** 2)
-        fits.append((float(areas @ off), similarity))
+        fits.append((float(areas @ np.linalg.norm(places - aligned, axis=1)), similarity))
     _, common = min(fits, key=lambda fit: fit[0])
     return Pose(common.repeat(len(pose.transforms.scale)), common, 0.0)

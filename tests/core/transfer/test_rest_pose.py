@@ -7,6 +7,7 @@ from bent_tube import LENGTH, PARENTS, bend, pose_surface, tube, weights_of
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.bone_fit import Pose
 from zoomout_core.transfer.rest_pose import REST, align, find_pose
@@ -147,3 +148,15 @@ def test_a_slight_bend_is_a_pose():
     target = pose_surface(still, bend((12, 0, 0), (0, 12, 0)))
     found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert not found.pose.is_rest
+
+
+def test_what_a_target_wears_does_not_move_it():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    hat = ball(0.25 * LENGTH, (0.35 * LENGTH, 0, 0.9 * LENGTH), count=300)
+    target = zo.Surface.joined([still, hat])
+    images = np.concatenate([pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices, hat.vertices])
+    worn = np.arange(len(images)) >= len(still.vertices)
+    mapped = _mapped(source, target, images, has_partner=~worn, confidence=np.where(worn, 0.0, 1.0))
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.pose.bend == 0
+    np.testing.assert_allclose(align(target, found.pose).positions, target.vertices, atol=0.03 * LENGTH)
