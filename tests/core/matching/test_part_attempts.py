@@ -19,10 +19,11 @@ from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses import guess as guess_module
 from zoomout_core.matching.notes import OTHER_UNITS, TOO_COARSE
+from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.retry import attempt_part, retry
+from zoomout_core.matching.retry import attempt_part, needs_retry, retry
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
 
@@ -47,6 +48,15 @@ class Evidence:
 
     def disagreement(self, _: object) -> None:
         assert not self.upright
+
+
+@pytest.mark.parametrize(("certainty", "tried"), [(0.5, True), (0.9, True), (0.97, False)])
+def test_parts_are_tried_unless_the_map_of_wholes_is_nearly_certain(certainty: float, tried: bool) -> None:
+    shape: Any = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(scale=1.0)))
+    pair: Any = SimpleNamespace(source_shape=shape, target_shape=shape)
+    first = Attempt(pair, [candidate(certainty, THERE)], 1.0)
+    assert needs_retry(first, MatchOptions()) == tried
+    assert not needs_retry(first, MatchOptions(initial="proximity"))
 
 
 def without_fragment(*_: object) -> None:

@@ -39,8 +39,9 @@ class PartMatchTuning(Tuning, set_by="partial"):
     90 %, of which 24 were right: feet fit on hands.
     """
 
-    # Maps of wholes below it are tried as parts. A person with missing pieces had .88 as a whole, at an error of 68
-    # (x 1000), and .96 as a part, at 22.
+    # Maps of wholes below it are tried as parts. At .8 a person with missing pieces keeps its map as a whole, at a
+    # certainty of .88 and an error of 68 (x 1000); as a part these are .96 and 22. The other 27 pairs with cuts, holes
+    # and missing pieces stay the same.
     unsure: float = tuned(0.95, "probability", 0, 1)
     # Minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs right as
     # wholes, and two or four as parts.
