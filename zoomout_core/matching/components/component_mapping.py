@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -56,14 +56,14 @@ class Image:
 class ComponentMap:
     """The map of the loose parts."""
 
-    image: Image  # images of the parts that have one
-    paired: int  # number of the target's parts that have a counterpart
-    others: int  # number of those that map to other parts
-    fused: int  # number of the source's parts that the target shows fused with its body
-    alone: int  # number of those without an image
-    left: int  # number of the source's parts without an image on them
-    left_vertices: Integers  # their vertices in the source's working mesh
-    too_many: int  # number of parts beyond the largest ones, which were not paired one by one
+    image: Image = field(default_factory=lambda: Image.concatenate([]))  # images of the parts that have one
+    paired: int = 0  # number of the target's parts that have a counterpart
+    others: int = 0  # number of those that map to other parts
+    alone: int = 0  # number of those without an image
+    fused: int = 0  # number of the source's parts that the target shows fused with its body
+    left: int = 0  # number of the source's parts without an image on them
+    left_vertices: Integers = field(default_factory=lambda: NO_VERTICES)  # their vertices in the source's working mesh
+    too_many: int = 0  # number of parts beyond the largest ones, which were not paired one by one
 
 
 def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> ComponentMap:
@@ -72,12 +72,9 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     theirs = source.parts(source.points)
     if not theirs:
-        return ComponentMap(Image.concatenate([]), 0, 0, 0, len(target.parts(target.points)), 0, NO_VERTICES, 0)
+        return ComponentMap(alone=len(target.parts(target.points)))
     motion = _motion(pair, source, target, body, confidence)
-    if target.loose.any():
-        found, met = _map_parts(pair, source, target, theirs, motion)
-    else:
-        found, met = ComponentMap(Image.concatenate([]), 0, 0, 0, 0, 0, NO_VERTICES, 0), set()
+    found, met = _map_parts(pair, source, target, theirs, motion) if target.loose.any() else (ComponentMap(), set())
     images = body.interpolate(source.points[source.body_vertices])
     lost = {i: part for i, part in enumerate(theirs) if i not in met and _is_visible(part, pair, source)}
     fused = find_fused(pair, images, motion, source, target, lost)
@@ -134,8 +131,8 @@ def _map_parts(
     others += len(among_all)
     alone = len(ours) - len(counterparts) - others
     unpaired = max(len(ours), len(theirs)) - MAX_PAIRED_PARTS
-    images = Image.concatenate(found)
-    return ComponentMap(images, len(counterparts), others, 0, alone, 0, NO_VERTICES, max(unpaired, 0)), met
+    image = Image.concatenate(found)
+    return ComponentMap(image, len(counterparts), others, alone, too_many=max(unpaired, 0)), met
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:

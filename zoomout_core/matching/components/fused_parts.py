@@ -24,6 +24,7 @@ from zoomout_core.geometry.label_borders import border_lengths, shorten_borders
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.matching.components.part_borders import PART_BORDERS, adjacency
+from zoomout_core.matching.components.part_motions import robust_weights
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, Part, Side
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.memory_cache import cached_hull
@@ -39,14 +40,12 @@ MIN_SAMPLES = 12
 MAP_ROUNDS, BODY_ROUNDS, ROUNDS = 6, 5, 5
 # Tolerance of the points of the source that are closest to its hull, which is a voxel away.
 TOLERANCE = 0.001
-# Radius around a part in which the body places it, in sizes of what is visible of it.
+# Radius around a part in which the body places it, in sizes of its visible area.
 SURROUNDINGS = 2.0
 # Weight of normals against positions, in sizes of the part, or in `BODY_MAP_ERROR` where that is smaller.
 NORMAL_WEIGHT = 0.5
 # Ratio of the scale beside a part to the body's map's, at most.
 MAX_SCALE = 1.35
-# The distance, relative to the median, that halves a sample's weight.
-HALF_WEIGHT = 2.0
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,8 @@ def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handed
     weights = np.ones(len(images))
     for _ in range(MAP_ROUNDS):
         motion = procrustes(ours.points, images, weights, handedness)
-        weights = _robust(np.linalg.norm(motion(ours.points) - images, axis=1))
+        distances = np.linalg.norm(motion(ours.points) - images, axis=1)
+        weights = robust_weights(distances, float(np.median(distances)))
     scales = motion.scale / MAX_SCALE, motion.scale * MAX_SCALE
     for number in range(BODY_ROUNDS + ROUNDS):
         moved = ours.move(motion)
@@ -208,7 +208,7 @@ def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handed
             back = moved.tree.query(part.rows)[1]
             points, goals = np.concatenate([points, points[back]]), np.concatenate([goals, part.points])
         distances = np.linalg.norm(motion(points) - goals, axis=1)
-        motion = procrustes(points, goals, _robust(distances), handedness, scales)
+        motion = procrustes(points, goals, robust_weights(distances, float(np.median(distances))), handedness, scales)
     return motion
 
 
@@ -227,11 +227,6 @@ def _lies_on_body(patch: _Cloud, off: float, source: Side, reach: float, tree: c
     points, on = _samples(source.points, triangles)
     normals = unit_vectors(area_normals(source.points, triangles[on]))
     return len(points) > 0 and _rms_distance(patch, _Cloud(points, normals, patch.weight)) < FUSED_PARTS.gain * off
-
-
-def _robust(distances: Floats) -> Floats:
-    """(n,) weights of points at some distances from their images."""
-    return np.asarray(1 / (1 + (distances / max(HALF_WEIGHT * float(np.median(distances)), 1e-9)) ** 2))
 
 
 def _outline(placed: _Cloud, part: _Cloud, body: _Cloud, vertices: Integers, target: Side) -> Booleans:

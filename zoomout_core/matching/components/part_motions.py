@@ -37,7 +37,7 @@ TURN_WEIGHT, PIECE_SPREAD = 0.15, 1.2
 APART = 1e3
 # Ratio of a part's scale to the body's, at first, and to that of most parts afterwards: the same character keeps it.
 ROUGH_SCALE, SAME_SCALE = 1.15, 1.02
-# The distance, relative to the part's median, that halves a sample's weight.
+# The distance, relative to the median, that halves a sample's weight.
 HALF_WEIGHT = 2.0
 
 
@@ -176,7 +176,7 @@ def _register(
     for number in range(ROUNDS):
         images, distance = closest(places, turned, part)
         median = np.array([np.median(distance[some]) for some in ranges])
-        weights = 1 / (1 + (distance / np.maximum(HALF_WEIGHT * median[piece], 1e-9)) ** 2)
+        weights = robust_weights(distance, median[piece])
         weights /= np.bincount(piece, weights, count)[piece]
         share = csr_array((weights, (piece, np.arange(len(piece)))), shape=(count, len(piece)))
         moments = Moments.of_products(share @ products(target.points[vertex], images))
@@ -187,6 +187,11 @@ def _register(
         places, turned = _carry(target, similarities, vertex, piece)
     _, distance = closest(places, turned, part)
     return _Registration(similarities, np.array([np.quantile(distance[some], 0.9) for some in ranges]), scales)
+
+
+def robust_weights(distances: Floats, median: Floats | float) -> Floats:
+    """(s,) Cauchy's weights of samples at distances (s,) from their images, whose median is given, at unit area."""
+    return np.asarray(1 / (1 + (distances / np.maximum(HALF_WEIGHT * median, 1e-9)) ** 2))
 
 
 def _divide(vertex: Integers, part: Integers, points: Floats, motion: SimilarityField) -> tuple[Integers, Integers]:

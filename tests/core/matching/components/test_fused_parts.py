@@ -32,6 +32,14 @@ def skin(size: float = SIZE, centre: np.ndarray = TOP) -> Surface:
     return Surface(radius[:, None] * where, outward_hull(where))
 
 
+def tower(height: float) -> Surface:
+    """One skin around the body and a tower on it, as wide as the part."""
+    where = directions(2000, 1)
+    inside = np.linalg.norm(where[:, :2], axis=1) < SIZE / RADIUS
+    inside &= where[:, 2] > 0
+    return Surface((RADIUS + height * inside)[:, None] * where, outward_hull(where))
+
+
 def map_skin(target: Surface, part: Surface = KNOB, share: float = 0.02) -> tuple[Pair, ComponentMap]:
     """Map the parts of a body with one part, given that the map of the body is the nearest point."""
     source = Surface.joined([BODY, part])
@@ -60,8 +68,14 @@ def test_a_skin_with_the_shape_of_a_part_receives_from_it() -> None:
 
 @pytest.mark.parametrize(
     "target",
-    [BODY, skin(2.5 * SIZE), skin(SIZE, RADIUS * np.array([0.28, 0, 0.96]))],
-    ids=["none", "larger", "elsewhere"],
+    [
+        BODY,
+        skin(2.5 * SIZE),
+        tower(2 * SIZE),
+        skin(SIZE, RADIUS * np.array([0.15, 0, 0.99])),
+        skin(SIZE, RADIUS * np.array([0.28, 0, 0.96])),
+    ],
+    ids=["none", "larger", "another shape", "beside", "elsewhere"],
 )
 def test_a_skin_without_the_shape_of_a_part_does_not_receive_from_it(target: Surface) -> None:
     _, found = map_skin(target)

@@ -78,6 +78,13 @@ def test_a_part_that_bends_has_no_motion_of_its_own() -> None:
     assert motions.rigid[:2].tolist() == [True, False]
 
 
+def test_pieces_of_a_part_that_bends_strongly_move_with_the_body() -> None:
+    motions, right, before, after = match_ellipsoids(bend=40)
+    assert motions.rigid.tolist()[:2] == [True, False]
+    assert not motions.rigid[2:].any()
+    assert (after != right).sum() < (before != right).sum()
+
+
 def test_pieces_of_a_part_that_folds_move_by_themselves() -> None:
     rest = ball(0.4, (0, 0, 0), (1, 0.3, 0.2), 2000)
     fold = Rotation.from_rotvec([0, 0, 0.8])
