@@ -20,9 +20,9 @@ from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate, in_order, rank
+from zoomout_core.matching.ranking.rank import Candidate, in_order, rank
+from zoomout_core.matching.ranking.scores import ENERGY, scores_of, total_score
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.scores import ENERGY, scores_of, total_score
 
 SOURCES = {
     "extremities": extremity_hypotheses,

@@ -27,7 +27,7 @@ from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.colors import place_colors
 from zoomout_core.mesh.decimation import decimate
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.voxel_remesh import voxel_remesh

@@ -34,7 +34,7 @@ from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record, over
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"

@@ -13,7 +13,7 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import geodesic_error
-from zoomout_core.mesh.files import read_shape, read_surface
+from zoomout_core.mesh.formats.files import read_shape, read_surface
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
 

@@ -29,7 +29,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching import pipeline, retry
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.hypotheses import guess
-from zoomout_core.matching.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
 
 # Mean error, relative to the square root of the source's area, above which a map counts as wrong.
 LIMIT = 0.08

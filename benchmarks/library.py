@@ -21,8 +21,8 @@ from benchmarks.outfits.clothes import Wardrobe
 from benchmarks.tables import NOT_SHOWN, Record, Tables, over
 from zoomout_core.library.library import Library
 from zoomout_core.library.search import LibraryAsset, search
-from zoomout_core.matching.verdict import VERDICT
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
 
 # The families of characters, by pack or by file; others are families of their own.

@@ -14,7 +14,7 @@ from pyFM.spectral import FM_to_p2p
 
 import zoomout_core as zo
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.spectral.sampling import farthest_points
 
 # Meshes of one class have the same vertex order, so the identity is the truth.

@@ -16,7 +16,7 @@ import numpy as np
 import zoomout_core as zo
 from benchmarks.speed import subdivide_triangles, time_match
 from zoomout_core.mesh.decimation import decimate
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 
 Record = dict[str, Any]

@@ -15,8 +15,8 @@ import zoomout_core as zo
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.notes import SURE_CERTAINTY
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 

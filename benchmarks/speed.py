@@ -24,7 +24,7 @@ import zoomout_core as zo
 from benchmarks.datasets import load_pair
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 
 Record = dict[str, Any]

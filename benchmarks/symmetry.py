@@ -21,11 +21,11 @@ from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.memory_cache import cached_analysis
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.proxy import proxy_size
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.memory_cache import cached_analysis
+from zoomout_core.matching.preparation.proxy import proxy_size
+from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.symmetry.detect import energies, find_candidates

@@ -18,7 +18,7 @@ from zoomout_core.assets.files import inputs_of
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.map_files import keep_map, save_match
-from zoomout_core.matching.verdict import GREEN, check_verdict
+from zoomout_core.matching.report.verdict import GREEN, check_verdict
 from zoomout_core.mesh.shapes import as_surface
 
 if TYPE_CHECKING:

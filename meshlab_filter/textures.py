@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zoomout_core.arrays import Bytes, Floats, Integers
-from zoomout_core.mesh.ply_files import ply_columns
+from zoomout_core.mesh.formats.ply_files import ply_columns
 
 if TYPE_CHECKING:
     from pymeshlab import Image, Mesh

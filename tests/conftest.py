@@ -103,7 +103,7 @@ def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
 def few_candidates() -> Iterator[None]:
     """Matches search among fewer candidates, which is faster: the search itself is tested in `core/matching`."""
     from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
-    from zoomout_core.matching.ranking import RANKING
+    from zoomout_core.matching.ranking.rank import RANKING
     from zoomout_core.tuning import retune
 
     with (
@@ -119,8 +119,8 @@ def quick_search(few_candidates: None) -> Iterator[None]:
 
     For modules that use a match: the search and the refinement themselves are tested in `core/matching`.
     """
-    from zoomout_core.matching.finished_maps import FINISHED_MAPS
-    from zoomout_core.matching.refinement import REFINEMENT, Schedule
+    from zoomout_core.matching.ranking.finished_maps import FINISHED_MAPS
+    from zoomout_core.matching.refinement.refine import REFINEMENT, Schedule
     from zoomout_core.matching.registration import nonrigid_icp
     from zoomout_core.matching.registration.nonrigid_icp import Level
     from zoomout_core.tuning import retune

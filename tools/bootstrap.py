@@ -70,7 +70,7 @@ SERVED_BY = {
 # The arguments that need neither Blender nor MeshLab.
 WITHOUT_HOSTS = ("extension", "core", "docs")
 
-# The modules that the core finds the extension by, see `zoomout_core/mesh/blender_files.py`.
+# The modules that the core finds the extension by, see `zoomout_core/mesh/formats/blender_files.py`.
 EXTENSION_ENTRY_POINTS = """[zoomout.extension]
 main = blender_addon
 demo = blender_addon.demo

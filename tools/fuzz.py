@@ -38,7 +38,7 @@ from zoomout_core.assets.avatars import read_avatar
 from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.text_arguments import read_landmarks
 

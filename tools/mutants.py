@@ -2,7 +2,7 @@
 """Mutation testing: change the code one line at a time, and list the changes that no test detects.
 
     make mutants ARGS="zoomout_core/matching --sample 8 --seed 1"
-    make mutants ARGS="zoomout_core/matching/scores.py:48"
+    make mutants ARGS="zoomout_core/matching/ranking/scores.py:48"
 
 Cosmic Ray makes the mutants: small numbers plus or minus one, numbers set to zero; arithmetic, comparisons, logic and
 conditions inverted; loops skipped. A package has thousands, so some of each module are drawn at random, the

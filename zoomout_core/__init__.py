@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     )
     from zoomout_core.maps.surface_map import SurfaceMap
     from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
-    from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
-    from zoomout_core.matching.mirror_image import mirror_candidate
     from zoomout_core.matching.options import MatchOptions
     from zoomout_core.matching.pipeline import match
+    from zoomout_core.matching.preparation.memory_cache import forget_shapes, store_shapes
     from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
+    from zoomout_core.matching.ranking.mirror_image import mirror_candidate
+    from zoomout_core.matching.report.verdict import Verdict
     from zoomout_core.matching.result import MatchResult, load_result
     from zoomout_core.matching.transfer_landmarks import TransferredLandmarks, transfer_landmarks
-    from zoomout_core.matching.verdict import Verdict
-    from zoomout_core.mesh.files import read_point_cloud, read_surface
+    from zoomout_core.mesh.formats.files import read_point_cloud, read_surface
     from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
     from zoomout_core.runtime.progress import Cancelled, Progress, progress
     from zoomout_core.runtime.threads import set_threads
@@ -72,8 +72,8 @@ if TYPE_CHECKING:
         transfer,
         wrap,
     )
-    from zoomout_core.transfer.face_landmarks import propose_face_landmarks
-    from zoomout_core.transfer.key_names import (
+    from zoomout_core.transfer.keys.face_landmarks import propose_face_landmarks
+    from zoomout_core.transfer.keys.key_names import (
         TranslatedKeys,
         key_names,
         missing_key_names,
@@ -186,15 +186,15 @@ _HOMES = {
     ),
     "maps.surface_map": ("SurfaceMap",),
     "maps.zoomout": ("slanted_sizes", "zoomout", "zoomout_both_ways"),
-    "matching.memory_cache": ("forget_shapes", "store_shapes"),
-    "matching.mirror_image": ("mirror_candidate",),
+    "matching.preparation.memory_cache": ("forget_shapes", "store_shapes"),
+    "matching.ranking.mirror_image": ("mirror_candidate",),
     "matching.options": ("MatchOptions",),
     "matching.pipeline": ("match",),
     "matching.proximity": ("ProximityMatch", "match_by_proximity"),
     "matching.result": ("MatchResult", "load_result"),
     "matching.transfer_landmarks": ("TransferredLandmarks", "transfer_landmarks"),
-    "matching.verdict": ("Verdict",),
-    "mesh.files": ("read_point_cloud", "read_surface"),
+    "matching.report.verdict": ("Verdict",),
+    "mesh.formats.files": ("read_point_cloud", "read_surface"),
     "mesh.surface": ("MeshError", "PointCloud", "Surface"),
     "runtime.progress": ("Cancelled", "Progress", "progress"),
     "runtime.threads": ("set_threads",),
@@ -219,8 +219,8 @@ _HOMES = {
         "transfer",
         "wrap",
     ),
-    "transfer.face_landmarks": ("propose_face_landmarks",),
-    "transfer.key_names": (
+    "transfer.keys.face_landmarks": ("propose_face_landmarks",),
+    "transfer.keys.key_names": (
         "TranslatedKeys",
         "key_names",
         "missing_key_names",

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import click
 
 from zoomout_core.command_options import progress_bar, tell
-from zoomout_core.matching.verdict import RefusedMatchError
+from zoomout_core.matching.report.verdict import RefusedMatchError
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output, is_same_file

@@ -16,7 +16,6 @@ from platformdirs import user_cache_dir
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.global_options import is_quiet
-from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.option_table import (
     ACCURACY,
     MATCHING,
@@ -27,8 +26,9 @@ from zoomout_core.matching.option_table import (
     Option,
     select_options,
 )
+from zoomout_core.matching.preparation.memory_cache import store_shapes
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.mesh.opening import existing
+from zoomout_core.mesh.formats.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.text_arguments import STARTS, read_axis, read_values

@@ -4,7 +4,7 @@
 Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after Ren,
 Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps, 2018), in
 forms that depend little on the meshes. For the error of going there and back see
-`zoomout_core.matching.confidence.cycle_error`.
+`zoomout_core.matching.refinement.confidence.cycle_error`.
 """
 
 from __future__ import annotations

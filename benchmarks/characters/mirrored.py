@@ -19,7 +19,7 @@ from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
-from zoomout_core.matching.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
 from zoomout_core.symmetry.flip_name import counterpart_of
 
 # The kinds of cases: a character at rest, posed, and the clothes of a body.

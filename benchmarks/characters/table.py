@@ -12,7 +12,7 @@ import numpy as np
 import zoomout_core as zo
 from benchmarks.characters.cases import Case
 from benchmarks.characters.figures import Figures, figures, nearest_in_space
-from zoomout_core.matching.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
 
 Row: TypeAlias = dict[str, Any]
 

@@ -15,7 +15,7 @@ from benchmarks.everywhere.measures import Row, is_wrong, measure, measure_bindi
 from benchmarks.everywhere.pictures import draw
 from benchmarks.tables import Tables
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.verdict import AMBER, GREEN, RED
+from zoomout_core.matching.report.verdict import AMBER, GREEN, RED
 
 # Number of worst cases to draw for each kind.
 WORST = 4

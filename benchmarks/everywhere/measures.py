@@ -15,9 +15,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.triangles import unique_edges, vertex_areas
-from zoomout_core.transfer.poses import extreme_poses
-from zoomout_core.transfer.stretch import check_weights, play, stretched_edges
-from zoomout_core.transfer.weight_islands import find_islands
+from zoomout_core.transfer.rigging.poses import extreme_poses
+from zoomout_core.transfer.rigging.stretch import check_weights, play, stretched_edges
+from zoomout_core.transfer.rigging.weight_islands import find_islands
 
 Row: TypeAlias = dict[str, Any]
 

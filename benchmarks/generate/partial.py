@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas, vertex_normals
 

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from zoomout_core.arrays import Integers
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
 

@@ -15,7 +15,7 @@ from benchmarks.official.measure import Setting
 from benchmarks.official.records import sets_in
 from benchmarks.tables import Record, Tables, as_markdown, over
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.notes import SURE_CERTAINTY
 
 OURS = "zo.match"
 SETTINGS = [Setting(rotate, scale).name for scale in (False, True) for rotate in (False, True)]

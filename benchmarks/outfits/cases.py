@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.characters.cases import CENTIMETRES
 from benchmarks.outfits.clothes import Body, Garment, Wardrobe, move
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 
 # Files with a known outfit on another body, and those that are used in both directions.

@@ -12,7 +12,7 @@ from bpy.types import Object
 from benchmarks.transfer.load import burden
 from blender_addon import mesh_data
 from blender_addon.demo.character import select_only
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 
 # Two poses of a man, and of a horse in the same collection. Meshes of one class have the same vertex order.
 CHARACTERS, COMPANIONS = ("michael0", "michael10"), ("horse0", "horse6")

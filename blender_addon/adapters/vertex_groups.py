@@ -14,8 +14,8 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer import Attribute
-from zoomout_core.transfer.stretch import smooth_weights
-from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
+from zoomout_core.transfer.rigging.stretch import smooth_weights
+from zoomout_core.transfer.rigging.weights import limit_weights, rename_groups, sum_to_one
 
 from .. import mesh_data
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest

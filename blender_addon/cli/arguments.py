@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.transfer.key_table import CONVENTIONS
+from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 from ..adapters import DATA, USUAL_DATA
 from ..properties.dress import DressOptions

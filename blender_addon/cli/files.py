@@ -11,7 +11,7 @@ from bpy.types import Context
 
 import zoomout_core as zo
 from zoomout_core.drawing import encode_png
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.runtime.outputs import atomic_write
 
 from ..adapters import DEFAULT

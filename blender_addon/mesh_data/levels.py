@@ -14,8 +14,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
 from zoomout_core.assets.lods import Level
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import normalise
-from zoomout_core.transfer.weights import limit_weights
+from zoomout_core.transfer.rigging.skinning import normalise
+from zoomout_core.transfer.rigging.weights import limit_weights
 
 from .armatures import Bones, read_bones
 from .arrays import read_array

@@ -8,7 +8,7 @@ from functools import partial
 
 from bpy.types import Context
 
-from zoomout_core.matching.notes import MAX_UNMATCHED_SHARE
+from zoomout_core.matching.report.notes import MAX_UNMATCHED_SHARE
 from zoomout_core.messages import message
 
 from ..properties.match import MatchOptions, RedoOptions

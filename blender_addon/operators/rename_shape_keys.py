@@ -7,7 +7,7 @@ Blender needs evaluated property annotations, so this module does not postpone t
 from bpy.props import BoolProperty, EnumProperty
 from bpy.types import Context, Event
 
-from zoomout_core.transfer.key_table import CONVENTIONS
+from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 from ..services.key_names import rename_shape_keys
 from .modal_operator import ModalOperator

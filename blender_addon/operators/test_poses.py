@@ -8,7 +8,7 @@ import numpy as np
 from bpy.types import Context
 
 from zoomout_core.messages import message
-from zoomout_core.transfer.poses import extreme_turns
+from zoomout_core.transfer.rigging.poses import extreme_turns
 
 from ..mesh_data import HeldPose, armatures_of, follow_constraints, read_bones, turn_bones
 from .play import PlayOperator

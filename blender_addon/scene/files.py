@@ -14,7 +14,7 @@ import bpy
 from bpy.types import ID, Context, Object
 
 import zoomout_core as zo
-from zoomout_core.mesh.named_files import check_named_files
+from zoomout_core.mesh.formats.named_files import check_named_files
 from zoomout_core.runtime.outputs import atomic_write, atomic_write_together
 
 from .. import mesh_data

@@ -20,12 +20,12 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
-from zoomout_core.transfer.poses import distinct_poses, extreme_poses, poses_about
-from zoomout_core.transfer.rest_pose import PosedTarget, align, find_pose
-from zoomout_core.transfer.rig import follow_longer_bones, joints_of_bones
-from zoomout_core.transfer.skinning import skinning_matrices
-from zoomout_core.transfer.stretch import check_weights
-from zoomout_core.transfer.unpose import Rest, unpose
+from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
+from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
+from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
+from zoomout_core.transfer.rigging.stretch import check_weights
+from zoomout_core.transfer.rigging.unpose import Rest, unpose
 
 from .. import mesh_data
 from ..adapters import Binding, Settings, TransferJob

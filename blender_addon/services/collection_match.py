@@ -20,7 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.matching.verdict import check_verdict
+from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage

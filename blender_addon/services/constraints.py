@@ -19,8 +19,8 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.pair import LandmarkError
-from zoomout_core.matching.part_report import name_components, notes_on_parts
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.matching.report.part_report import name_components, notes_on_parts
 from zoomout_core.messages import enumeration, message, plural, sentences
 from zoomout_core.runtime.progress import stage
 

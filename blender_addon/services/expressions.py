@@ -14,7 +14,7 @@ from zoomout_core.arrays import Booleans, Bytes, Floats
 from zoomout_core.drawing import draw_triangles
 from zoomout_core.expression_sheet import INK, PAPER, Head, draw_sheet
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.transfer.stretch import play_offsets, stretched_edges
+from zoomout_core.transfer.rigging.stretch import play_offsets, stretched_edges
 
 from .. import mesh_data
 from ..colors import stretched_colors

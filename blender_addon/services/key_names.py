@@ -9,8 +9,8 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.messages import Message, sentences
-from zoomout_core.transfer.key_names import describe
-from zoomout_core.transfer.key_table import CONVENTIONS
+from zoomout_core.transfer.keys.key_names import describe
+from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 from .. import mesh_data
 from ..scene.pair import check_writable

@@ -9,7 +9,7 @@ import bpy
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.matching.verdict import RED
+from zoomout_core.matching.report.verdict import RED
 
 from ..mesh_data import ObjectPair
 from ..scene.pair import writing

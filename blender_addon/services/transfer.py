@@ -11,7 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.part_report import without_shares
+from zoomout_core.matching.report.part_report import without_shares
 from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend

@@ -23,7 +23,7 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import fault_of_map
-from zoomout_core.matching.verdict import LEVELS
+from zoomout_core.matching.report.verdict import LEVELS
 from zoomout_core.messages import to_json
 from zoomout_core.transfer import Attribute, Domain, Kind
 

@@ -14,8 +14,8 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH,
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import Door, Kind, Option, select_options
-from zoomout_core.matching.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.matching.report.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.runtime.progress import portion
 from zoomout_core.text_arguments import read_values

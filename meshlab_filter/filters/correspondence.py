@@ -33,8 +33,8 @@ from meshlab_filter.mesh_data import (
 from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, partner_name, read_stored, store
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.matching.refinement.confidence import cycle_error
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.progress import portion, stage

@@ -14,7 +14,7 @@ from doors import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.surface import MeshError
 
 

@@ -22,9 +22,9 @@ from creatures import creature
 import zoomout_core
 from zoomout_core.collection import engine as engine_module
 from zoomout_core.collection.engine import OnDask, Task, check_open_files, check_working_folder, local_engine
-from zoomout_core.mesh import blender_files
-from zoomout_core.mesh.blender_files import PROGRAM, blender_command
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats import blender_files
+from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.child_process import SAFE_PATH, child_environment, leave_out_working_folder
 
@@ -37,7 +37,7 @@ STARTING = re.compile(
     r"subprocess\.(run|Popen|call|check_\w+)\(|LocalCluster\(|ProcessPool|os\.(system|exec|spawn|fork)"
 )
 KNOWN = {
-    "zoomout_core/mesh/blender_files.py": 1,
+    "zoomout_core/mesh/formats/blender_files.py": 1,
     "zoomout_core/collection/engine.py": 1,
     "meshlab_filter/trial.py": 1,
 }

@@ -19,7 +19,7 @@ CODE = """
 import os, threading
 from creatures import creature
 import zoomout_core as zo
-from zoomout_core.matching import memory_cache
+from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.runtime import threads
 
 surfaces = [creature(150, seed=seed).surface for seed in (0, 1)]

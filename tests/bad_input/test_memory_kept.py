@@ -13,8 +13,8 @@ from creatures import creature
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from zoomout_core.matching import memory_cache
-from zoomout_core.matching.memory_cache import cached_analysis, cached_working_mesh
+from zoomout_core.matching.preparation import memory_cache
+from zoomout_core.matching.preparation.memory_cache import cached_analysis, cached_working_mesh
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.memory import bytes_of
 

@@ -18,7 +18,7 @@ from doors import add_colors, assert_refused, contents, run
 import zoomout_core as zo
 from zoomout_core import __main__ as entry
 from zoomout_core.cli import main
-from zoomout_core.matching import memory_need
+from zoomout_core.matching.preparation import memory_need
 from zoomout_core.messages import NO_MEMORY
 
 SOURCE, TARGET = (creature(260, seed=seed).surface for seed in (0, 1))

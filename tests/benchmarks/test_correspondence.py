@@ -18,7 +18,7 @@ from benchmarks.__main__ import main
 from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
 from benchmarks.datasets import TEMPLATE, PairOfParts, load_pair, pair_names, sets_in
-from zoomout_core.matching.scores import total_score
+from zoomout_core.matching.ranking.scores import total_score
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.generate.folder import write_set
 from benchmarks.generate.merged import merge, write_merged
 from benchmarks.official.lists import lists_in
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 

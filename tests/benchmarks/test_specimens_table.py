@@ -11,7 +11,7 @@ from specimens import WALL, grow, hollow
 
 from benchmarks import specimens
 from benchmarks.tables import NOT_SHOWN
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
 

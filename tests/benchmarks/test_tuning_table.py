@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from benchmarks import tuning
 from benchmarks.__main__ import main
-from zoomout_core.matching.confidence import CONFIDENCE
+from zoomout_core.matching.refinement.confidence import CONFIDENCE
 from zoomout_core.tuning import stages
 
 

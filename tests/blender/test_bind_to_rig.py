@@ -34,7 +34,7 @@ from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.viewport import preview
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.transfer import poses, stretch, weights
+from zoomout_core.transfer.rigging import poses, stretch, weights
 
 PLACES = {
     "at the origin": (None, None, None),

@@ -14,7 +14,7 @@ from scenes import add_attribute, ellipsoid, key_shape, new_material, positions,
 import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh import blender_files
+from zoomout_core.mesh.formats import blender_files
 
 pytestmark = pytest.mark.slow
 

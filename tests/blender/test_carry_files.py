@@ -13,8 +13,8 @@ from scenes import ellipsoid, key_shape, link, positions, values, weight_array
 
 import zoomout_core as zo
 from blender_addon import cli
-from zoomout_core.matching.verdict import judge
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.matching.report.verdict import judge
+from zoomout_core.mesh.formats.files import read_surface
 
 
 def run(*arguments):

@@ -9,7 +9,7 @@ import zoomout_core as zo
 from blender_addon import api
 from blender_addon.scene.files import save_scene
 from blender_addon.services.library import append_source, library_folders
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
 
 pytestmark = pytest.mark.usefixtures("coarse_hulls")

@@ -12,7 +12,7 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.scene.landmarks import landmark_pairs
-from zoomout_core.transfer.face_landmarks import FACE_LANDMARKS
+from zoomout_core.transfer.keys.face_landmarks import FACE_LANDMARKS
 
 FACE = make_face()
 VERTICES = FACE.surface.vertices

@@ -20,7 +20,7 @@ from blender_addon.services.parts import read_parts
 from blender_addon.services.select_faults import TORN, select_faults
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
-from zoomout_core.matching.verdict import GREEN, RED, judge
+from zoomout_core.matching.report.verdict import GREEN, RED, judge
 from zoomout_core.samples.spheres import ball
 
 WRONG = judge(0.1)

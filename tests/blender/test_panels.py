@@ -28,8 +28,8 @@ from blender_addon.ui import panels
 from blender_addon.ui.panels import result, sidebar
 from blender_addon.ui.panels.sidebar import VERDICT_ICONS
 from blender_addon.viewport import preview
-from zoomout_core.matching.notes import UNSURE
-from zoomout_core.matching.verdict import judge
+from zoomout_core.matching.report.notes import UNSURE
+from zoomout_core.matching.report.verdict import judge
 from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
 

@@ -11,7 +11,7 @@ from scenes import activate, snapshot_file
 from blender_addon.mesh_data import HeldPose, read_bones, turn_bones
 from blender_addon.operators import modal, play
 from blender_addon.operators.test_poses import ZOOMOUT_OT_test_poses
-from zoomout_core.transfer.poses import extreme_poses, extreme_turns
+from zoomout_core.transfer.rigging.poses import extreme_poses, extreme_turns
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from blender_addon import operators, presets, translations
 from blender_addon.translations.catalogue import read_catalogue
 from blender_addon.ui import menus, panels, preferences
 from blender_addon.viewport import preview
-from zoomout_core.transfer.key_table import CONVENTIONS
+from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 ADDON, CORE = (Path(package.__file__).parent for package in (blender_addon, zoomout_core))
 # The same in every language.
@@ -54,10 +54,10 @@ OF_CORE = (
     "maps/surface_map.py",
     "matching/components/lift.py",
     "matching/components/main_parts.py",
-    "matching/notes.py",
+    "matching/report/notes.py",
     "matching/pair.py",
     "matching/proximity.py",
-    "matching/verdict.py",
+    "matching/report/verdict.py",
     "symmetry/detect.py",
     "symmetry/mirror.py",
     "symmetry/offsets.py",

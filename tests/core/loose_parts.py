@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import grid, grid_faces
 from zoomout_core.samples.spheres import Place, ball, directions

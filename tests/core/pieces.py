@@ -9,9 +9,9 @@ import numpy as np
 from creatures import Creature, creature, true_vertex
 
 from zoomout_core.arrays import Booleans, Integers
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.region import Region
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
 
 FUNCTIONS, SAMPLES = 60, 400

@@ -14,8 +14,8 @@ from specimens import grow, hollow
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import LandmarkSet, read_landmark_file, write_landmark_file
-from zoomout_core.matching.verdict import judge
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.matching.report.verdict import judge
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.sampling import farthest_points
 

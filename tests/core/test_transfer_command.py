@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
-from zoomout_core.matching.verdict import judge
+from zoomout_core.matching.report.verdict import judge
 from zoomout_core.samples.characters import write_samples
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

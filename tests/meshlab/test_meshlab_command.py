@@ -19,7 +19,7 @@ from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import write_asset
-from zoomout_core.matching.verdict import judge
+from zoomout_core.matching.report.verdict import judge
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 

@@ -11,7 +11,7 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 
 from meshlab_filter.commands import main
 from meshlab_filter.script import read_script, run_script
-from zoomout_core.mesh.ply_files import ply_columns
+from zoomout_core.mesh.formats.ply_files import ply_columns
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 

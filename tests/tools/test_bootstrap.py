@@ -11,7 +11,7 @@ from threading import Thread
 import bootstrap
 import pytest
 
-from zoomout_core.mesh.blender_files import ENTRY_POINTS
+from zoomout_core.mesh.formats.blender_files import ENTRY_POINTS
 
 DOWNLOAD = "  Downloading bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl (375.2 MB)"
 

@@ -22,7 +22,7 @@ from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.assets.keep_avatars import PLAIN_MATERIAL
 from zoomout_core.assets.springs import copy_springs
 from zoomout_core.assets.write_gltf import extensions_in
-from zoomout_core.mesh.glb import pack_glb
+from zoomout_core.mesh.formats.glb import pack_glb
 from zoomout_core.messages import message
 from zoomout_core.runtime.version import package_version
 

@@ -14,8 +14,8 @@ from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blend_matrices
-from zoomout_core.transfer.unpose import inverse_skinning
+from zoomout_core.transfer.rigging.skinning import blend_matrices
+from zoomout_core.transfer.rigging.unpose import inverse_skinning
 
 if TYPE_CHECKING:
     from zoomout_core.assets.gltf import Document

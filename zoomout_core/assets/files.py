@@ -18,13 +18,13 @@ from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
 from zoomout_core.assets.write_gltf import write_gltf
-from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.draco import library
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.formats.draco import library
+from zoomout_core.mesh.formats.files import read_surface
+from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.formats.named_files import named_files
+from zoomout_core.mesh.formats.opening import existing
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.more_files import READERS as MORE_READERS
-from zoomout_core.mesh.named_files import named_files
-from zoomout_core.mesh.opening import existing
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import reason_of
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.transfer.skinning import transform_points
+from zoomout_core.transfer.rigging.skinning import transform_points
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.

@@ -13,7 +13,7 @@ from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.gltf import VARIANTS, Buffer, Document, is_file, library, sources_of
 from zoomout_core.assets.images import TEXTURE_EXTENSIONS, ImageType, image_type
 from zoomout_core.assets.read_gltf import materials_of
-from zoomout_core.mesh.opening import shown
+from zoomout_core.mesh.formats.opening import shown
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Texture

@@ -30,7 +30,7 @@ from zoomout_core.assets.gltf import (
     morph_target_names,
 )
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.transfer.skinning import normalise, row_of
+from zoomout_core.transfer.rigging.skinning import normalise, row_of
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Mesh, Primitive

@@ -16,7 +16,7 @@ from zoomout_core.assets.avatars import is_row, list_at, object_at, objects_at
 from zoomout_core.assets.gltf import VRM_0, VRM_1, Document, library, morph_target_names
 from zoomout_core.assets.gltf_materials import ImageFiles
 from zoomout_core.assets.gltf_meshes import Renumbering
-from zoomout_core.mesh.opening import shown
+from zoomout_core.mesh.formats.opening import shown
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2

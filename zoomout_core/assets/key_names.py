@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
-from zoomout_core.transfer.key_names import TranslatedKeys, describe, translate_offsets
+from zoomout_core.transfer.keys.key_names import TranslatedKeys, describe, translate_offsets
 
 
 def rename_keys(asset: Asset, convention: str) -> tuple[Asset, TranslatedKeys, list[str]]:

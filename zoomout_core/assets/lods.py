@@ -30,9 +30,9 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.groups import expand_ranges, first_of_each
-from zoomout_core.transfer.poses import MAX_FRAMES, distinct_poses, extreme_poses
-from zoomout_core.transfer.skinning import blend_matrices, transform_points
-from zoomout_core.transfer.weights import limit_weights
+from zoomout_core.transfer.rigging.poses import MAX_FRAMES, distinct_poses, extreme_poses
+from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
+from zoomout_core.transfer.rigging.weights import limit_weights
 
 # Differences of weights that are rounding.
 SAME_WEIGHT = 1e-9

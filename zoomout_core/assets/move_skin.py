@@ -20,8 +20,8 @@ from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.gltf import POINTER, VRM_0, Document, local_matrix
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.poses import parents_first
-from zoomout_core.transfer.rig import move_rig
+from zoomout_core.transfer.rigging.poses import parents_first
+from zoomout_core.transfer.rigging.rig import move_rig
 
 if TYPE_CHECKING:
     from pygltflib import AnimationChannelTarget

@@ -27,9 +27,9 @@ from zoomout_core.assets.asset import (
     to_srgb,
 )
 from zoomout_core.assets.images import image_type
-from zoomout_core.mesh.files import drop_broken_faces, surface_of
-from zoomout_core.mesh.obj_files import parse_obj, statements
-from zoomout_core.mesh.opening import file_bytes, shown
+from zoomout_core.mesh.formats.files import drop_broken_faces, surface_of
+from zoomout_core.mesh.formats.obj_files import parse_obj, statements
+from zoomout_core.mesh.formats.opening import file_bytes, shown
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

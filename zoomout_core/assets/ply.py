@@ -10,9 +10,9 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, UV, Asset, from_srgb, on_points, to_srgb
-from zoomout_core.mesh.files import drop_broken_faces, surface_of
-from zoomout_core.mesh.opening import file_bytes
-from zoomout_core.mesh.ply_files import ply_columns, ply_polygons
+from zoomout_core.mesh.formats.files import drop_broken_faces, surface_of
+from zoomout_core.mesh.formats.opening import file_bytes
+from zoomout_core.mesh.formats.ply_files import ply_columns, ply_polygons
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

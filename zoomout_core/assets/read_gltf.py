@@ -23,7 +23,7 @@ from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import blend_matrices, normalise, transform_points
+from zoomout_core.transfer.rigging.skinning import blend_matrices, normalise, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import Primitive

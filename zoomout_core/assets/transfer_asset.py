@@ -20,10 +20,10 @@ from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.skinning import normalise, skinning_matrices
+from zoomout_core.transfer.rigging.unpose import Rest, unpose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
-from zoomout_core.transfer.skinning import normalise, skinning_matrices
-from zoomout_core.transfer.unpose import Rest, unpose
 
 # Kinds of data that can be transferred, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)

@@ -29,12 +29,12 @@ from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, MESHES, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender, surfaces_of
 from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
-from zoomout_core.matching.disk_cache import remove_shapes
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.blender_files import PROGRAM, blender_command
+from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import check_output, is_same_file

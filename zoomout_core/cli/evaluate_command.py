@@ -13,8 +13,8 @@ from zoomout_core.command_options import InputFile
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.map_files import read_surface_map
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.confidence import cycle_error
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.matching.refinement.confidence import cycle_error
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.text_arguments import read_truth

@@ -34,13 +34,13 @@ from zoomout_core.landmark_files import (
 )
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.mirror_image import mirror_candidate
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.ranking.mirror_image import mirror_candidate
+from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers

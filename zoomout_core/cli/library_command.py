@@ -11,7 +11,7 @@ from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import progress_bar
 from zoomout_core.library.library import INDEX, Library
-from zoomout_core.mesh.blender_files import PROGRAM
+from zoomout_core.mesh.formats.blender_files import PROGRAM
 
 
 @click.command()

@@ -28,7 +28,7 @@ from zoomout_core.matching.option_table import OPTIONS, Door, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import write_arrays

@@ -17,8 +17,8 @@ from zoomout_core.collection.engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
-from zoomout_core.matching.disk_cache import remove_shapes
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.batch import BODIES, DRESSED, ENDINGS, FITS, PICTURES, RECORDS, Fitting, dress_all

@@ -13,9 +13,9 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
-from zoomout_core.matching.part_report import name_components, notes_on_parts, part_figures
+from zoomout_core.matching.report.part_report import name_components, notes_on_parts, part_figures
+from zoomout_core.matching.report.verdict import GREEN
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.verdict import GREEN
 from zoomout_core.mesh.named_parts import NamedParts
 
 # Confidence below which a vertex counts as doubtful.

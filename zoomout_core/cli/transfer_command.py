@@ -50,11 +50,11 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
-from zoomout_core.matching.verdict import check_verdict
-from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.matching.report.verdict import check_verdict
+from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import portion
-from zoomout_core.transfer.key_table import CONVENTIONS
+from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 # Fraction of the progress at the end of matching.
 MATCHED = 0.8

@@ -34,8 +34,8 @@ from zoomout_core.collection.tasks import (
 from zoomout_core.collection.through_blender import read_items
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.verdict import Verdict, judge
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.matching.report.verdict import Verdict, judge
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError

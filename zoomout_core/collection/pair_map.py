@@ -16,9 +16,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.report.verdict import Faults
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.verdict import Faults
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
 # Number of candidates kept for each pair.

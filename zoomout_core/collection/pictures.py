@@ -20,7 +20,7 @@ from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.colors import place_colors
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.decimation import decimate
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.child_process import empty_working_folder

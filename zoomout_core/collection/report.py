@@ -18,7 +18,7 @@ import numpy as np
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
-from zoomout_core.matching.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
+from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
 from zoomout_core.messages import probability
 from zoomout_core.runtime.outputs import atomic_write
 

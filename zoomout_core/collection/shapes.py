@@ -15,12 +15,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.bodies import find_bodies
-from zoomout_core.matching.memory_cache import cached_working_mesh
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.preparation import prepare_shape
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
+from zoomout_core.matching.preparation.prepare import prepare_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays

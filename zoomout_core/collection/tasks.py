@@ -23,12 +23,12 @@ from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
-from zoomout_core.matching.memory_cache import store_shapes_in
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.part_report import name_components, notes_on_parts
 from zoomout_core.matching.pipeline import match
-from zoomout_core.mesh.files import read_shape
-from zoomout_core.mesh.opening import existing, file_bytes
+from zoomout_core.matching.preparation.memory_cache import store_shapes_in
+from zoomout_core.matching.report.part_report import name_components, notes_on_parts
+from zoomout_core.mesh.formats.files import read_shape
+from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
 from zoomout_core.runtime.outputs import atomic_write

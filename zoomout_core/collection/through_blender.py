@@ -16,8 +16,8 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
-from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
-from zoomout_core.mesh.files import read_surface, write_shape
+from zoomout_core.mesh.formats.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
+from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.version import package_version
 

@@ -15,8 +15,8 @@ from zoomout_core.library.descriptor import Descriptor, describe
 from zoomout_core.matching.components.bodies import BODIES
 from zoomout_core.matching.components.hulls import hull_of, main_part_coverage
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.preparation import prepare_shape
-from zoomout_core.matching.proxy import make_proxy
+from zoomout_core.matching.preparation.prepare import prepare_shape
+from zoomout_core.matching.preparation.proxy import make_proxy
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import stage

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
 from zoomout_core.matching.hypotheses.extremities import cheapest_pairings, extremities
+from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
 
 # Number of quantiles of a distribution.

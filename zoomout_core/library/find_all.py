@@ -24,11 +24,11 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.library.library import NOT_PREPARED, Library
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.report.verdict import RED, Verdict, check_verdict
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.verdict import RED, Verdict, check_verdict
-from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.decimation import decimate
-from zoomout_core.mesh.opening import existing, file_bytes
+from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.progress import portion, renaming

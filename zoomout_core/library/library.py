@@ -15,8 +15,8 @@ from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import bodies_of
 from zoomout_core.library.index import Index, Listed, key_of, look_at
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
-from zoomout_core.mesh.blender_files import ENDINGS, SOURCE, write_surface
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.formats.blender_files import ENDINGS, SOURCE, write_surface
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import NO_MEMORY

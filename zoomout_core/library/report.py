@@ -10,7 +10,7 @@ from typing import Any
 from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.library.find_all import FoundForAll, TargetRecord, place_of_picture
-from zoomout_core.matching.verdict import LEVELS
+from zoomout_core.matching.report.verdict import LEVELS
 from zoomout_core.runtime.outputs import atomic_write
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from zoomout_core.library.bodies import Body, bodies_of, match_options
 from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.scores import SCORES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, probability
 from zoomout_core.runtime.progress import portion, stage

@@ -22,9 +22,9 @@ from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.bend import bend
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair, landmark_points, landmarks_on_parts, positions_of_part
-from zoomout_core.matching.scores import IN_SPACE, UPRIGHT, Disagreement, correlation
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.scores import IN_SPACE, UPRIGHT, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
 

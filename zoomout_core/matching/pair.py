@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
 from zoomout_core.messages import as_message, message
 

@@ -12,24 +12,24 @@ from typing import Any
 import numpy as np
 
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
-from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess, guess_by_landmarks
 from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
-from zoomout_core.matching.memory_cache import cached_working_mesh
-from zoomout_core.matching.memory_need import check_memory
-from zoomout_core.matching.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
-from zoomout_core.matching.preparation import AHEAD, prepare_shape
-from zoomout_core.matching.ranking import Candidate, rank, upsample_hypothesis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
+from zoomout_core.matching.preparation.memory_need import check_memory
+from zoomout_core.matching.preparation.prepare import AHEAD, prepare_shape
+from zoomout_core.matching.ranking.finished_maps import rank_finished
+from zoomout_core.matching.ranking.rank import Candidate, rank, upsample_hypothesis
+from zoomout_core.matching.ranking.rotational_symmetry import self_maps, with_turned
+from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
-from zoomout_core.matching.rotational_symmetry import self_maps, with_turned
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface

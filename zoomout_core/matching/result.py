@@ -13,20 +13,20 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.constraints import meet_exact_landmarks
-from zoomout_core.matching.dense_map import dense_map
-from zoomout_core.matching.notes import notes_on_map, notes_on_rest
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.part_candidates import PartCandidate
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.matching.proxy import Proxy
-from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.repair import repair
-from zoomout_core.matching.verdict import VERDICT, Faults, Verdict, judge
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.proxy import Proxy
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.refinement.dense_map import dense_map
+from zoomout_core.matching.refinement.repair import repair
+from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
+from zoomout_core.matching.report.verdict import VERDICT, Faults, Verdict, judge
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh

@@ -10,10 +10,8 @@ import numpy as np
 
 from zoomout_core.matching.attempt import Attempt, agree, confirm
 from zoomout_core.matching.constraints import Constraints
-from zoomout_core.matching.finished_maps import rank_finished
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.guess import gather_evidence, guess_more
-from zoomout_core.matching.notes import OTHER_UNITS, RESCALED, TOO_COARSE
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import (
@@ -29,8 +27,10 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.region import REGION, is_small
 from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_unknown_scale, times_as_large
-from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank, with_others
-from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, with_turned
+from zoomout_core.matching.ranking.finished_maps import rank_finished
+from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate, rank, with_others
+from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, with_turned
+from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED, TOO_COARSE
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion, stage
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.thin_plate import ThinPlateFit
-from zoomout_core.matching.mirror_image import smoother_mirror_image, warp_back
 from zoomout_core.matching.pair import on_surface
+from zoomout_core.matching.ranking.mirror_image import smoother_mirror_image, warp_back
 from zoomout_core.matching.registration.smooth_warp import (
     Correspondences,
     Samples,

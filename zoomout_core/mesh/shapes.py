@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.library_shapes import LibraryShape, library_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import PointCloud, Surface

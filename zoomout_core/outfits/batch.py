@@ -26,9 +26,9 @@ from zoomout_core.collection.tasks import place_of_map, write_whole
 from zoomout_core.drawing import encode_png
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.verdict import Verdict, check_verdict, worst
-from zoomout_core.mesh.files import write_shape
-from zoomout_core.mesh.opening import existing, file_bytes
+from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
+from zoomout_core.mesh.formats.files import write_shape
+from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.assets.asset import MATERIALS, Asset
-from zoomout_core.mesh.opening import shown
+from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.groups import expand_ranges

@@ -22,10 +22,10 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
-from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
-from zoomout_core.transfer.dressing.joints import move_joints
-from zoomout_core.transfer.poses import parents_first
-from zoomout_core.transfer.skinning import normalise
+from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
+from zoomout_core.transfer.rigging.joints import move_joints
+from zoomout_core.transfer.rigging.poses import parents_first
+from zoomout_core.transfer.rigging.skinning import normalise
 
 
 @dataclass(frozen=True, eq=False)

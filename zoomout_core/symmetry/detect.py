@@ -19,17 +19,17 @@ from numpy.typing import ArrayLike
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lift
-from zoomout_core.matching.confidence import Counterparts, confidence_of
-from zoomout_core.matching.dense_map import bend_onto_source
 from zoomout_core.matching.match_signature import suggest_names
-from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import check_count, check_sizes
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate, rank
-from zoomout_core.matching.refinement import REFINEMENT, refine
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.memory_need import check_memory
+from zoomout_core.matching.ranking.rank import Candidate, rank
+from zoomout_core.matching.refinement.confidence import Counterparts, confidence_of
+from zoomout_core.matching.refinement.dense_map import bend_onto_source
+from zoomout_core.matching.refinement.refine import REFINEMENT, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface

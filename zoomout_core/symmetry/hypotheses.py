@@ -20,10 +20,10 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.zoomout import SampledBasis, upsample
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
 # Consecutive eigenvalues whose relative difference is smaller count as repeated.
 REPEATED_EIGENVALUE_GAP = 0.03

@@ -8,7 +8,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 
 # Weight of normals relative to positions, at unit area, which separates the two sides of thin parts.

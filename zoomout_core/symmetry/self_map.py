@@ -11,9 +11,9 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.bodies import Bodies, find_bodies
-from zoomout_core.matching.preparation import prepare_shape
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.prepare import prepare_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh

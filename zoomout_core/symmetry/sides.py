@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 
 # Gaussian width, at unit area, over which samples vote on the side of a vertex.

@@ -4,11 +4,11 @@
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
-from zoomout_core.transfer.dressing.joints import MovedJoints, move_joints
-from zoomout_core.transfer.rig import move_rig
+from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
+from zoomout_core.transfer.rigging.joints import MovedJoints, move_joints
+from zoomout_core.transfer.rigging.rig import move_rig
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
 from zoomout_core.transfer.wrapping.wrap import Wrapped, reverse_match, wrap
 

@@ -22,12 +22,12 @@ from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
+from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
+from zoomout_core.transfer.rigging.weights import mix_weights
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
-from zoomout_core.transfer.shape_keys import carry_offsets, conform_target
 from zoomout_core.transfer.uv.transfer_uv import transfer_uv
-from zoomout_core.transfer.weights import mix_weights
 
 
 class Match(Protocol):

@@ -17,7 +17,7 @@ from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import counterpart_of
 from zoomout_core.symmetry.mirror import Direction, symmetrise, with_counterparts
 from zoomout_core.transfer import Attribute
-from zoomout_core.transfer.weights import sum_to_one
+from zoomout_core.transfer.rigging.weights import sum_to_one
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -66,7 +66,7 @@ class _Chosen:
 
     Attributes:
         weights: weights of these groups and their partners.
-        sharing: how they share a vertex among them and with others, see `zoomout_core.transfer.weights`.
+        sharing: how they share a vertex among them and with others, see `zoomout_core.transfer.rigging.weights`.
         locked: names of groups that are left out because they, or their partners, are locked.
     """
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from bpy.types import Context, Object, Panel, UILayout
 
-from zoomout_core.matching.verdict import RED
+from zoomout_core.matching.report.verdict import RED
 from zoomout_core.messages import message
 from zoomout_core.messages import sentences as join_sentences
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
-from zoomout_core.matching import candidate_differences
-from zoomout_core.matching.verdict import VERDICT
+from zoomout_core.matching.ranking import candidate_differences
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.messages import is_warning, message
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate

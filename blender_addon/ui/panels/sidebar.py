@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import blf
 from bpy.types import Context, Object, UILayout
 
-from zoomout_core.matching.notes import UNSURE
-from zoomout_core.matching.verdict import AMBER, GREEN, RED, Verdict
+from zoomout_core.matching.report.notes import UNSURE
+from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, Verdict
 from zoomout_core.messages import is_warning, message
 
 from ...operators import activity

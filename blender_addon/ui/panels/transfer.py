@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
-from zoomout_core.matching.verdict import GREEN
+from zoomout_core.matching.report.verdict import GREEN
 from zoomout_core.messages import as_message, message
 
 from ...operators.choose_data import ZOOMOUT_OT_choose_data

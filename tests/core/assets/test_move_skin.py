@@ -19,7 +19,7 @@ from zoomout_core.assets.gltf import VRM_0, Document
 from zoomout_core.assets.move_skin import CUBIC
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.transfer.skinning import blend_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The build of the target: longer and thinner.
 BUILD = np.array([0.8, 1.5, 0.8])

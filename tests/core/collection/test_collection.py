@@ -27,10 +27,10 @@ from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candi
 from zoomout_core.collection.report import figures_of_collection, lines_of_collection, page_of
 from zoomout_core.collection.shapes import Item
 from zoomout_core.collection.tasks import Prepared, place_of_map
-from zoomout_core.matching import memory_cache
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import MeshError, PointCloud
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

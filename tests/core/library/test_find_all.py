@@ -18,7 +18,7 @@ from zoomout_core.library import find_all as batch
 from zoomout_core.library.bodies import Body, bodies_of
 from zoomout_core.library.library import Library
 from zoomout_core.library.search import FoundSource, FoundSources
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

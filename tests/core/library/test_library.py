@@ -20,7 +20,7 @@ from zoomout_core.library import search as search_module
 from zoomout_core.library.descriptor import DESCRIPTOR, compare
 from zoomout_core.library.library import INDEX
 from zoomout_core.library.search import SEARCH
-from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.samples import creature, directions
 from zoomout_core.samples.spheres import outward_hull

@@ -8,7 +8,7 @@ import pytest
 from creatures import Creature, directions, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.matching.notes import notes_on_cloud
+from zoomout_core.matching.report.notes import notes_on_cloud
 
 
 @pytest.mark.parametrize("role", ["source", "target"])

@@ -13,11 +13,9 @@ from reports import fractions_of, reports_of
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.matching import dense_map, pipeline, preparation
+from zoomout_core.matching import pipeline
 from zoomout_core.matching import result as result_module
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.components.bodies import Bodies
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses import guess as guess_module
 from zoomout_core.matching.hypotheses.given import given_hypothesis
@@ -25,8 +23,12 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair
-from zoomout_core.matching.proxy import proxy_size
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.preparation import prepare as preparation
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.proxy import proxy_size
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.refinement import dense_map
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, stage

@@ -11,8 +11,9 @@ from creatures import LIMBS, Creature, creature, directions, mirrored_vertex, on
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.matching import pipeline, ranking
+from zoomout_core.matching import pipeline
 from zoomout_core.matching.hypotheses import guess
+from zoomout_core.matching.ranking import rank as ranking
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Outlines
 from zoomout_core.spectral import eigenbasis
@@ -423,7 +424,7 @@ def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: C
 
 @pytest.mark.slow
 def test_benchmark_humans_are_matched(benchmark_data) -> None:
-    from zoomout_core.mesh.files import read_surface
+    from zoomout_core.mesh.formats.files import read_surface
 
     truth = np.load(benchmark_data / "faust_r" / "correspondence.npz")
     names = ("tr_reg_002", "tr_reg_007")

@@ -11,8 +11,8 @@ import pytest
 
 import zoomout_core as zo
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.preparation.proxy import PROXY
 from zoomout_core.matching.presets import DETAIL, resolve_detail
-from zoomout_core.matching.proxy import PROXY
 
 SIZES = {"k_final": 4, "step": 1, "samples": 1, "proxy_vertices": 500}
 

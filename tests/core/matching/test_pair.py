@@ -11,7 +11,6 @@ from creatures import Creature, creature, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.pair import (
     LandmarkError,
@@ -20,6 +19,7 @@ from zoomout_core.matching.pair import (
     landmarks_on_parts,
     positions_of_part,
 )
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals
 

@@ -18,11 +18,11 @@ from zoomout_core.matching import retry as retry_module
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses import guess as guess_module
-from zoomout_core.matching.notes import OTHER_UNITS, TOO_COARSE
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.report.notes import OTHER_UNITS, TOO_COARSE
 from zoomout_core.matching.retry import attempt_part, needs_retry, retry
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune

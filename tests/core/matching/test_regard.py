@@ -9,13 +9,13 @@ from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.local_rigid_alignment import (
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.refinement.local_rigid_alignment import (
     Alignment,
     align,
     beside_places,
 )
-from zoomout_core.matching.refinement import REFINEMENT, _nearest_near_samples, _weight_factor, refine
+from zoomout_core.matching.refinement.refine import REFINEMENT, _nearest_near_samples, _weight_factor, refine
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching.components.lift import LiftedMap
-from zoomout_core.matching.confidence import Counterparts
-from zoomout_core.matching.repair import Repair
+from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.repair import Repair
 from zoomout_core.runtime.array_files import read_arrays
 
 pytestmark = pytest.mark.usefixtures("few_candidates")

@@ -15,8 +15,8 @@ from transfer_meshes import nearest_map
 import zoomout_core as zo
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.preparation.analysis import analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry import detect

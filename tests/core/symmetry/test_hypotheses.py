@@ -14,8 +14,8 @@ from creatures import creature, directions
 from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import ring_faces, triangles_of
 from zoomout_core.symmetry.hypotheses import (

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry.involution import involution, return_error

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance, zero_line
 

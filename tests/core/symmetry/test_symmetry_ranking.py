@@ -10,8 +10,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import displacement, mean_distance, order_of
 from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity

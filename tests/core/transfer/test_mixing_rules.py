@@ -32,7 +32,7 @@ from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import LIFTED_SINE, turn_directions, turn_normals
 from zoomout_core.transfer.potts import tally
-from zoomout_core.transfer.weights import limit_weights, sum_to_one
+from zoomout_core.transfer.rigging.weights import limit_weights, sum_to_one
 
 MESH = plate(20, 20, jitter=0.1)
 X, Y = MESH.vertices[:, 0], MESH.vertices[:, 1]

@@ -19,7 +19,7 @@ from zoomout_core.matching.components.fused_parts import FusedPart, find_fused
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.verdict import VERDICT
+from zoomout_core.matching.report.verdict import VERDICT
 
 # Smaller parts (size at unit area) move by one similarity: any bending would only be an error of the body's map.
 MIN_DEFORMABLE_SIZE = 0.06

@@ -27,8 +27,8 @@ from zoomout_core.matching.components.part_borders import PART_BORDERS, adjacenc
 from zoomout_core.matching.components.part_motions import robust_weights
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, Part, Side
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.matching.memory_cache import cached_hull
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.memory_cache import cached_hull
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.tuning import Tuning, tuned
 

@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS
 from zoomout_core.matching.components.shells import ShellMap, map_shells
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair, standing
-from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.proxy import Proxy
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit, replace_images
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas

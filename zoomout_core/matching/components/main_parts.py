@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.proxy import make_proxy
+from zoomout_core.matching.preparation.proxy import make_proxy
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh

@@ -179,7 +179,7 @@ def _register(
         weights = robust_weights(distance, median[piece])
         weights /= np.bincount(piece, weights, count)[piece]
         share = csr_array((weights, (piece, np.arange(len(piece)))), shape=(count, len(piece)))
-        moments = Moments.of_products(share @ products(target.points[vertex], images))
+        moments = Moments.of_products(np.asarray(share @ products(target.points[vertex], images)))
         similarities = moments.similarities(handedness, scales)
         if number == 1 and len(piece):
             typical = float(np.median(similarities.scale[piece[distance <= np.median(distance)]]))

@@ -21,16 +21,16 @@ from zoomout_core.geometry.closest_points import closest_on_triangles, closest_p
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface, surface_samples
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.part_borders import straighten_borders
 from zoomout_core.matching.components.part_motions import fit_motions
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, register_shells
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.nonrigid_icp import Fit, replace_images
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import Tuning, tuned

@@ -20,12 +20,12 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
 from zoomout_core.matching.hypotheses.landmarks import anchored_hypothesis
-from zoomout_core.matching.landmark_features import LandmarkFeatures, landmark_features
-from zoomout_core.matching.local_rigid_alignment import sides_are_known
-from zoomout_core.matching.scores import Disagreement, no_disagreement, scores_of, total_score
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.landmark_features import LandmarkFeatures, landmark_features
+from zoomout_core.matching.ranking.scores import Disagreement, no_disagreement, scores_of, total_score
+from zoomout_core.matching.refinement.local_rigid_alignment import sides_are_known
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument

@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import overlapping
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
@@ -25,7 +24,8 @@ from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.options import Initial
 from zoomout_core.matching.pair import Pair, landmarks_on_parts
-from zoomout_core.matching.scores import Disagreement
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.threads import for_each
 
 # Makes hypotheses from the two shapes, and from what tells how far a map disagrees with what is known.

@@ -8,10 +8,10 @@ import numpy as np
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
-from zoomout_core.matching.landmark_features import LANDMARKS, landmark_features
-from zoomout_core.matching.local_rigid_alignment import sides_are_known
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.landmark_features import LANDMARKS, landmark_features
+from zoomout_core.matching.refinement.local_rigid_alignment import sides_are_known
 from zoomout_core.spectral.sampling import farthest_points
 
 

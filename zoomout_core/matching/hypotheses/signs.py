@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
 # Numbers of leading eigenfunctions that are assumed to correspond; nearly repeated ones need more than 4.
 SIZES = 4, 5, 6

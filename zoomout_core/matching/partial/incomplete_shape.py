@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned

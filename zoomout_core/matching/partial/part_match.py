@@ -13,17 +13,17 @@ from scipy.special import expit
 from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import slanted_sizes
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
 from zoomout_core.matching.partial.part_registration import RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
-from zoomout_core.matching.ranking import CERTAINTY, Candidate
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, fine_enough
-from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 

@@ -15,8 +15,8 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.local_rigid_alignment import align
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.refinement.local_rigid_alignment import align
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph
 from zoomout_core.matching.registration.nonrigid_icp import ALIGNMENT_WIDTH, Level, bend

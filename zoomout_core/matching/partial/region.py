@@ -14,10 +14,10 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
 from zoomout_core.matching.partial.landmark_search import landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart
+from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES, fine_enough
 from zoomout_core.runtime.progress import portion

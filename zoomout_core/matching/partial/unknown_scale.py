@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates
 from zoomout_core.matching.partial.part_match import certainty_of_fit, match_part
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.scores import Disagreement
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import EmbeddedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT
 from zoomout_core.mesh.triangles import unit_vectors
 
 # Scale s of the weight 1 / (1 + (r / s)^2)^2 of a residual r, at unit area (Geman and McClure 1987), and the smallest

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
 # the time and is exact enough where the next step searches closest points again. The second, relative to the

@@ -20,10 +20,10 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.confidence import spectral_distance
-from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, align
-from zoomout_core.matching.proxy import Proxy, carry
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.proxy import Proxy, carry
+from zoomout_core.matching.refinement.confidence import spectral_distance
+from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT, align
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle

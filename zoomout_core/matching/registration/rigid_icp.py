@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import Moments, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import crossing
 from zoomout_core.mesh.triangles import triangle_normals

@@ -21,7 +21,7 @@ from zoomout_core.runtime.progress import Progress, advance, listening, stage
 from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, SidedSurface, push_out
 from zoomout_core.transfer.dressing.form import Form, Lines
 from zoomout_core.transfer.dressing.patches import Patches
-from zoomout_core.transfer.shape_keys import without_noise
+from zoomout_core.transfer.keys.shape_keys import without_noise
 from zoomout_core.tuning import Tuning, tuned
 
 

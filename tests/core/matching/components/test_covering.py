@@ -14,7 +14,6 @@ from reports import fractions_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.components import bodies
 from zoomout_core.matching.components.bodies import find_bodies, tight_bodies
 from zoomout_core.matching.components.hulls import (
@@ -26,6 +25,7 @@ from zoomout_core.matching.components.hulls import (
 )
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.analysis import analyse
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import advance
 from zoomout_core.samples import spheres

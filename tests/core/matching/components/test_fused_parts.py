@@ -12,7 +12,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.fused_parts import FUSED_PARTS
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.verdict import VERDICT
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball, directions, outward_hull
 from zoomout_core.tuning import retune

@@ -15,8 +15,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components import lift as module
 from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lift
 from zoomout_core.matching.components.shells import ShellMap
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball

@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.memory_cache import cached_analysis
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.memory_cache import cached_analysis
 from zoomout_core.mesh.surface import Surface
 
 

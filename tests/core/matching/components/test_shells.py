@@ -16,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.components.bodies import BODIES, find_bodies
 from zoomout_core.matching.components.hulls import HULLS, hull_of, main_part_coverage, orient_outwards
-from zoomout_core.matching.ranking import RANKING
+from zoomout_core.matching.ranking.rank import RANKING
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.tuning import retune

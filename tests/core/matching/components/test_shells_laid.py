@@ -14,7 +14,6 @@ from loose_parts import identity, shape_of, sheet
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shell_registration import Similarities
 from zoomout_core.matching.components.shells import (
@@ -26,8 +25,9 @@ from zoomout_core.matching.components.shells import (
     _pin,
     map_shells,
 )
-from zoomout_core.matching.confidence import Counterparts
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball

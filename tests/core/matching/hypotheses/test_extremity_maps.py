@@ -11,7 +11,6 @@ from creatures import creature, true_vertex
 from scipy.sparse.csgraph import dijkstra
 from shapes import sheet
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,
     Extremities,
@@ -25,7 +24,8 @@ from zoomout_core.matching.hypotheses.extremities import (
     pairings,
 )
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.landmark_features import LandmarkFeatures
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.tuning import retune

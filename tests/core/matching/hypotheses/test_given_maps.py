@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.preparation.analysis import analyse
 from zoomout_core.mesh.surface import Surface
 
 SOURCE, TARGET = creature(300), creature(260, seed=1)

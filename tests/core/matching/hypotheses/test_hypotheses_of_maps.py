@@ -28,7 +28,6 @@ from shapes import (
 
 import zoomout_core as zo
 from zoomout_core.maps.zoomout import nearest_samples, upsample
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.descriptors import DESCRIPTORS, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,
@@ -39,7 +38,8 @@ from zoomout_core.matching.hypotheses.extremities import (
 )
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
-from zoomout_core.matching.landmark_features import landmark_features
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.landmark_features import landmark_features
 from zoomout_core.mesh.surface import Surface
 
 

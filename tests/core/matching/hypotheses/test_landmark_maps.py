@@ -9,9 +9,9 @@ from creatures import creature, mirrored_vertex, true_vertex
 from shapes import sheet, truth
 
 from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
-from zoomout_core.matching.landmark_features import LANDMARKS
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.landmark_features import LANDMARKS
 from zoomout_core.mesh.surface import Surface
 
 SOURCE, TARGET = creature(300), creature(280, seed=1)

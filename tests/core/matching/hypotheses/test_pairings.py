@@ -11,7 +11,6 @@ import pytest
 from creatures import Creature, creature
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.extremities import (
     Extremities,
     _all_pairings,
@@ -21,7 +20,8 @@ from zoomout_core.matching.hypotheses.extremities import (
     has_extremities,
     pairings,
 )
-from zoomout_core.matching.landmark_features import LandmarkFeatures
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 

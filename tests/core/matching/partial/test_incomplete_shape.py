@@ -8,8 +8,8 @@ from creatures import creature, true_vertex
 from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.grids import grid_faces
 from zoomout_core.tuning import retune

@@ -13,7 +13,6 @@ from creatures import Creature, creature, true_vertex
 from pieces import analyse_piece, in_lower_half, lower_half
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
@@ -25,6 +24,7 @@ from zoomout_core.matching.partial.part_match import (
     too_coarse,
 )
 from zoomout_core.matching.partial.region import REGION
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retune
 

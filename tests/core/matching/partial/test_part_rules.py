@@ -13,7 +13,6 @@ from pieces import PartAndWhole
 from reports import reports_of
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates as candidates_module
 from zoomout_core.matching.partial import part_match
@@ -42,8 +41,9 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.scores import EVIDENCE_WEIGHTS
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS
+from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
 

@@ -14,8 +14,6 @@ from pieces import analyse_piece, piece_of
 from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
@@ -29,7 +27,9 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull

@@ -14,7 +14,6 @@ import zoomout_core as zo
 from zoomout_core.matching import retry
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.constraints import Constraints
-from zoomout_core.matching.notes import OTHER_UNITS, RESCALED
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import unknown_scale
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
@@ -26,7 +25,8 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
-from zoomout_core.matching.scores import no_disagreement
+from zoomout_core.matching.ranking.scores import no_disagreement
+from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
 from zoomout_core.tuning import retune
 
 FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from creatures import creature
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.samples.spheres import ball
 

@@ -11,7 +11,7 @@ import pytest
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 
 STIFFNESS = 0.3

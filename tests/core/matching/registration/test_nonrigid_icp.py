@@ -15,8 +15,8 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lift_fit
 from zoomout_core.mesh.surface import Surface

@@ -11,8 +11,8 @@ from creatures import Creature, creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
 from zoomout_core.samples.spheres import ball

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shapes prepared for one match are reused by the next, if the mesh is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.matching.pipeline import prepare
+from zoomout_core.matching.preparation import memory_cache
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.preparation.memory_cache import cached_analysis, cached_hull, cached_working_mesh
+from zoomout_core.matching.ranking import rotational_symmetry
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.memory import bytes_of
+
+pytestmark = pytest.mark.usefixtures("few_candidates")
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept() -> Iterator[None]:
+    zo.forget_shapes()
+    yield
+    zo.forget_shapes()
+
+
+@pytest.fixture(scope="module")
+def part() -> WorkingMesh:
+    return creature(1500).surface.working
+
+
+def as_new(surface: Surface) -> Surface:
+    return Surface(surface.vertices, surface.triangles)
+
+
+def prepared(part: WorkingMesh, k: int = 30) -> ShapeAnalysis:
+    return cached_analysis(part, k, 100, 0, None)
+
+
+def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
+    again = Surface(*(array.copy() for array in (creature(1500).surface.vertices, part.triangles))).working
+    assert again is not part
+    assert prepared(again) is prepared(part)
+
+
+def test_a_surface_of_the_same_arrays_is_read_once() -> None:
+    first, again, other = (as_new(creature(count).surface) for count in (1500, 1500, 1400))
+    assert cached_working_mesh(first) is first.working
+    assert cached_working_mesh(again) is first.working
+    assert again.working is first.working
+    assert cached_working_mesh(other) is not first.working
+    zo.forget_shapes()
+    assert cached_working_mesh(as_new(first)) is not first.working
+
+
+def test_a_surface_of_the_same_arrays_has_one_hull_of_each_kind() -> None:
+    first, again, other = (as_new(creature(count).surface) for count in (600, 600, 500))
+    hull = cached_hull(first)
+    assert hull.is_hull
+    assert cached_hull(again) is hull
+    assert cached_hull(again, tight=True) is not hull
+    assert cached_hull(other) is not hull
+
+
+@pytest.mark.slow(but=2)
+@pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
+def test_any_difference_makes_it_another_shape(part: WorkingMesh, field: str) -> None:
+    value = getattr(part, field)
+    if isinstance(value, float):
+        other = 2 * value
+    else:
+        other = value.copy()
+        other[:2] = value[1::-1] if value.dtype != bool else ~value[:2]
+    assert prepared(part) is not prepared(replace(part, **{field: other}))
+
+
+def test_other_numbers_make_it_another_shape(part: WorkingMesh) -> None:
+    assert len(prepared(part, 30).basis.eigenvalues) == 30
+    assert len(prepared(part, 20).basis.eigenvalues) == 20
+
+
+def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = prepared(part, 20), prepared(part, 21)
+    monkeypatch.setattr(memory_cache, "MAX_BYTES", 2.5 * bytes_of(second))
+    assert prepared(part, 20) is first
+    prepared(part, 22)  # no room for three
+    assert prepared(part, 20) is first
+    assert prepared(part, 21) is not second
+
+
+def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_cache, "MAX_BYTES", 1000)
+    assert prepared(part) is not prepared(part)
+
+
+@pytest.mark.slow
+def test_a_second_match_gives_the_same_map() -> None:
+    source, target = creature(1500).surface, creature(1200, seed=1).surface
+    maps = [zo.match(source, target).surface_map for _ in range(2)]
+    np.testing.assert_array_equal(maps[0].triangle, maps[1].triangle)
+    np.testing.assert_array_equal(maps[0].barycentric, maps[1].barycentric)
+
+
+@pytest.mark.parametrize("changed", ["k", "samples", "seed", "proxy_vertices"])
+def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
+    monkeypatch: pytest.MonkeyPatch, part: WorkingMesh, changed: str
+) -> None:
+    asked: list[tuple[int | None, ...]] = []
+
+    def prepare(part: WorkingMesh, *numbers: int | None) -> ShapeAnalysis:
+        asked.append(numbers)
+        return first
+
+    first = prepared(part)
+    monkeypatch.setattr(memory_cache, "analyse", prepare)
+    numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
+    other = numbers | {changed: 700}
+    for each in (numbers, other, numbers, other):
+        cached_analysis(part, **each)
+    assert asked == [tuple(numbers.values()), tuple(other.values())]
+
+
+def test_a_match_finds_what_was_prepared_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (creature(count, bend=bend).surface for count, bend in ((1500, 0.0), (1400, 0.9)))
+    expected = zo.match(as_new(one), as_new(other), k_final=30)
+    zo.forget_shapes()
+    prepare(as_new(one), as_new(other), zo.MatchOptions(k_final=30))
+    monkeypatch.setattr(memory_cache, "analyse", None)
+    monkeypatch.setattr(rotational_symmetry, "_fitting", None)
+    result = zo.match(as_new(one), as_new(other), k_final=30)
+    np.testing.assert_array_equal(result.surface_map.triangle, expected.surface_map.triangle)
+    np.testing.assert_array_equal(result.surface_map.barycentric, expected.surface_map.barycentric)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Proxies stay on their surface, keep its thin parts, and lift maps back to it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+from scipy.spatial import cKDTree
+
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.preparation.proxy import Proxy, carry, make_proxy
+from zoomout_core.mesh.formats.files import read_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+
+
+def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
+    part = creature(20000).surface.working
+    proxy = make_proxy(part, 3000)
+    assert 0.8 * 3000 < len(proxy.mesh.vertices) < 1.2 * 3000
+    distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
+    assert distance.max() < 0.02
+    tips = part.vertices[np.linalg.norm(part.vertices, axis=1).argsort()[-5:]]
+    assert np.linalg.norm(tips[:, None] - proxy.vertices, axis=2).min(axis=1).max() < 0.02
+
+
+def test_a_small_mesh_stands_for_itself() -> None:
+    part = creature(3000).surface.working
+    for count in (None, 3000, 2500):
+        proxy = make_proxy(part, count)
+        assert proxy.mesh is part
+        np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
+        np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
+
+
+def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:
+    part = creature(3000).surface.working
+    counts = [len(make_proxy(part, count).mesh.vertices) for count in (3000, 2700, 1500)]
+    assert counts[:2] == [3000, 3000]
+    assert 1200 < counts[2] < 1800
+
+
+@pytest.fixture(scope="module")
+def stand_in() -> Proxy:
+    return make_proxy(creature(3000).surface.working, 600)
+
+
+def test_a_stand_in_is_of_unit_area_and_its_frame_leads_back(stand_in: Proxy) -> None:
+    on_surface = stand_in.to_surface(stand_in.mesh.vertices)
+    np.testing.assert_allclose(on_surface, stand_in.full.to_surface(stand_in.vertices))
+    np.testing.assert_allclose(stand_in.from_surface(on_surface), stand_in.mesh.vertices, atol=1e-12)
+    place, size = stand_in.frame
+    np.testing.assert_allclose(stand_in.mesh.vertices * size + place, stand_in.vertices, atol=1e-9)
+    assert triangle_areas(stand_in.mesh.vertices, stand_in.mesh.triangles).sum() == pytest.approx(1)
+    moved = replace(stand_in, vertices=3 * stand_in.vertices + [1, 2, 3])
+    np.testing.assert_allclose(moved.frame[0], 3 * place + [1, 2, 3])
+    assert moved.frame[1] == pytest.approx(3 * size)
+
+
+def test_vertices_have_their_place_near_that_which_they_were_merged_into(stand_in: Proxy) -> None:
+    corners = stand_in.mesh.triangles[stand_in.place.triangle]
+    near = np.linalg.norm(stand_in.vertices[corners] - stand_in.vertices[stand_in.merged][:, None], axis=2).min(axis=1)
+    assert (near == 0).mean() > 0.9
+    exact = SurfaceMap(
+        *closest_points(stand_in.full.vertices, stand_in.vertices, stand_in.mesh.triangles), stand_in.mesh.triangles
+    )
+    off, least = (
+        np.linalg.norm(each.interpolate(stand_in.vertices) - stand_in.full.vertices, axis=1)
+        for each in (stand_in.place, exact)
+    )
+    assert np.median(off - least) < 1e-9
+    assert (off < least + 0.05).all()
+
+
+def test_images_are_brought_to_the_full_mesh_as_near_as_makes_a_difference(stand_in: Proxy) -> None:
+    full = stand_in.full
+    images = full.vertices[full.triangles].mean(axis=1) + 0.01 * full.vertex_normals[full.triangles[:, 0]]
+    found = stand_in.closest(images).interpolate(full.vertices)
+    least = SurfaceMap(*closest_points(images, full.vertices, full.triangles), full.triangles).interpolate(
+        full.vertices
+    )
+    off, best = (np.linalg.norm(each - images, axis=1) for each in (found, least))
+    assert (off <= np.maximum(best, 0.005) + 1e-12).all()
+
+
+def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = creature(600).surface.working
+
+    def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        # Five vertices merge into a separate triangle beside a hand.
+        beside = points[np.argmax(points[:, 0])] + np.array([[0.01, 0, 0], [0.01, 0.001, 0], [0.01, 0, 0.001]])
+        merged = np.arange(len(points))
+        merged[[0, 1, 2, 3, 4]] = len(points)
+        merged[-1] = 0  # a distant vertex, as across a gap
+        return np.vstack([points, beside]), np.vstack([triangles, len(points) + np.arange(3)]), merged
+
+    monkeypatch.setattr("zoomout_core.matching.preparation.proxy.decimate", with_a_splinter)
+    proxy = make_proxy(part, 100)
+    assert len(proxy.vertices) == 600
+    np.testing.assert_array_equal(proxy.merged, [*range(599), 0])
+    np.testing.assert_allclose(proxy.vertices, part.vertices)
+
+
+@pytest.fixture
+def threads_that_take_turns() -> Iterator[None]:
+    """Switch threads after nearly every instruction, so that rare race conditions occur at once."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(interval)
+
+
+@pytest.mark.usefixtures("threads_that_take_turns")
+def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> None:
+    parts = [creature(count, seed).surface.working for count, seed in ((30000, 0), (20000, 1))]
+    alone = [make_proxy(part, 3000) for part in parts]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda part: make_proxy(part, 3000), parts * 4))
+    for proxy, expected in zip(together, alone * 4, strict=True):
+        np.testing.assert_array_equal(proxy.mesh.triangles, expected.mesh.triangles)
+
+
+def test_a_map_between_stand_ins_is_carried_over_to_the_surfaces() -> None:
+    first, second = creature(16000, seed=0).surface.working, creature(12000, seed=1).surface.working
+    source, target = make_proxy(first, 3000), make_proxy(second, 3000)
+    between = SurfaceMap(
+        *closest_points(target.vertices, source.vertices, source.mesh.triangles), source.mesh.triangles
+    )
+    surface_map = source.closest(carry(between, source, target))
+    images = surface_map.interpolate(first.vertices)
+    assert np.linalg.norm(images - second.vertices, axis=1).max() < 0.03
+    np.testing.assert_array_equal(surface_map.source_triangles, first.triangles)
+
+
+def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
+    whole = creature(20000).surface
+    kept = whole.vertices[whole.triangles].mean(axis=1)[:, 2] < 0.8
+    fin = np.array([[*whole.triangles[np.flatnonzero(kept)[0], :2], len(whole.vertices)]])
+    tip = whole.vertices[fin[0, 0]] * 1.1
+    opened = Surface(np.vstack([whole.vertices, tip]), np.vstack([whole.triangles[kept], fin]))
+    part, _ = opened.working.part(0)
+    proxy = make_proxy(part, 3000)
+    distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
+    assert np.quantile(distance, 0.99) < 0.01
+
+
+@pytest.mark.parametrize("name", ["dense_080", "mc_081"])
+def test_dense_and_sliver_meshes_have_stand_ins_that_lie_on_them(benchmark_data: Path, name: str) -> None:
+    part, _ = read_surface(benchmark_data / "faust_discretisation" / f"{name}.ply").working.part(0)
+    for count in (3000, 4000):
+        proxy = make_proxy(part, count)
+        # Proxy vertices are close to the mesh, and mesh vertices to their places on the proxy.
+        assert cKDTree(part.vertices).query(proxy.vertices)[0].max() < 0.02
+        assert np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1).max() < 0.02

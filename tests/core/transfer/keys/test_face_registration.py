@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The source's face is registered to the target before its expression keys are transferred."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from face_masks import make_face
+from transfer_meshes import nearest_map
+
+from zoomout_core.transfer.keys import face_registration
+from zoomout_core.transfer.keys.face_registration import register_face
+from zoomout_core.transfer.mapped_target import MappedTarget
+
+FACE = make_face()
+PLACES = FACE.surface.vertices
+# The last key moves the whole face.
+VALUES = np.array(FACE.keys.values)
+VALUES[:, -1] = 0.1 * np.cos(PLACES)
+KEYS = replace(FACE.keys, values=VALUES)
+
+
+def mapped() -> MappedTarget:
+    """A slightly wider face, and a map that is off by smooth errors."""
+    target = FACE.surface.with_vertices(PLACES * (1.05, 1.0, 1.0))
+    off = 0.06 * np.column_stack([np.sin(5 * PLACES[:, 1]), np.sin(4 * PLACES[:, 0] + 1), 0 * PLACES[:, 0]])
+    surface_map = nearest_map(PLACES + off, FACE.surface)
+    return MappedTarget(FACE.surface, target, surface_map, np.ones(len(PLACES)))
+
+
+def error(found: MappedTarget) -> float:
+    """The mean distance of images from the true ones, in the middle of the face."""
+    middle = np.linalg.norm(PLACES[:, :2], axis=1) < 0.7
+    return float(np.linalg.norm(found.points - PLACES, axis=1)[middle].mean())
+
+
+@cache
+def registered_error() -> float:
+    return error(register_face(KEYS, mapped()))
+
+
+def test_errors_of_the_map_shrink_on_the_face() -> None:
+    assert registered_error() < 0.7 * error(mapped())
+
+
+@pytest.mark.parametrize(
+    ("number", "value"), [("bending", (1e-12,) * 3), ("first_bending", 1e-12), ("iterations", 1), ("moved", 0.9)]
+)
+def test_images_are_farther_off_with_other_numbers(
+    number: str, value: float | tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = registered_error()
+    other = replace(face_registration.FACE_REGISTRATION, **{number: value})
+    monkeypatch.setattr(face_registration, "FACE_REGISTRATION", other)
+    assert found < 0.9 * error(register_face(KEYS, mapped()))
+
+
+def test_keys_without_expressions_leave_the_map_alone() -> None:
+    before = mapped()
+    assert register_face(replace(KEYS, labels=("a", "b", "c", "d")), before) is before

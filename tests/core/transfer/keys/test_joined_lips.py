@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A transfer says so if the target's mouth cannot open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from face_masks import make_face
+
+import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer.keys.shape_keys import JOINED_LIPS
+
+FACE = make_face()
+
+
+def notes(target: zo.Surface, keys: zo.Attribute = FACE.keys) -> tuple[str, ...]:
+    """Notes of a transfer along the closest points."""
+    source = FACE.surface
+    nearest = zo.SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
+    return tuple(map(str, zo.transfer(keys, nearest, source, target).notes))
+
+
+def test_joined_lips_are_named_with_advice() -> None:
+    assert notes(make_face(joined=True).surface) == (JOINED_LIPS,)
+
+
+def test_lips_that_part_are_not_even_where_the_map_is_off_by_a_little() -> None:
+    assert notes(FACE.surface) == ()
+    off = FACE.surface.vertices + np.random.default_rng(0).normal(0, 0.005, FACE.surface.vertices.shape)
+    assert notes(FACE.surface.with_vertices(off)) == ()
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c", "d"), ("browDownLeft", "browDownRight", "jawOpen", "mouthLeft")])
+def test_keys_of_unknown_names_say_nothing(names: tuple[str, ...]) -> None:
+    keys = zo.Attribute("keys", zo.Domain.POINT, zo.Kind.OFFSET, FACE.keys.values, names)
+    assert notes(make_face(joined=True).surface, keys) == ()

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Poses turn each bone against its parent, about any joints, and the most different ones are played."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bent_tube import PARENTS
+
+from zoomout_core.transfer.rigging.poses import MAX_FRAMES, distinct_poses, extreme_poses, poses_about
+from zoomout_core.transfer.rigging.poses import POSES as POSE_TUNING
+
+HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
+POSES = extreme_poses(HEADS, PARENTS)
+
+
+def test_poses_are_the_same_about_other_heads() -> None:
+    moved = HEADS * [1, 1, 1.5] + [0, 0.2, 0.1]
+    np.testing.assert_allclose(poses_about(POSES, HEADS, moved, PARENTS), extreme_poses(moved, PARENTS), atol=1e-9)
+    shifted = POSES.copy()
+    shifted[:, :, :, 3] += [0, 0, 2.0]
+    np.testing.assert_allclose(
+        poses_about(shifted, HEADS, moved, PARENTS) - poses_about(POSES, HEADS, moved, PARENTS),
+        shifted - POSES,
+        atol=1e-9,
+    )
+
+
+def test_poses_turn_each_bone_about_its_head_by_the_same_angle_against_its_parent() -> None:
+    for transforms in POSES:
+        for bone, parent in enumerate(PARENTS):
+            above = np.eye(3, 4) if parent < 0 else transforms[parent]
+            head = HEADS[bone]
+            moved = [each[:, :3] @ head + each[:, 3] for each in (transforms[bone], above)]
+            np.testing.assert_allclose(moved[0], moved[1], atol=1e-12)
+            turn = transforms[bone][:, :3] @ above[:, :3].T
+            angle = np.degrees(np.arccos((np.trace(turn) - 1) / 2))
+            assert angle == pytest.approx(POSE_TUNING.angle)
+    assert len(np.unique(POSES.round(6), axis=0)) == len(POSES) == 12
+
+
+def test_bones_may_come_in_any_order() -> None:
+    order = np.array([2, 0, 1])
+    parents = np.array([{-1: -1, 0: 1, 1: 2}[PARENTS[bone]] for bone in order])
+    np.testing.assert_allclose(extreme_poses(HEADS[order], parents), POSES[:, order])
+
+
+def test_the_most_different_frames_of_an_animation_are_played() -> None:
+    turns = np.concatenate([np.full(90, 0.01), [1.0, 2.0, -1.0]])
+    frames = np.array([extreme_poses(HEADS, PARENTS)[0]] * len(turns))
+    frames[:, 2] = np.eye(3, 4)
+    frames[:, 2, 0, 3] = turns
+    chosen = distinct_poses(frames, HEADS)
+    assert len(chosen) == MAX_FRAMES
+    assert set(chosen[:, 2, 0, 3]) == set(turns)
+    np.testing.assert_array_equal(distinct_poses(frames[:3], HEADS), frames[:3])
+    assert distinct_poses(frames[:0], HEADS).shape == (0, 3, 3, 4)

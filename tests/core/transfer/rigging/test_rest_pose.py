@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pose of a target is estimated from its map to a rigged source, and refined if both have the same body."""
+
+import numpy as np
+from bent_tube import LENGTH, PARENTS, bend, pose_surface, tube, weights_of
+
+import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.samples.spheres import ball
+from zoomout_core.transfer import map_target
+from zoomout_core.transfer.rigging.bone_fit import Pose
+from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.tuning import retune
+
+SOFT = ((40, 0, 20), (30, 10, 0))
+
+
+class _Match:
+    """The fields of a match that a transfer uses."""
+
+    def __init__(self, surface_map, confidence, has_partner=None):
+        self.surface_map, self.confidence, self.has_partner = surface_map, confidence, has_partner
+
+
+def _mapped(source, target, still, shift=0.0, **match):
+    """Map a target by its vertices at rest, `still`, with an error of `shift` along the tube."""
+    points = still + np.array([0, 0, shift])
+    found = zo.SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
+    match = {"confidence": np.ones(len(still)), **match}
+    return map_target(_Match(found, **match), source, target)
+
+
+def _errors(found, source, still):
+    """Distance of vertices at rest, posed by the found bones, from their true posed places."""
+    weights = weights_of(still)
+    truth = transform_points(skinning_matrices(bend(*SOFT), weights), still)
+    return np.linalg.norm(transform_points(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
+
+
+def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    mapped = _mapped(source, target, still.vertices, shift=0.12)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    with retune(REST, rounds=0):
+        first = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)) < 0.5 * np.median(_errors(first, source, still.vertices))
+    at_rest = found.mapped.points - still.vertices
+    assert np.median(np.linalg.norm(at_rest, axis=1)) < 0.07
+    assert first.mapped.surface_map is mapped.surface_map
+
+
+def test_the_source_may_stand_in_a_pose_of_its_own():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    mapped = _mapped(source, target, still.vertices)
+    waving = pose_surface(source, bend((0, 50, 0), (-30, 0, 0)))
+    seen = map_target(_Match(mapped.surface_map, np.ones(len(still.vertices))), waving, target)
+    found = find_pose(seen, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)) < 0.02
+    assert found.mapped.source is source
+
+
+def test_another_body_is_read_along_the_map_alone():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    stout = still.with_vertices(still.vertices * [1.5, 1.5, 1.0])
+    target = pose_surface(stout, bend(*SOFT), weights_of(still.vertices))
+    mapped = _mapped(source, target, still.vertices)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.mapped.surface_map is mapped.surface_map
+    with retune(REST, same_body=1.0):
+        taken = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert taken.mapped.surface_map is not mapped.surface_map
+
+
+def test_vertices_are_not_read_far_from_where_the_map_has_them():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    mapped = _mapped(source, target, still.vertices)
+    wrong = still.vertices[:, 2] < 0.3
+    triangle = np.where(wrong, mapped.surface_map.triangle[~wrong][-1], mapped.surface_map.triangle)
+    match = _Match(zo.SurfaceMap(triangle, mapped.surface_map.barycentric, source.triangles), np.ones(len(wrong)))
+    found = find_pose(map_target(match, source, target), source, weights_of(source.vertices), PARENTS)
+    np.testing.assert_array_equal(found.mapped.surface_map.triangle[wrong], triangle[wrong])
+    assert found.mapped.confidence[wrong].max() < np.median(found.mapped.confidence[~wrong])
+
+
+def test_what_has_no_partner_does_not_count():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    alone = still.vertices[:, 2] > 4.5
+    vertices = target.vertices.copy()
+    vertices[alone] += [0, 3.0, 0]  # like a hat that only the target has
+    mapped = _mapped(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
+    assert not found.mapped.confidence[alone].any()
+
+
+def _standing(scale, turn, shift):
+    """The pose of a target at rest with a common similarity."""
+    common = Similarities(np.array(scale), turn, np.array(shift))
+    return Pose(Similarities(np.array([scale]), turn[None], np.array([shift])), common, 0.0)
+
+
+def test_a_target_at_rest_is_put_where_the_source_is():
+    still = tube()
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    pose = _standing(2.0, turn, [3.0, 4, 5])
+    rest = align(still.with_vertices(pose.common(still.vertices)), pose)
+    np.testing.assert_allclose(rest.positions, still.vertices, atol=1e-9)
+    np.testing.assert_allclose(rest.linear, np.broadcast_to(turn.T / 2, (656, 3, 3)), atol=1e-12)
+    assert rest.smoothed == 0
+
+
+def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
+    still = tube()  # square root of its area is about 4.5
+    for shift, stays in ((0.08, True), (0.1, False)):
+        target = still.with_vertices(still.vertices + shift * np.array([1.0, 0, 0]))
+        rest = align(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))
+        assert np.array_equal(rest.positions, target.vertices) == stays
+        np.testing.assert_allclose(rest.linear, np.broadcast_to(np.eye(3), (656, 3, 3)), atol=1e-12)
+
+
+def test_a_target_that_stands_elsewhere_is_at_rest():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = still.with_vertices(2 * still.vertices + np.array([1.0, 0, 3]))
+    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    assert found.pose.is_rest
+    np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02)
+
+
+def test_a_wrong_map_does_not_bend_a_target_at_rest():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = still.with_vertices(still.vertices + np.array([3.0, 0, 0]))
+    images = pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices  # closest points of these are elsewhere
+    found = find_pose(_mapped(source, target, images), source, weights_of(source.vertices), PARENTS)
+    assert found.pose.bend == 0
+    assert found.pose.scale == 1
+    np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02 * LENGTH)
+    assert np.median(np.linalg.norm(found.mapped.points - still.vertices, axis=1)) < 0.02 * LENGTH
+
+
+def test_a_slight_bend_is_a_pose():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = pose_surface(still, bend((12, 0, 0), (0, 12, 0)))
+    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    assert not found.pose.is_rest
+
+
+def test_what_a_target_wears_does_not_move_it():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    hat = ball(0.25 * LENGTH, (0.35 * LENGTH, 0, 0.9 * LENGTH), count=300)
+    target = zo.Surface.joined([still, hat])
+    images = np.concatenate([pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices, hat.vertices])
+    worn = np.arange(len(images)) >= len(still.vertices)
+    mapped = _mapped(source, target, images, has_partner=~worn, confidence=np.where(worn, 0.0, 1.0))
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.pose.bend == 0
+    np.testing.assert_allclose(align(target, found.pose).positions, target.vertices, atol=0.03 * LENGTH)

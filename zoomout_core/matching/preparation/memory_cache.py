@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
+
+Shapes are keyed by content, so an edited one is prepared again. So are working meshes, as programs hand the same
+mesh in as a new surface each time. `store_shapes` has shapes written to disk, too.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import blake2b
+from os import PathLike
+from threading import Lock
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.matching.components.hulls import hull_of
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.preparation.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
+from zoomout_core.matching.preparation.disk_cache import ShapeFolder
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.memory import bytes_of
+
+# Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
+MAX_BYTES = 512 << 20
+
+Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
+
+
+class _Kept(Generic[Value]):
+    """Values by the hash of their content; those used longest ago are dropped when all take too much memory."""
+
+    def __init__(self) -> None:
+        self._values: OrderedDict[bytes, Value] = OrderedDict()
+        self._lock = Lock()
+
+    def take(self, key: bytes) -> Value | None:
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+            return self._values.get(key)
+
+    def keep(self, key: bytes, value: Value) -> None:
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+            while bytes_of(*self._values.values()) > MAX_BYTES:
+                self._values.popitem(last=False)
+
+    def unlock(self) -> None:
+        self._lock = Lock()
+
+    def forget(self) -> None:
+        with self._lock:
+            self._values.clear()
+
+
+_shapes: _Kept[ShapeAnalysis] = _Kept()
+_meshes: _Kept[WorkingMesh] = _Kept()
+if hasattr(os, "register_at_fork"):  # not on Windows; a thread that does not exist in the child may hold the locks
+    os.register_at_fork(after_in_child=_shapes.unlock)
+    os.register_at_fork(after_in_child=_meshes.unlock)
+_folder: ShapeFolder | None = None
+
+
+def cached_working_mesh(surface: Surface) -> WorkingMesh:
+    """The surface's working mesh; that of another surface of the same arrays if there was one."""
+    key = _hash("", surface.vertices, surface.corner_vertex, surface.triangle_corners)
+    mesh = _meshes.take(key)
+    if mesh is None:
+        mesh = surface.working
+    else:
+        surface.working = mesh
+    _meshes.keep(key, mesh)
+    return mesh
+
+
+def cached_hull(surface: Surface, tight: bool = False) -> WorkingMesh:
+    """`hull_of`, or at once the hull of another surface of the same arrays."""
+    key = _hash(f"hull, tight: {tight}", surface.vertices, surface.corner_vertex, surface.triangle_corners)
+    hull = _meshes.take(key)
+    if hull is None:
+        hull = hull_of(surface, tight)
+    _meshes.keep(key, hull)
+    return hull
+
+
+def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:
+    """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
+    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
+    key = _hash(repr(((k, samples, seed, proxy_vertices), part.scale)), *arrays)
+    shape, folder = _shapes.take(key), _folder
+    if shape is None and folder is not None:
+        shape = folder.load(key, part)
+    if shape is None:
+        shape = analyse(part, k, samples, seed, proxy_vertices)
+        if folder is not None:
+            folder.save(key, shape)
+    _shapes.keep(key, shape)
+    return shape
+
+
+def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES_ON_DISK) -> None:
+    """Cache shapes that are prepared from now on in a folder, also for other processes.
+
+    Args:
+        folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
+        most_bytes: the most that they may take there; the least recently used are removed first.
+
+    Example:
+        >>> zo.store_shapes(folder)  # analysed shapes are read from there, also by other processes
+        >>> zo.store_shapes(None)
+    """
+    global _folder
+    _folder = None if folder is None else ShapeFolder(folder, most_bytes)
+
+
+@contextmanager
+def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
+    """A context with these settings of `store_shapes`; the earlier ones are restored after it."""
+    global _folder
+    before = _folder
+    store_shapes(folder, most_bytes)
+    try:
+        yield
+    finally:
+        _folder = before
+
+
+def forget_shapes() -> None:
+    """Drop all shapes that are kept in memory.
+
+    Example:
+        >>> zo.forget_shapes()  # the next match analyses its shapes again
+    """
+    _shapes.forget()
+    _meshes.forget()
+
+
+def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
+    digest = blake2b(words.encode())
+    for array in arrays:
+        digest.update(repr((array.shape, array.dtype)).encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.digest()

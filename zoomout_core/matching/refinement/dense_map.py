@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Refine a candidate to a map between the meshes of two shapes: ZoomOut, then non-rigid registration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.part_match import PartFit, fit_part
+from zoomout_core.matching.partial.region import is_small
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.finished_maps import refine_candidate
+from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.refinement.confidence import Counterparts, confidence_of, counterparts_by_cycle
+from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
+from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
+from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.threads import side_by_side
+
+
+class DenseMap(NamedTuple):
+    """The map of a candidate between the shapes' meshes."""
+
+    fit: Fit  # of the target to the source
+    counterparts: Counterparts  # which vertices have a counterpart
+    functional_map: Floats  # (k_target, k_source)
+    confidence: Floats  # (n_t,) of the target's vertices
+    folded: float  # the part of the target's area, in [0, 1], that the map flips
+
+
+def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
+    """Refine a candidate on all vertices of the shapes' meshes."""
+    return _map_of_wholes(pair, candidate) if candidate.part_match is None else _map_of_part(pair, candidate)
+
+
+def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
+    """The map of the whole target, by ZoomOut and by non-rigid registration."""
+    source, target = pair.source_shape, pair.target_shape
+
+    def forwards() -> tuple[Fit, Floats]:
+        with portion(0.0, 0.6):
+            refined, functional_map = refine_candidate(candidate, source, target, pair.k_final, pair.step)
+        with portion(0.6, 1.0):
+            return bend_onto_source(refined, functional_map, source, target, candidate.mirrored)
+
+    def backwards() -> SurfaceMap:
+        how = candidate.mirrored, min(pair.k_final, REFINEMENT.max_functions_back), pair.step
+        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swap()
+        back, _ = refine(target, source, candidate.reverse_functional_map, swapped, *how)
+        _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
+        return back
+
+    (fit, functional_map), back = side_by_side(forwards, backwards)
+    senses = candidate.reverses_orientation, candidate.mirrored
+    measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
+    return DenseMap(fit, counterparts_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
+
+
+def bend_onto_source(
+    refined: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
+) -> tuple[Fit, Floats]:
+    """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
+    fit = fit_nonrigid(refined, source, target, mirrored)
+    return fit, functional_map_by(fit.surface_map, source, target, functional_map.shape)
+
+
+def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
+    """The map between a part and a whole, in either direction, by registering the part."""
+    source, target = pair.source_shape, pair.target_shape
+    found = fit_part(pair, candidate)
+    fit = found.fit
+    there = fit.surface_map
+    functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
+    known = found.counterparts.target
+    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, False, known)
+    if is_small(source, target):
+        confidence, folded = _confidence_by_part(found, source, target, functional_map.shape)
+    # Between the bases of both at unit area, as of all maps.
+    functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
+    return DenseMap(fit, found.counterparts, functional_map, confidence, folded)
+
+
+def _confidence_by_part(
+    found: PartFit, source: ShapeAnalysis, target: ShapeAnalysis, size: tuple[int, ...]
+) -> tuple[Floats, float]:
+    """`confidence_of` the map of a whole to a small part, computed from the map of the part.
+
+    All of the whole maps to the part, so the rest of it would outweigh the place of the part.
+    """
+    there, known = found.fit.surface_map, found.counterparts.source
+    functional_map = functional_map_by(found.back, target, source, size[::-1])
+    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, False, known)
+    return found.counterparts.target * there.interpolate(of_part), folded

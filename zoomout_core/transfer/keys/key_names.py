@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names of expression keys: recognise the convention that they follow, and rename them to another.
+
+`key_table.py` has the names. Key names are compared by their words, so case, separators, `_L` for `Left` and what
+programs put before them (`blendShape1.`, `Head_`) make no difference.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from zoomout_core.messages import Message, enumeration, message, plural, warning
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.keys.key_table import CONVENTIONS, TABLE
+
+# The suffix that Blender appends to a name in use.
+COPY = re.compile(r"\.\d{3,}$")
+# Beginnings of words within letters: armUpper, LEye.
+NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+WORD = re.compile(r"[^\W\d_]+|\d+")
+SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+# The node or mesh that a program puts before a name.
+NODE = re.compile(r"^.*[.:|](?=.)")
+# Names are of a convention if they have at least this many of its names, and either half of the names are of it, or
+# half of its names are there: fewer may be chance, such as VRM's "a".
+MIN_NAMES, MIN_SHARE = 3, 0.5
+# Missing names that are listed in a sentence.
+LISTED = 12
+
+# The names whose keys add up to an expression.
+Sum: TypeAlias = tuple[str, ...]
+
+
+class Cell(NamedTuple):
+    """An expression in a convention.
+
+    Attributes:
+        written: the name of its key; empty if it has none of its own.
+        sums: the keys, or sums of keys, that are this expression.
+    """
+
+    written: str
+    sums: tuple[Sum, ...]
+
+
+@dataclass(frozen=True)
+class TranslatedKeys:
+    """Key names in another convention.
+
+    Attributes:
+        sources: the conventions of the given names; none if these are not known, several for an avatar with expressions
+            and visemes.
+        target: the convention of the new names.
+        renamed: the new name of each given name that has one, also where both are the same.
+        composed: further names of the new convention, each with the given names of the keys that add up to it.
+        missing: names of the new convention that are neither.
+
+    Example:
+        >>> zo.translate_key_names(["browInnerUp_L", "browInnerUp_R", "jawOpen"], "arkit").composed
+        {'browInnerUp': ('browInnerUp_L', 'browInnerUp_R')}
+    """
+
+    sources: tuple[str, ...]
+    target: str
+    renamed: dict[str, str]
+    composed: dict[str, Sum]
+    missing: tuple[str, ...]
+
+
+def key_names(convention: str) -> tuple[str, ...]:
+    """The names of all keys of a convention.
+
+    Args:
+        convention: "arkit", "unified" (Unified Expressions), "metahuman", "makehuman" (its expression units), "oculus"
+            or "vrchat" (visemes), "vrm0" or "vrm1".
+
+    Raises:
+        ValueError: there is no such convention.
+
+    Example:
+        >>> len(zo.key_names("arkit")), zo.key_names("vrchat")[:2]
+        (52, ('vrc.v_sil', 'vrc.v_pp'))
+    """
+    _check(convention)
+    rows = (row[convention].written for row in _expressions() if convention in row)
+    return tuple(dict.fromkeys(filter(None, rows)))
+
+
+def recognise_key_names(names: Sequence[str]) -> str | None:
+    """The convention that the names of keys follow, of `key_names`; None if that is not clear.
+
+    Example:
+        >>> zo.recognise_key_names(["Basis", "blendShape1.EyeBlink_L", "blendShape1.EyeBlink_R", "blendShape1.JawOpen"])
+        'arkit'
+    """
+    found = {convention: _find(names, convention) for convention in CONVENTIONS}
+    # Among conventions that spell the same names, prefer that of this spelling.
+    exact = {convention: sum(new == name for new, name in one.items()) for convention, one in found.items()}
+    best = max(CONVENTIONS, key=lambda convention: (len(found[convention]), exact[convention]))
+    enough = max(MIN_NAMES, MIN_SHARE * min(len(set(names)), len(key_names(best))))
+    return best if len(found[best]) >= enough else None
+
+
+def translate_key_names(names: Sequence[str], target: str, source: str | None = None) -> TranslatedKeys:
+    """The names of keys in another convention.
+
+    A key whose expression the other convention has in several parts cannot be split, and keeps its name. Names of no
+    convention are kept.
+
+    Args:
+        names: names of keys, such as `blendShape1.eyeBlink_L`.
+        target: the convention of the new names, see `key_names`.
+        source: the convention of the given ones. If not given, it is recognised, and then that of the names that are
+            left, such as visemes.
+
+    Raises:
+        ValueError: there is no such convention.
+
+    Example:
+        >>> keys = zo.translate_key_names(["EyeClosedLeft", "EyeClosedRight", "JawOpen"], "vrm1", source="unified")
+        >>> keys.renamed, keys.composed
+        ({'EyeClosedLeft': 'blinkLeft', 'EyeClosedRight': 'blinkRight'}, {'blink': ('EyeClosedLeft', 'EyeClosedRight')})
+    """
+    for convention in (target, source or target):
+        _check(convention)
+    renamed = {name: name for name in names if name in key_names(target)}
+    taken, composed = set(renamed), dict[str, Sum]()
+    own = _sort(names) if source is None else {source: _find(names, source)}
+    for each, found in own.items():
+        rows = [(row[each], row[target]) for row in _expressions() if each in row and target in row]
+        for old, new in rows:
+            for name in (found[keys[0]] for keys in old.sums if len(keys) == 1 and keys[0] in found):
+                if new.written and new.written not in taken and name not in renamed:
+                    renamed[name] = new.written
+                    taken.add(new.written)
+        for old, new in rows:
+            sums = [keys for keys in old.sums if len(keys) > 1 and all(key in found for key in keys)]
+            if new.written and sums and not any(taken.issuperset(keys) for keys in new.sums):
+                composed.setdefault(new.written, tuple(found[key] for key in sums[0]))
+    composed = {new: parts for new, parts in composed.items() if new not in taken}
+    return TranslatedKeys(tuple(own), target, renamed, composed, _missing(taken | composed.keys(), target))
+
+
+def missing_key_names(names: Sequence[str], convention: str) -> tuple[str, ...]:
+    """The names of a convention whose keys are not among those with some names, nor can be composed of them.
+
+    Raises:
+        ValueError: there is no such convention.
+
+    Example:
+        >>> zo.missing_key_names(zo.key_names("arkit")[:-1], "arkit")
+        ('tongueOut',)
+    """
+    return translate_key_names(names, convention, convention).missing
+
+
+def translate_offsets(
+    offsets: Attribute, target: str, compose: bool = True, source: str | None = None
+) -> tuple[Attribute, TranslatedKeys]:
+    """Rename shape keys to another convention; see `translate_key_names`.
+
+    Args:
+        offsets: shape keys, of the kind OFFSET.
+        target: the convention of the new names.
+        compose: whether to add the keys that are sums of others; these stay.
+        source: the convention of the names; recognised if not given.
+
+    Raises:
+        ValueError: there is no such convention.
+
+    Example:
+        >>> values = np.zeros((len(source.vertices), 3, 3))
+        >>> labels = "browInnerUp_L", "browInnerUp_R", "jawOpen"
+        >>> keys = zo.Attribute("shape keys", zo.Domain.POINT, zo.Kind.OFFSET, values, labels)
+        >>> zo.translate_offsets(keys, "arkit")[0].labels
+        ('browInnerUp_L', 'browInnerUp_R', 'jawOpen', 'browInnerUp')
+    """
+    keys = translate_key_names(offsets.labels, target, source)
+    labels = tuple(keys.renamed.get(label, label) for label in offsets.labels)
+    values = np.asarray(offsets.values)
+    if compose and keys.composed:
+        number = {label: column for column, label in enumerate(offsets.labels)}
+        sums = [values[:, [number[part] for part in parts]].sum(axis=1) for parts in keys.composed.values()]
+        values = np.concatenate([values, np.stack(sums, axis=1).astype(values.dtype)], axis=1)
+        labels += tuple(keys.composed)
+    return replace(offsets, values=values, labels=labels), keys
+
+
+def describe(keys: TranslatedKeys, compose: bool = True) -> list[Message]:
+    """Sentences for the user about renamed keys.
+
+    Args:
+        keys: the names.
+        compose: whether the composed keys were added.
+    """
+    title = CONVENTIONS[keys.target].title
+    if not keys.sources:
+        return [
+            warning(
+                "The names of the shape keys follow no known convention, and were kept: rename some as in {title}.",
+                title=title,
+            )
+        ]
+    said = [_describe_renamed(keys)]
+    if keys.composed and compose:
+        sums = (f"{name} = {' + '.join(parts)}" for name, parts in keys.composed.items())
+        said.append(message("Added sums of shape keys: {sums}.", sums=_list(sums)))
+    missing = keys.missing if compose else (*keys.composed, *keys.missing)
+    if missing:
+        said.append(
+            message(
+                "Missing of the {count} keys of {title}: {names}.",
+                count=len(key_names(keys.target)),
+                title=title,
+                names=_list(missing),
+            )
+        )
+    return said
+
+
+def _describe_renamed(keys: TranslatedKeys) -> Message:
+    target = CONVENTIONS[keys.target].title
+    source = enumeration(CONVENTIONS[each].title for each in keys.sources)
+    count = sum(old != new for old, new in keys.renamed.items())
+    done = plural(count, "Renamed 1 shape key", "Renamed {count} shape keys")
+    if keys.sources == (keys.target,):
+        return message("{done} to the spelling of {target}.", done=done, target=target)
+    return message("{done} from {source} to {target}.", done=done, source=source, target=target)
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name, in lower case, without the number that Blender appends."""
+    return [word.lower() for word in WORD.findall(NEW_WORD.sub(" ", COPY.sub("", name)))]
+
+
+def _list(names: Iterable[str]) -> str:
+    """Names with commas, at most `LISTED`."""
+    first, more = (every := list(names))[:LISTED], len(every) - LISTED
+    return ", ".join(first) + (f", … (+{more})" if more > 0 else "")
+
+
+def _check(convention: str) -> None:
+    if convention not in CONVENTIONS:
+        raise ValueError(f"There is no convention {convention!r}: choose from {', '.join(CONVENTIONS)}.")
+
+
+def _missing(present: Collection[str], convention: str) -> tuple[str, ...]:
+    """The names of a convention that are not present; parts of an expression that is present are not missing."""
+    cells = [row[convention] for row in _expressions() if convention in row]
+    there = set(present)
+    covered = {
+        key for cell in cells if any(there.issuperset(keys) for keys in cell.sums) for keys in cell.sums for key in keys
+    }
+    return tuple(name for name in key_names(convention) if name not in covered)
+
+
+# --- the table ----------------------------------------------------------------------------------------------
+
+
+@cache
+def _expressions() -> tuple[Mapping[str, Cell], ...]:
+    """The rows of the table, one for each side: cells by convention."""
+    rows: list[Mapping[str, Cell]] = []
+    for block in TABLE.strip().split("\n\n"):
+        conventions, *lines = ([cell.strip() for cell in line.split("|")] for line in block.splitlines())
+        for line in lines:
+            for side in (0, 1) if any("*" in cell for cell in line) else (0,):
+                rows.append(
+                    {
+                        convention: _read_cell(cell, convention, side)
+                        for convention, cell in zip(conventions, line, strict=True)
+                        if cell
+                    }
+                )
+    return tuple(rows)
+
+
+def _read_cell(cell: str, convention: str, side: int) -> Cell:
+    spelling = CONVENTIONS[convention]
+    sides = spelling.left, spelling.right
+    alternatives = [
+        tuple(spelling.prefix + key for key in _expand(part.strip().replace("*", sides[side]), sides))
+        for part in cell.split("/")
+    ]
+    first = alternatives[0]
+    return Cell(first[0] if len(first) == 1 else "", tuple(filter(None, alternatives)))
+
+
+def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
+    """The keys that a part of a cell adds up."""
+    pieces = re.split(r"\{(.*?)\}", text.replace("&", f"{{{','.join(sides)}}}"))
+    if text:
+        yield from map(
+            "".join, product(*([piece] if i % 2 == 0 else piece.split(",") for i, piece in enumerate(pieces)))
+        )
+
+
+# --- recognition --------------------------------------------------------------------------------------------
+
+
+def _sort(names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """By each convention that the names follow, the names that are of it, see `_find`; each name is of one only."""
+    sorted_names: dict[str, dict[str, str]] = {}
+    left = list(names)
+    while (convention := recognise_key_names(left)) is not None:
+        sorted_names[convention] = _find(left, convention)
+        known = set(sorted_names[convention].values())
+        left = [name for name in left if name not in known]
+    return sorted_names
+
+
+def _find(names: Sequence[str], convention: str) -> dict[str, str]:
+    """The names of a convention that occur, each with the first of the given names that it is in."""
+    known, prefix = _known(convention), _common_words(names)
+    found: dict[str, str] = {}
+    for name in names:
+        for form in (*_forms(name), *_without(prefix, name)):
+            if form in known:
+                found.setdefault(known[form], name)
+                break
+    return found
+
+
+@cache
+def _known(convention: str) -> Mapping[str, str]:
+    """The names of a convention by their forms, with and without its prefix."""
+    cells = (row[convention] for row in _expressions() if convention in row)
+    known: dict[str, str] = {}
+    for name in dict.fromkeys(key for cell in cells for keys in cell.sums for key in keys):
+        for form in (*_forms(name), *_forms(name.removeprefix(CONVENTIONS[convention].prefix))):
+            known.setdefault(form, name)
+    return known
+
+
+def _forms(name: str) -> Iterator[str]:
+    """The forms of a name to compare: its words with a single side at the end, its letters, and both without a node."""
+    name = COPY.sub("", name)
+    bare = NODE.sub("", name)
+    for text in (name, bare if bare.lower() not in SIDES else name):
+        yield _join(words_of(text))
+        yield "".join(WORD.findall(text)).lower()
+
+
+def _join(words: Sequence[str]) -> str:
+    sides = [SIDES[word] for word in words if word in SIDES]
+    if len(sides) != 1:
+        return "".join(SIDES.get(word, word) for word in words)
+    return "".join(word for word in words if word not in SIDES) + sides[0]
+
+
+def _common_words(names: Sequence[str]) -> list[str]:
+    """The words that most of the names begin with."""
+    every = [words_of(name) for name in names]
+    common: list[str] = []
+    while every:
+        following = Counter(words[len(common)] for words in every if len(words) > len(common) + 1)
+        word = max(following, key=lambda each: following[each], default="")
+        if 2 * following[word] <= len(names):
+            break
+        every = [words for words in every if words[: len(common) + 1] == [*common, word]]
+        common.append(word)
+    return common
+
+
+def _without(prefix: Sequence[str], name: str) -> Iterator[str]:
+    """The form of a name without words that it begins with."""
+    words = words_of(name)
+    if prefix and words[: len(prefix)] == list(prefix):
+        yield _join(words[len(prefix) :])

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shape keys: offsets of vertices, rotated and scaled from the source's pose and size to the target's.
+
+Deformation transfer for triangle meshes (Sumner and Popović 2004) transfers the gradients of a motion, and solves for
+the motion with these gradients. With anchors alone it drifts where the target's pose rotates within the moving region,
+so the motion is also attracted by the rotated offsets. These determine it over distances longer than
+`SHAPE_KEYS.smoothing_length`, and the gradients below.
+
+Where the map is smooth, the difference of the offsets of neighbours is a good gradient. An error of the map amplifies
+such differences: a map that is off by a millimetre tears lips and turns them over. There the gradient of the source's
+offsets, at the place that the map finds, is the better one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import bsr_array, csc_array, csr_array
+
+from zoomout_core.arrays import Floats, row_norms
+from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.messages import message, warning
+from zoomout_core.runtime.threads import for_each
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.frames import (
+    FULL_CONFIDENCE,
+    Frames,
+    frames_of,
+    frames_on,
+    on_working_mesh,
+    turn_gradients,
+    without_sums,
+)
+from zoomout_core.transfer.keys.face_registration import register_face
+from zoomout_core.transfer.keys.joined_lips import has_joined_lips
+from zoomout_core.transfer.keys.rigid_keys import move_rigid_parts
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class ShapeKeyTuning(Tuning, set_by="faces"):
+    """How gradients determine the motion of a key.
+
+    Attributes:
+        smoothing_length: distance beyond which the rotated offsets determine it, about the height of a lip. Half of it
+            leaves more torn edges, twice as much a larger gap between closed lids.
+        deviation: how far the image of an edge is from the rotated and scaled edge, as a share of its length, if the
+            difference of the offsets of its ends has a quarter of its weight.
+    """
+
+    smoothing_length: float = tuned(0.01, "at unit area", 1e-6, 1)
+    deviation: float = tuned(0.5, "1", 1e-3, 100)
+
+
+SHAPE_KEYS = ShapeKeyTuning()
+
+# Keys that are solved together; bounds the memory, and more columns at once slow down the solves.
+KEYS_AT_ONCE = 5
+# Offsets below either length are noise and set to zero: relative to the longest offset of the key, and at unit area.
+MIN_RELATIVE_OFFSET = 1e-4
+MIN_OFFSET = 1e-7
+JOINED_LIPS = (
+    "The lips of the target are joined, so no key can open its mouth: split them along the line where they meet, then "
+    "match and transfer again."
+)
+
+
+def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
+    """Transfer offsets (n_s, keys, 3) of vertices, in the space of the surfaces.
+
+    The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
+    Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
+    place; where confidence is low, a key follows its surroundings. Loose parts that the source's keys move rigidly move
+    rigidly.
+    """
+    offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
+    mapped = register_face(attribute, mapped)
+    moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
+    doubtful = mapped.confidence < FULL_CONFIDENCE
+    carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
+    if not moved.any():
+        return replace(attribute, values=carried)
+    frames = frames_on(mapped, moved | doubtful)
+    carrier = _Carrier.of(frames)
+
+    def carry(first: int) -> None:
+        some = slice(first, first + KEYS_AT_ONCE)
+        carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64))
+
+    for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
+    move_rigid_parts(carried, offsets, frames)
+    filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
+    notes = attribute.notes
+    if filled:
+        notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if has_joined_lips(attribute, mapped):
+        notes += (warning(JOINED_LIPS),)
+    return replace(attribute, values=carried, notes=notes)
+
+
+def conform_target(mapped: MappedTarget) -> Floats:
+    """(n_t, 3) positions of the target's vertices on the source, with more of its own shape at low confidence."""
+    target, frames = mapped.target, frames_of(mapped)
+    # Gradients of the images where they are trusted, and elsewhere those of the target, rotated by the map.
+    own = on_working_mesh(target.working, target.vertices)
+    gradients = turn_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
+    gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
+    conforming = frames.smoothing.fit(frames.points, gradients)
+    number = target.working.vertex_of
+    return np.where((number >= 0)[:, None], conforming[number], mapped.points)
+
+
+def without_noise(offsets: Floats, area: float) -> Floats:
+    """Set offsets (n, keys, 3) that are too short to be visible on a surface of an area to zero."""
+    length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
+    least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
+    return np.where((length < least)[:, :, None], 0, offsets)
+
+
+@dataclass(frozen=True, eq=False)
+class _Carrier:
+    """Data shared by all keys: the system for the offsets of n vertices of the target's working mesh."""
+
+    frames: Frames
+    turns_back: Floats  # (n, 3, 3) inverses of the turns
+    differences: bsr_array  # (3n, 3n) divergence of differences of offsets, see `turn_gradients`
+    gradient: tuple[csr_array, ...]  # three (n_s, n_s), see `gradient_matrices`
+    divergence: tuple[csr_array, ...]  # three (n, n), see `divergence_matrices`
+    smoothing: ScreenedSmoothing
+
+    @classmethod
+    def of(cls, frames: Frames) -> _Carrier:
+        """The edges p_i - p_j of the target with the images q_i - q_j have the differences of offsets, turned by M,
+
+            G (p_i - p_j) + a M (o_i - o_j - G (q_i - q_j)),
+
+        by the gradients G of the source's offsets, turned likewise, and with the share a of the second order.
+        """
+        source, working, turns = frames.mapped.source, frames.mapped.target.working, frames.steady_turns
+        stiffness = csr_array(frames.trusted_stiffness)
+        row, column = np.repeat(np.arange(len(turns)), np.diff(stiffness.indptr)), stiffness.indices
+        places, images = working.scale * working.vertices[frames.number], frames.points[frames.number]
+        steps = places[row] - places[column]
+        turned = np.einsum("exy,ey->ex", (turns[row] + turns[column]) / 2, images[row] - images[column])
+        apart, length = row_norms(steps - turned), row_norms(steps)
+        deviation = np.divide(apart, length, out=np.zeros_like(length), where=length > 0) / SHAPE_KEYS.deviation
+        share = 1 / (1 + deviation**2) ** 2
+        similar = csc_array(csr_array((share * stiffness.data, column, stiffness.indptr), shape=stiffness.shape))
+        return cls(
+            frames,
+            np.linalg.inv(turns),
+            turn_gradients(without_sums(similar), turns),
+            gradient_matrices(source.vertices, source.triangles),
+            divergence_matrices(stiffness, steps - share[:, None] * turned),
+            ScreenedSmoothing.of(
+                frames.trust * frames.areas,
+                frames.trusted_stiffness + frames.doubted_stiffness,
+                SHAPE_KEYS.smoothing_length,
+            ),
+        )
+
+    def carry(self, offsets: Floats) -> Floats:
+        """(n_t, keys, 3) offsets of the target's vertices, from those (n_s, keys, 3) of the source's."""
+        frames, target = self.frames, self.frames.mapped.target
+        turns = frames.steady_turns.transpose(0, 2, 1)
+        plain = frames.mapped.surface_map.interpolate(offsets)
+        here = on_working_mesh(target.working, plain)[frames.number]
+        divergence = self._divergence_of_differences(here) + self._divergence_of_gradients(offsets)
+        solved = self.smoothing.fit((here @ turns).reshape(len(here), -1), divergence).reshape(here.shape)
+        motion = np.zeros((len(target.working.vertices), *here.shape[1:]))
+        motion[frames.number] = solved * (here.any(axis=2) | (frames.trust < 1)[:, None])[:, :, None]
+
+        number = target.working.vertex_of
+        carried = motion[number]
+        loose = np.flatnonzero(number < 0)
+        if len(loose):
+            carried[loose] = plain[loose] @ turns[frames.nearest(target.vertices[loose])]
+        return without_noise(carried, target.area)
+
+    def _divergence_of_differences(self, here: Floats) -> Floats:
+        """(n, 3 keys) of the differences of neighbours' offsets (n, keys, 3)."""
+        n, keys, _ = here.shape
+        divergence = self.differences @ here.transpose(0, 2, 1).reshape(3 * n, keys)
+        return np.asarray(divergence.reshape(n, 3, keys).transpose(0, 2, 1).reshape(n, 3 * keys))
+
+    def _divergence_of_gradients(self, offsets: Floats) -> Floats:
+        """(n, 3 keys) of the gradients of offsets (n_s, keys, 3) on the source."""
+        columns = offsets.reshape(len(offsets), -1)
+        around = np.stack([component @ columns for component in self.gradient], axis=-1)
+        images = self.frames.mapped.surface_map.interpolate(around.reshape(*offsets.shape, 3))
+        here = on_working_mesh(self.frames.mapped.target.working, images)[self.frames.number]
+        turned = self.frames.steady_turns[:, None] @ here @ self.turns_back[:, None]
+        x, y, z = turned.reshape(len(here), -1, 3).transpose(2, 0, 1)
+        along_x, along_y, along_z = self.divergence
+        return np.asarray(along_x @ x + along_y @ y + along_z @ z)

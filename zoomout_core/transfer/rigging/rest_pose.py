@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find the pose of a target, and its rest shape, by the map to a rigged source.
+
+The map gives an initial pose. If it takes the target to the source's own body at rest, the target's vertices are
+projected to the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which
+shift whole limbs, no longer matter. Where the map is wrong, such as below clothes, it bends bones of a target that is
+at rest: a target that fits the source at rest as well by one similarity as by all bones is at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
+from zoomout_core.transfer.frames import FULL_CONFIDENCE
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.rigging.bone_fit import Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
+from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
+from zoomout_core.transfer.rigging.weights import mixing_matrix
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class RestTuning(Tuning, set_by="binding"):
+    """Projection of a target to the source at rest.
+
+    Attributes:
+        same_body: median distance from the source at rest up to which the target is the same body.
+        near: maximum distance from the source for projecting a vertex.
+        along: maximum distance of the projection from the map's image.
+        facing: minimum cosine between both normals.
+        beside: weight of the map at vertices that are not projected.
+        rounds: number of rounds of projecting and fitting.
+        in_place: a target in the rest pose stays in place if no vertex would move farther.
+        aligned: maximum number of vertices that are aligned with the source as a whole.
+        iterations: number of rounds of this alignment.
+    """
+
+    same_body: float = tuned(0.01, "at unit area", 0, 1)
+    near: float = tuned(0.03, "at unit area", 0, 1)
+    along: float = tuned(0.1, "at unit area", 0, 10)
+    facing: float = tuned(0.5, "1", -1, 1)
+    beside: float = tuned(0.1, "1", 0, 1)
+    rounds: int = tuned(6, "rounds", 0, 100)
+    in_place: float = tuned(0.02, "at unit area", 0, 1)
+    aligned: int = tuned(1500, "vertices", 3, 1_000_000)
+    iterations: int = tuned(10, "rounds", 1, 100)
+
+
+REST = RestTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class PosedTarget:
+    """A target, mapped over its source at rest, and its pose."""
+
+    mapped: MappedTarget  # the target over the source at rest, projected if it is the same body
+    pose: Pose  # the pose of the bones that takes it from the rest pose to the target
+
+
+def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:
+    """Find the pose of a target.
+
+    Args:
+        mapped: the target over the source, in any pose of the source.
+        rest: the source at rest.
+        weights: (n_s, b) sparse skin weights of the source.
+        parents: (b,) the number of each bone's parent, -1 for none.
+
+    Raises:
+        MeshError: no vertex with a trusted map has a weight.
+    """
+    mapped = replace(mapped, source=rest)
+    target = mapped.target
+    areas = target.vertex_areas
+    confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
+    own = csr_array(mixing_matrix(mapped) @ weights)
+    pose = estimate_pose(mapped.points, target.vertices, own, areas * confidence, parents)
+    search, normals = SurfaceSearch(rest.vertices, rest.triangles), vertex_normals(target.vertices, target.triangles)
+    found = replace(mapped, confidence=confidence)
+    for _ in range(REST.rounds):
+        projection = _project_at_rest(found, mapped, pose, weights, search, REST.along)
+        if not projection.is_same_body:
+            break
+        found, trusted = _follow(projection, mapped, confidence), projection.trusted
+        own = csr_array(mixing_matrix(found) @ weights)
+        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
+        pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
+    if pose.is_rest:
+        return PosedTarget(found, pose)
+    counted = areas if mapped.has_partner is None else areas * mapped.has_partner
+    unbent = _unbend(pose, target.vertices, counted, rest, search)
+    projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
+    bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
+    if projection.is_same_body and counted @ projection.off <= counted @ bent.off:
+        return PosedTarget(_follow(projection, mapped, confidence), unbent)
+    return PosedTarget(found, pose)
+
+
+def align(target: Surface, pose: Pose) -> Rest:
+    """Align a target in the rest pose with the source's place and size; it stays if it is aligned already."""
+    placed = pose.common.inverse(target.vertices)
+    linear = np.linalg.inv(pose.common.linear)
+    if np.linalg.norm(placed - target.vertices, axis=1).max() < REST.in_place * np.sqrt(target.area):
+        placed, linear = target.vertices, np.eye(3)
+    return Rest(placed, np.broadcast_to(linear, (len(placed), 3, 3)), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """A target, taken to the rest pose and projected to the source at rest.
+
+    Attributes:
+        surface_map: the projection where it is trusted, the map elsewhere.
+        off: (n_t,) distances from the source.
+        trusted: (n_t,) where the projection is trusted.
+        is_same_body: whether the target is the source's own body.
+    """
+
+    surface_map: SurfaceMap
+    off: Floats
+    trusted: Booleans
+    is_same_body: bool
+
+
+def _project_at_rest(
+    found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch, along: float
+) -> _Projection:
+    """Project the target, taken to the rest pose, to the source: no vertex farther than `along` from its image."""
+    target, rest = mapped.target, mapped.source
+    matrices = skinning_matrices(pose.transforms, csr_array(mixing_matrix(found) @ weights))
+    at_rest, _, sound = inverse_skinning(target.vertices, matrices, pose.scale)
+    triangle, barycentric = search.closest(at_rest)
+    places, unit = SurfaceMap(triangle, barycentric, rest.triangles).interpolate(rest.vertices), np.sqrt(rest.area)
+    off = np.linalg.norm(places - at_rest, axis=1)
+    outwards = triangle_normals(rest.vertices, rest.triangles)[triangle]
+    facing = np.einsum("nx,nx->n", vertex_normals(at_rest, target.triangles), outwards)
+    near = np.linalg.norm(places - mapped.points, axis=1) < along * unit
+    trusted = sound & near & (off < REST.near * unit) & (facing > REST.facing)
+    if mapped.has_partner is not None:
+        trusted &= mapped.has_partner
+    kept = mapped.surface_map
+    surface_map = SurfaceMap(
+        np.where(trusted, triangle, kept.triangle),
+        np.where(trusted[:, None], barycentric, kept.barycentric),
+        rest.triangles,
+    )
+    return _Projection(surface_map, off, trusted, bool(np.median(off) <= REST.same_body * unit))
+
+
+def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -> MappedTarget:
+    """The target along a projection: certain where it is trusted, else hardly trusted."""
+    trust = np.where(projection.trusted, FULL_CONFIDENCE, REST.beside * confidence)
+    return replace(mapped, surface_map=projection.surface_map, confidence=trust)
+
+
+def _unbend(pose: Pose, vertices: Floats, areas: Floats, rest: Surface, search: SurfaceSearch) -> Pose:
+    """The rest pose that brings vertices (n_t, 3) with areas (n_t,) closest to the source at rest.
+
+    The similarity follows from iterated closest points (Besl and McKay, A method for registration of 3-D shapes, 1992).
+    Its size is that of the source or that of the given pose, whichever fits better.
+    """
+    chosen = np.unique(np.linspace(0, len(vertices) - 1, REST.aligned).astype(np.int64))
+    images, areas, fits = vertices[chosen], areas[chosen], []
+    for scale in (1.0, pose.scale):
+        places = pose.common.inverse(images)
+        for _ in range(REST.iterations + 1):
+            similarity = procrustes(places, images, areas, scales=(scale, scale))
+            aligned = similarity.inverse(images)
+            places = SurfaceMap(*search.closest(aligned), rest.triangles).interpolate(rest.vertices)
+        fits.append((float(areas @ np.linalg.norm(places - aligned, axis=1)), similarity))
+    _, common = min(fits, key=lambda fit: fit[0])
+    return Pose(common.repeat(len(pose.transforms.scale)), common, 0.0)
