@@ -10,6 +10,7 @@ from typing import Any
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching.ranking import candidate_differences
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.messages import is_warning, message
 
@@ -32,7 +33,6 @@ from .sidebar import (
     draw_notes,
     explain_hidden_preview,
     preview_buttons,
-    select_notes,
     sentences,
     show_findings,
 )

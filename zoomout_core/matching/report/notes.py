@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.report.verdict import Verdict
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.messages import message, probability, warning
 
@@ -52,6 +53,11 @@ MAX_LANDMARK_ERROR = 0.2
 # Rounding of coordinates, in edge lengths, from which on it is reported. Maps at this value were off by a thousandth of
 # the square root of the area, and by five thousandths at 0.9.
 MAX_ROUNDING = 0.2
+
+
+def select_notes(notes: Iterable[str], verdict: Verdict | None) -> list[str]:
+    """The notes that do not repeat the certainty in a verdict that is shown, too."""
+    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNSURE]
 
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
