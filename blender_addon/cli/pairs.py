@@ -28,6 +28,8 @@ from .arguments import as_in_sidebar
 
 Result = TypeVar("Result")
 
+GIVE_FORCE = "To use this match all the same, give --force."
+
 
 def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     """Match, and report on each target by name.
@@ -59,12 +61,10 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of = {name: source for name, (source, _) in matches.items()}
         matching: dict[str, Any] = {}
     else:
-        source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
+        source_of, matching = dict.fromkeys(options.targets, options.source), _made_match_options(options)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_transfer(
-            context, source_of[target], target, options.data, settings, binding, force=options.force, **matching
-        )
+        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
 
     return _reports(source_of, work, lambda _, report: dict(report))
 
@@ -79,7 +79,7 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     check_one_target(wrapping, options.targets)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_wrap(context, options.source, target, wrapping, force=options.force, **_match_options(options))
+        return prepare_wrap(context, options.source, target, wrapping, **_made_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -95,9 +95,7 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     names = [*options.things, *of_collection]
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_dress(
-            context, options.source, target, names, dressing, force=options.force, **_match_options(options)
-        )
+        return prepare_dress(context, options.source, target, names, dressing, **_made_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -105,6 +103,11 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 def _match_options(options: argparse.Namespace) -> dict[str, Any]:
     """Arguments of `match_objects`."""
     return MatchOptions.match_options(as_in_sidebar(options, MatchOptions))
+
+
+def _made_match_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of functions that make a match, and stop if it is probably wrong."""
+    return {**_match_options(options), "force": options.force, "remedy": GIVE_FORCE}
 
 
 def _match_collections(

@@ -51,8 +51,8 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
             raise zo.MeshError("The active mesh is the source: make the mesh to dress active.")
         names = worn_names(context, source, target.name, self.collection)
         dressing = Dressing(**self.dress_options())
-        repeated, options = self.options.is_repeat, self.match_options()
-        write = await prepare_dress(context, source, target.name, names, dressing, repeated, **options)
+        options = {"remedy": self.remedy, **self.match_options()}
+        write = await prepare_dress(context, source, target.name, names, dressing, self.options.is_repeat, **options)
         with stage(WRITING, 1):
             await pause()
         report = write()

@@ -48,7 +48,7 @@ from .binding import Bound, check_binding, keep_match, prepare_binding, write_bo
 from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
-from .made_match import is_probably_wrong, make_match, push_match, store_and_stop
+from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -173,6 +173,7 @@ async def prepare_transfer(
     binding: Binding | None = None,
     adjusted: bool = False,
     force: bool = False,
+    remedy: str = CALL_WITH_FORCE,
     undo_step: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
@@ -189,6 +190,7 @@ async def prepare_transfer(
         binding: how to bind the target to the source's rig; None not to bind it.
         adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
         force: whether to transfer along a new match that is probably wrong.
+        remedy: a sentence for the refusal of such a match: how to use it all the same.
         undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
         match_options: options of `match_objects`.
     """
@@ -211,7 +213,7 @@ async def prepare_transfer(
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
     if stored is None and not adjusted and not force and is_probably_wrong(match):
-        return partial(store_and_stop, context, pair, match, made_with, undo_step)
+        return partial(store_and_stop, context, pair, match, made_with, remedy, undo_step)
     job = TransferJob(match, pair, remarks, settings, blend)
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
