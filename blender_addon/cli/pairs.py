@@ -17,6 +17,7 @@ from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
+from ..services.binding import hide_sources
 from ..services.collection_match import check_verdicts, match_collections_async
 from ..services.dress import Dressing, prepare_dress
 from ..services.match import prepare_match
@@ -66,7 +67,10 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     def work(target: str) -> Work[Write[dict[str, Any]]]:
         return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
 
-    return _reports(source_of, work, lambda _, report: dict(report))
+    reports = _reports(source_of, work, lambda _, report: dict(report))
+    if options.hide_source:
+        hide_sources(context, (report for report in reports.values() if "error" not in report))
+    return reports
 
 
 def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
