@@ -203,7 +203,7 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
         count, known = len(obj.data.vertices), latest_facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
             yield message(
-                "'{name}' has only {count} vertices, too few for automatic matching: subdivide it, or "
+                "'{name}' has only {count:,} vertices, too few for automatic matching: subdivide it, or "
                 "use Nearest Points.",
                 name=obj.name,
                 count=count,

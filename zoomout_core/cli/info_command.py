@@ -59,8 +59,8 @@ def _figures(asset: Asset) -> dict[str, Any]:
 def _lines(figures: dict[str, Any]) -> list[str]:
     size = " x ".join(f"{extent:.4g}" for extent in figures["size"])
     lines = [
-        f"{figures['vertices']} vertices, {figures['faces']} faces ({figures['triangles']} triangles), "
-        f"loose parts: {figures['parts']}, border edges: {figures['border_edges']}.",
+        f"{figures['vertices']:,} vertices, {figures['faces']:,} faces ({figures['triangles']:,} triangles), "
+        f"loose parts: {figures['parts']:,}, border edges: {figures['border_edges']:,}.",
         f"Size {size}, area {figures['area']:.4g}.",
     ]
     for name in ("attributes", "materials", "shape_keys", "joints", "animations"):

@@ -82,7 +82,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
         ),
         (
             left_out > MAX_UNMATCHED_SHARE * len(shape.points),
-            f"{left_out} of the {role}'s points are noise or differ in density, and were left out of the "
+            f"{left_out:,} of the {role}'s points are noise or differ in density, and were left out of the "
             "reconstructed surface.",
         ),
     )
@@ -108,7 +108,7 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        message(f"{{count}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
+        message(f"{{count:,}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
     )
 
 
