@@ -156,7 +156,9 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
         return
     rows = body.column()  # not aligned: the gaps show which label belongs to which button
     rows.enabled = enabled
-    _beside_picture(rows, icon_of_source(listing)).label(text="Source")
+    source = _beside_picture(rows, icon_of_source(listing))
+    source.scale_y = PICTURE  # as high as the thumbnail, so that its middle has the text
+    source.label(text="Source")
     for place, (candidate, name) in enumerate(zip(listing.candidates, _names(listing), strict=True)):
         column = _beside_picture(rows, icon_of_candidate(listing, place))
         chosen = place == listing.chosen
