@@ -14,7 +14,7 @@ from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.once import ONCE
 from ..properties.settings import SourceName, take_settings
-from ..scene.selection import source_of_worn, worn_names
+from ..scene.selection import select_only, source_of_worn, worn_names
 from ..services.dress import Dressing, prepare_dress, summary
 from ..services.targets import WRITING
 from ..viewport import preview
@@ -57,4 +57,5 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
             await pause()
         report = write()
         preview.clear()  # it would hide the result
+        select_only(context, [report["target"], *report["objects"].values()])
         return summary(report)

@@ -447,7 +447,7 @@ def _write(
     """Add the copies; returns their names by those of the originals, and notes."""
     target = find_mesh(context, pair.target_name)
     bodies = [find_mesh(context, name) for name in pair.source_names]
-    collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")
+    collection = mesh_data.collection_beside(context, target, mesh_data.dress_name(target.name))
     made, notes = {}, []
     for number, worn in enumerate(fitting.worn):
         positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]
