@@ -30,7 +30,8 @@ Where the shapes alone mislead the match, set landmarks, which are vertices of b
 (1,)
 
 `bind_to_rig(context, hero, scan)` moves a posed target to the rest pose of the source's armature, transfers the
-weights and binds the target, so that the bones pose it at once. So does `transfer_objects` with `binding=Binding()`.
+weights and binds the target, so that the bones pose it at once; the source, at the same place, is hidden in the
+viewport, unless `hide_source` is False. So does `transfer_objects` with `binding=Binding()`.
 `move_rig(context, hero, child)` is for a target of another build: it binds the target to a copy of the armature whose
 bones are moved into its body.
 

@@ -18,8 +18,10 @@ from zoomout_core.assets.files import inputs_of
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.map_files import keep_map, save_match
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import GREEN, check_verdict
 from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.messages import note_figures, note_lines
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -103,23 +105,23 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
         "source_share_without_partner": report["source_share_without_partner"],
         "parts": report["parts"],
         "candidates": len(report["candidates"]),
-        "notes": report["notes"],
+        **note_figures(report["notes"]),
     }
 
 
 def _lines(report: dict[str, Any], ending: str) -> list[str]:
     """Sentences for the user about a transfer to a file with some extension, one on each line."""
-    confidence = report["confidence"]
+    confidence, verdict = report["confidence"], zo.Verdict(**report["verdict"])
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
-        zo.Verdict(**report["verdict"]).line,
+        verdict.line,
         f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are doubtful "
         f"(below {LOW}).",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
-        *report["notes"],
+        *note_lines(select_notes(report["notes"], verdict)),
     ]
-    if report["verdict"]["level"] != GREEN and len(report["candidates"]) > 1:
+    if verdict.level != GREEN and len(report["candidates"]) > 1:
         lines.append(f"{len(report['candidates'])} correspondences were found: try --candidate 1.")
     lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
     if lost:

@@ -48,7 +48,7 @@ from zoomout_core.command_options import (
 from zoomout_core.global_options import quiet_option, threads_option
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, note_lines
 from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output
 
@@ -169,7 +169,7 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for report in reports:
-        for note in report.get("notes", ()):
+        for note in note_lines(report.get("notes", ())):
             tell(f"Line {report['line']}, {report['name']}: {note}")
     tell(f"Written to {output}")
 

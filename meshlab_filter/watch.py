@@ -29,6 +29,7 @@ from meshlab_filter.script import run_script
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import note_lines
 from zoomout_core.runtime.outputs import PART, is_same_file
 
 # Suffix of the names of results, before the extension; such files are skipped.
@@ -154,7 +155,7 @@ def _run_script(script: Path, path: Path, output: Path) -> list[str]:
     if ms.mesh_number() == 0:
         raise MeshError("The script leaves no mesh to write: keep at least one.")
     save_beside(ms, output, textures, {}, kept=inputs_of(*files_of(path)))
-    return [f"{output.name}: {note}" for report in reports for note in report.get("notes", ())]
+    return [f"{output.name}: {note}" for report in reports for note in note_lines(report.get("notes", ()))]
 
 
 def _result(path: Path, stem: str, ending: str) -> Path:

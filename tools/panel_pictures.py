@@ -26,7 +26,6 @@ from blender_addon.demo.target import clear_pose, posed_copy, remeshed, set_pose
 from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.operators import activity
 from blender_addon.scene.landmarks import set_landmark
-from blender_addon.services import preflight
 from blender_addon.ui import panels
 from blender_addon.ui.panels.match import ZOOMOUT_PT_match
 
@@ -62,7 +61,7 @@ Story = Iterator[float]
 
 
 def matching() -> Story:
-    """From a new scene to a transfer, and an edit after it."""
+    """From a new scene to a transfer."""
     hero, scan = pair()
     yield from begin(scan, hero)
     picture("panel_fresh")
@@ -96,25 +95,6 @@ def matching() -> Story:
     scroll(bpy.ops.view2d.scroll_down, 19)
     yield DRAWN
     picture("panel_transferred")
-    scroll(bpy.ops.view2d.scroll_up, 40)
-    bpy.data.objects["Scan"].data.vertices[0].co.x += 0.05
-    bpy.data.objects["Scan"].data.update()
-    while not preflight.stale(bpy.context, bpy.data.objects["Scan"]):
-        yield DRAWN
-    yield DRAWN
-    picture("panel_stale")
-
-
-def light() -> Story:
-    """A match in the light theme."""
-    hero, scan = pair()
-    theme = next(Path(folder, "Blender_Light.xml") for folder in bpy.utils.preset_paths("interface_theme"))
-    bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
-    yield from begin(scan, hero)
-    call(bpy.ops.zoomout.match)
-    call(bpy.ops.zoomout.preview, kind="PLACES")
-    yield KNOWN
-    picture("panel_light")
 
 
 def parts() -> Story:
@@ -227,7 +207,6 @@ def symmetry() -> Story:
 # Each with the panels to open and to close.
 STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "matching": (matching, set(), set()),
-    "light": (light, set(), set()),
     "parts": (parts, set(), {"ZOOMOUT_PT_transfer"}),
     "landmarks": (
         landmarks,

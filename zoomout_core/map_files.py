@@ -37,8 +37,8 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
     surface_map = SurfaceMap.load(path, source)
     if len(surface_map.triangle) != len(target.vertices):
         raise MeshError(
-            f"{path} maps {len(surface_map.triangle)} vertices, but the target has {len(target.vertices)}: give the "
-            "two meshes of the map, in the same order."
+            f"{path} maps {len(surface_map.triangle):,} vertices, but the target has {len(target.vertices):,}: give "
+            "the two meshes of the map, in the same order."
         )
     return surface_map
 

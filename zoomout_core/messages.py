@@ -15,6 +15,8 @@ from string import Formatter
 from typing import Any
 
 NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
+# Prefix of a printed warning; click marks errors in the same way.
+WARNING = "Warning: "
 # Maximum length of a format specification in a stored template: a longer one could request gigabytes of spaces.
 MAX_FORMAT_LENGTH = 4
 # JSON keys of a stored Message, and of a stored dictionary with Messages as keys.
@@ -61,6 +63,19 @@ def warning(template: str, **values: Any) -> Message:
 def is_warning(text: str) -> bool:
     """Whether text is a Message about something that the user should check or do."""
     return isinstance(text, Message) and text.is_warning
+
+
+def note_lines(notes: Iterable[str]) -> list[str]:
+    """Notes as command lines print them: warnings come first, and are marked like errors."""
+    notes = list(notes)
+    warnings = [f"{WARNING}{note}" for note in notes if is_warning(note)]
+    return [*warnings, *(note for note in notes if not is_warning(note))]
+
+
+def note_figures(notes: Iterable[str]) -> dict[str, list[str]]:
+    """Notes for programs: all of them, and the warnings among them."""
+    notes = list(notes)
+    return {"notes": notes, "warnings": [note for note in notes if is_warning(note)]}
 
 
 def plural(count: int, one: str, several: str) -> Message:

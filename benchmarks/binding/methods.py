@@ -23,7 +23,7 @@ Way = Callable[[Case, Object], None]
 
 def bind(case: Case, target: Object) -> None:
     """Ours, by the match."""
-    api.bind_to_rig(bpy.context, case.source, target)
+    api.bind_to_rig(bpy.context, case.source, target, hide_source=False)
 
 
 def bind_by_truth(case: Case, target: Object) -> None:
@@ -31,7 +31,7 @@ def bind_by_truth(case: Case, target: Object) -> None:
     pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     sure = np.ones(len(target.data.vertices))
     stored_match.write(target.data, stored_match.StoredMatch(case.truth, sure, ()), pair, {})
-    api.bind_to_rig(bpy.context, case.source, target)
+    api.bind_to_rig(bpy.context, case.source, target, hide_source=False)
 
 
 def weights_alone(case: Case, target: Object) -> None:

@@ -150,11 +150,11 @@ class TransferJob:
         if self.kept.any() or outside.any():
             how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~(outside | self.kept))
         if self.kept.any():
-            self.remarks.add([message("{count} vertices without a partner keep their data.", count=self.kept.sum())])
+            self.remarks.add([message("{count:,} vertices without a partner keep their data.", count=self.kept.sum())])
         if outside.any():
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
             note = message(
-                "{layer}: {count} vertices are on objects without this data ({sources}), and keep their data.",
+                "{layer}: {count:,} vertices are on objects without this data ({sources}), and keep their data.",
                 layer=carried.name,
                 count=outside.sum(),
                 sources=names,

@@ -10,7 +10,7 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ import bpy
 
 import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
+from zoomout_core.matching.report.notes import select_notes
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 from zoomout_core.runtime.outputs import atomic_write, check_output
 from zoomout_core.runtime.terminal import print_any_character
@@ -101,6 +103,7 @@ def _run(command_line: Sequence[str]) -> int:
     except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
         report["error"] = str(error)
         failed = [report["error"]]
+    report[done] = {name: _with_warnings(entry) for name, entry in report[done].items()}
     if options.report:
         try:
             with atomic_write(options.report) as part:
@@ -112,9 +115,24 @@ def _run(command_line: Sequence[str]) -> int:
             f"zoomout: {command} {'of' if done == 'objects' else 'to'} '{name}' "
             f"{'failed' if 'error' in entry else 'done'}"
         )
+        for line in _lines(entry):
+            print(f"zoomout:   {line}")
     for reason in failed:
         print(f"zoomout: {reason}", file=sys.stderr)
     return FAILED if failed else DONE
+
+
+def _with_warnings(entry: dict[str, Any]) -> dict[str, Any]:
+    """A report that lists the warnings among its notes, if it has notes."""
+    return entry | note_figures(entry["notes"]) if "notes" in entry else entry
+
+
+def _lines(entry: Mapping[str, Any]) -> list[str]:
+    """The verdict in a report, and its notes, for the user."""
+    verdict = zo.Verdict(**entry["verdict"]) if entry.get("verdict") else None
+    skipped = [f"{name}: skipped, {reason}" for name, reason in entry.get("skipped", {}).items()]
+    notes = note_lines(select_notes(entry.get("notes", ()), verdict))
+    return [*([verdict.line] if verdict else []), *skipped, *notes]
 
 
 def _check_paths(options: argparse.Namespace) -> None:

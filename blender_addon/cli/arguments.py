@@ -16,7 +16,7 @@ from ..adapters import DATA, USUAL_DATA
 from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
-from ..properties.transfer import BindChoice, BindOptions, BlendOptions
+from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions
 from ..properties.wrap import WrapOptions
 
 NAME = "zoomout"
@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_pair(transfer)
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     _add_force(transfer)
-    for group in (BlendOptions, BindChoice, BindOptions):
+    for group in (BlendOptions, BindChoice, BindOptions, BindView):
         _add_options(transfer, group)
     wrap = commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")
     _add_objects(wrap)

@@ -17,6 +17,7 @@ from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
+from ..services.binding import hide_sources
 from ..services.collection_match import check_verdicts, match_collections_async
 from ..services.dress import Dressing, prepare_dress
 from ..services.match import prepare_match
@@ -27,6 +28,8 @@ from ..storage import stored_match
 from .arguments import as_in_sidebar
 
 Result = TypeVar("Result")
+
+GIVE_FORCE = "To use this match all the same, give --force."
 
 
 def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
@@ -59,14 +62,15 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of = {name: source for name, (source, _) in matches.items()}
         matching: dict[str, Any] = {}
     else:
-        source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
+        source_of, matching = dict.fromkeys(options.targets, options.source), _made_match_options(options)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_transfer(
-            context, source_of[target], target, options.data, settings, binding, force=options.force, **matching
-        )
+        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
 
-    return _reports(source_of, work, lambda _, report: dict(report))
+    reports = _reports(source_of, work, lambda _, report: dict(report))
+    if options.hide_source:
+        hide_sources(context, (report for report in reports.values() if "error" not in report))
+    return reports
 
 
 def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
@@ -79,7 +83,7 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     check_one_target(wrapping, options.targets)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_wrap(context, options.source, target, wrapping, force=options.force, **_match_options(options))
+        return prepare_wrap(context, options.source, target, wrapping, **_made_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -95,9 +99,7 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     names = [*options.things, *of_collection]
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_dress(
-            context, options.source, target, names, dressing, force=options.force, **_match_options(options)
-        )
+        return prepare_dress(context, options.source, target, names, dressing, **_made_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -105,6 +107,11 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 def _match_options(options: argparse.Namespace) -> dict[str, Any]:
     """Arguments of `match_objects`."""
     return MatchOptions.match_options(as_in_sidebar(options, MatchOptions))
+
+
+def _made_match_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of functions that make a match, and stop if it is probably wrong."""
+    return {**_match_options(options), "force": options.force, "remedy": GIVE_FORCE}
 
 
 def _match_collections(

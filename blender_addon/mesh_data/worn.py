@@ -150,7 +150,7 @@ def add_worn_copy(
 
 def worn_copies(wearer: Object) -> list[Object]:
     """The copies that are children of their wearer."""
-    return [child for child in wearer.children if COPY_OF in child]
+    return list(filter(is_worn_copy, wearer.children))
 
 
 def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Floats, wearer: Object) -> None:
@@ -174,6 +174,22 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
         bind_like(original, copy)
     elif original.parent_type == "BONE":
         hang_like(original, copy)
+
+
+def is_worn_copy(obj: Object) -> bool:
+    """Whether an object is a copy that another one wears."""
+    return COPY_OF in obj
+
+
+def dress_name(wearer: str) -> str:
+    """The name of the collection of the copies that an object wears."""
+    return f"{wearer} Dress"
+
+
+def original_name(obj: Object, wearer: str) -> str:
+    """The name of the object that was copied for a wearer to make this one; that of this one if it is no such copy."""
+    is_copy = is_worn_copy(obj) and any(each.name == dress_name(wearer) for each in obj.users_collection)
+    return str(obj[COPY_OF]) if is_copy else obj.name
 
 
 def worn_copies_in(collection: BlenderCollection, name: str) -> list[Object]:

@@ -65,6 +65,7 @@ async def bind_targets(operator: Any, context: Context, binding: Binding) -> lis
             settings,
             binding,
             operator.options.is_repeat,
+            remedy=operator.remedy,
             undo_step=operator.adds_undo_steps and len(source_of) == 1,
             **options,
         )

@@ -14,7 +14,7 @@ from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.once import ONCE
 from ..properties.settings import SourceName, take_settings
-from ..scene.selection import source_of_worn, worn_names
+from ..scene.selection import select_only, source_of_worn, worn_names
 from ..services.dress import Dressing, prepare_dress, summary
 from ..services.targets import WRITING
 from ..viewport import preview
@@ -51,10 +51,11 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
             raise zo.MeshError("The active mesh is the source: make the mesh to dress active.")
         names = worn_names(context, source, target.name, self.collection)
         dressing = Dressing(**self.dress_options())
-        repeated, options = self.options.is_repeat, self.match_options()
-        write = await prepare_dress(context, source, target.name, names, dressing, repeated, **options)
+        options = {"remedy": self.remedy, **self.match_options()}
+        write = await prepare_dress(context, source, target.name, names, dressing, self.options.is_repeat, **options)
         with stage(WRITING, 1):
             await pause()
         report = write()
         preview.clear()  # it would hide the result
+        select_only(context, [report["target"], *report["objects"].values()])
         return summary(report)

@@ -92,7 +92,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
             raise zo.MeshError("No vertex of the source or of a target is selected: select at least one.")
         if count > MAX_SELECTED:
             raise zo.MeshError(
-                "{count} vertices are selected, more than {most}: select fewer.", count=count, most=MAX_SELECTED
+                "{count:,} vertices are selected, more than {most}: select fewer.", count=count, most=MAX_SELECTED
             )
         depsgraph = context.evaluated_depsgraph_get()
         places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}

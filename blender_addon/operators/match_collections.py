@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from bpy.types import Context
 
 from zoomout_core.messages import enumeration, message
 
+from ..scene.selection import select_only
 from ..services.collection_match import match_collections_async
 from ..services.transfer import and_others
 from ..storage import stored_match
@@ -46,7 +45,7 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
             message("'{target}' with '{source}'{others}", target=target, source=source, others=and_others(match.others))
             for target, (source, match) in matches.items()
         )
-        _select(context, list(matches))
+        select_only(context, list(matches))  # a transfer then uses the source of each target
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
         return message(
@@ -55,14 +54,3 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
             doubtful=doubtful,
             vertices=vertices,
         )
-
-
-def _select(context: Context, names: Sequence[str]) -> None:
-    """Select only the targets, so that a transfer uses each target's own source."""
-    for obj in context.selected_objects:
-        obj.select_set(False)
-    targets = [context.view_layer.objects[name] for name in names if name in context.view_layer.objects]
-    for obj in targets:
-        obj.select_set(True)
-    if targets and context.active_object not in targets:
-        context.view_layer.objects.active = targets[0]

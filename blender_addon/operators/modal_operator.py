@@ -13,7 +13,7 @@ import bpy
 from bpy.types import Context, Event, Operator
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, message
+from zoomout_core.messages import Message, as_message, message
 from zoomout_core.runtime.progress import Progress
 
 from ..jobs import Job, run
@@ -41,6 +41,11 @@ class ModalOperator(Operator):
     async def work(self, context: Context) -> str:
         """Do the work and return a sentence for the user; it writes only after its last `await`."""
         raise NotImplementedError
+
+    @property
+    def remedy(self) -> Message:
+        """How to use a match that is probably wrong all the same: it is stored now."""
+        return message("To use this match all the same, press {button}.", button=as_message(self.bl_label))
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
         """Warn about each target that was left out.

@@ -68,6 +68,7 @@ class ZOOMOUT_OT_transfer(
                 settings,
                 binding,
                 self.options.is_repeat,
+                remedy=self.remedy,
                 undo_step=self.adds_undo_steps and len(source_of) == 1,
                 **options,
             )

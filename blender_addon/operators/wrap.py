@@ -41,7 +41,7 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
 
         def work(target: str) -> Work[Write[dict[str, Any]]]:
             repeated = self.options.is_repeat
-            return prepare_wrap(context, source_of[target], target, wrapping, repeated, **options)
+            return prepare_wrap(context, source_of[target], target, wrapping, repeated, remedy=self.remedy, **options)
 
         outcome = await each_target(list(source_of), work)
         preview.clear()  # it would hide the result

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bpy.types import Context, Object
 
 import zoomout_core as zo
 
+from ..mesh_data import is_worn_copy, original_name
 from ..storage import stored_match
 from .pair import find_mesh
 
@@ -14,8 +17,8 @@ from .pair import find_mesh
 def choose_source(context: Context, target: Object, named: str = "", edited: bool = False) -> Object:
     """The source for a target.
 
-    It is the object `named`, else the one chosen in the scene, else the only selected mesh besides the target, else the
-    one that the target was matched with. For `edited`, see `find_mesh`.
+    It is the object `named`, else the one chosen in the scene, else the only selected mesh besides the target and what
+    it wears, else the one that the target was matched with. For `edited`, see `find_mesh`.
 
     Raises:
         MeshError: it is not a mesh that can be read, or the source is ambiguous or missing.
@@ -30,7 +33,7 @@ def source_name(context: Context, target: Object, named: str = "") -> str:
         MeshError: the source is ambiguous or missing.
     """
     chosen = context.scene.zoomout.source
-    selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
+    selected = [obj.name for obj in selected_meshes(context) if obj != target]
     name = named or (chosen.name if chosen else "")
     if not name and len(selected) > 1:
         raise zo.MeshError(
@@ -49,9 +52,16 @@ def match_source(context: Context, target: Object | None) -> str:
     return stored["source"] if stored and stored["source"] in context.scene.objects else ""
 
 
+def selected_meshes(context: Context) -> list[Object]:
+    """The active mesh and all other selected ones, but for copies that objects wear: *Dress* selects those it makes."""
+    active = context.active_object
+    others = [obj for obj in context.selected_objects if obj != active and not is_worn_copy(obj)]
+    return [obj for obj in (active, *others) if obj and obj.type == "MESH"]
+
+
 def chosen_targets(context: Context, source: Object | None = None) -> list[Object]:
     """The active and all other selected meshes except the source; of those that share a mesh, the first."""
-    meshes = [obj for obj in (context.active_object, *context.selected_objects) if obj and obj.type == "MESH"]
+    meshes = selected_meshes(context)
     of_mesh = {obj.data: obj for obj in reversed(meshes) if obj != source}
     return list(dict.fromkeys(obj for obj in meshes if of_mesh.get(obj.data) == obj))
 
@@ -121,7 +131,8 @@ def source_of_worn(context: Context, target: Object, named: str = "") -> str:
 def worn_names(context: Context, source: str, target: str, collection: str = "") -> list[str]:
     """The names of the objects to dress a target with.
 
-    They are the objects in the named collection, else in the one chosen in the scene, else all selected objects.
+    They are the objects in the named collection, else in the one chosen in the scene, else all selected objects; of
+    copies that the target wears already, those that were copied.
 
     Raises:
         MeshError: there is no such collection.
@@ -134,4 +145,16 @@ def worn_names(context: Context, source: str, target: str, collection: str = "")
                 "There is no collection '{collection}' in the scene: choose another one.", collection=collection
             )
     objects = context.selected_objects if chosen is None else chosen.all_objects
-    return [obj.name for obj in objects if obj.name not in (source, target)]
+    names = (original_name(obj, target) for obj in objects)
+    return [name for name in dict.fromkeys(names) if name not in (source, target)]
+
+
+def select_only(context: Context, names: Sequence[str]) -> None:
+    """Select the objects of some names, and no others; the first becomes active unless one of them is."""
+    for obj in context.selected_objects:
+        obj.select_set(False)
+    chosen = [context.view_layer.objects[name] for name in names if name in context.view_layer.objects]
+    for obj in chosen:
+        obj.select_set(True)
+    if chosen and context.active_object not in chosen:
+        context.view_layer.objects.active = chosen[0]

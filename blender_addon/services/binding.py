@@ -384,15 +384,20 @@ def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
     ]
 
 
+def is_at_source(report: Mapping[str, Any]) -> bool:
+    """Whether a transfer bound the target, and moved it to the place of its source."""
+    return bool(report["bound"]) and "moved" not in report["bound"]
+
+
 def hide_sources(context: Context, reports: Iterable[Mapping[str, Any]]) -> None:
-    """Hide the sources of bound targets, which are at the same place.
+    """Hide the sources of targets that were bound at their place.
 
     Args:
         context: Blender's.
         reports: reports of transfers.
     """
     for report in reports:
-        for name in (report["source"], *report["others"]) if report["bound"] else ():
+        for name in (report["source"], *report["others"]) if is_at_source(report) else ():
             find_mesh(context, name).hide_set(True)
 
 

@@ -10,6 +10,7 @@ import bpy
 from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import warning
 from zoomout_core.runtime.outputs import check_output, is_same_file
 
 from .. import mesh_data
@@ -126,12 +127,12 @@ async def _prepare(
     context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
 ) -> Write[dict[str, Any]]:
     """Prepare a transfer that binds the target if possible, else notes why not."""
-    unbound = ""
+    unbound: str = ""
     if binding is not None:
         try:
             return await prepare_transfer(context, source, target, data, settings, binding)
         except zo.MeshError as error:
-            unbound = f"'{target}' was not bound to a rig: {error}"
+            unbound = warning("'{target}' was not bound to a rig: {reason}", target=target, reason=error)
     write = await prepare_transfer(context, source, target, data, settings)
     if not unbound:
         return write

@@ -301,7 +301,7 @@ def _match_of_target(
         confidence[elsewhere] = 0
         notes.append(
             message(
-                "{count} vertices correspond to objects other than {sources}: mapped to the nearest "
+                "{count:,} vertices correspond to objects other than {sources}: mapped to the nearest "
                 "point there, with zero confidence.",
                 count=len(elsewhere),
                 sources=names,

@@ -27,7 +27,7 @@ from ..storage import stored_match
 from .binding import read_sources_at_rest
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import is_probably_wrong, make_match, store_and_stop
+from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.
@@ -160,6 +160,7 @@ async def prepare_dress(
     dressing: Dressing,
     adjusted: bool = False,
     force: bool = False,
+    remedy: str = CALL_WITH_FORCE,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -172,6 +173,7 @@ async def prepare_dress(
         dressing: how to dress the target.
         adjusted: whether this repeats the last operation with other settings, and may reuse its undone match.
         force: whether to use a new match that is probably wrong; else only the match is stored.
+        remedy: a sentence for the refusal of such a match: how to use it all the same.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -186,7 +188,7 @@ async def prepare_dress(
         with portion(0, begin):
             match, made_with = await make_match(context, pair, adjusted, match_options)
         if not adjusted and not force and is_probably_wrong(match):
-            return partial(store_and_stop, context, pair, match, made_with)
+            return partial(store_and_stop, context, pair, match, made_with, remedy)
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):
@@ -417,7 +419,7 @@ def _notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[str]:
     """A sentence for each copy that is stretched somewhere."""
     return [
         warning(
-            "{count} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
+            "{count:,} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
             count=int(stretched.sum()),
             name=each.name,
         )
@@ -445,7 +447,7 @@ def _write(
     """Add the copies; returns their names by those of the originals, and notes."""
     target = find_mesh(context, pair.target_name)
     bodies = [find_mesh(context, name) for name in pair.source_names]
-    collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")
+    collection = mesh_data.collection_beside(context, target, mesh_data.dress_name(target.name))
     made, notes = {}, []
     for number, worn in enumerate(fitting.worn):
         positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]

@@ -28,7 +28,7 @@ def same_order(pair: ObjectPair) -> StoredMatch:
     source, target = pair.source, pair.target
     if len(source.vertices) != len(target.vertices):
         raise zo.MeshError(
-            "'{source}' has {source_vertices} vertices but '{target}' has {target_vertices}, so "
+            "'{source}' has {source_vertices:,} vertices but '{target}' has {target_vertices:,}, so "
             "their vertex order differs: choose another method.",
             source=pair.source_name,
             source_vertices=len(source.vertices),
@@ -60,7 +60,8 @@ def same_order(pair: ObjectPair) -> StoredMatch:
         surface_map.triangle[loose], surface_map.barycentric[loose] = places
         notes.append(
             message(
-                "{count} vertices belong to no face of the source: mapped to the nearest point, with zero confidence.",
+                "{count:,} vertices belong to no face of the source: mapped to the nearest point, with zero "
+                "confidence.",
                 count=len(loose),
             )
         )
@@ -80,8 +81,8 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
     least = int(vertex.max(initial=-1)) + 1 if whole else 0
     if not whole or len(vertex) != len(pair.target.vertices) or least > len(pair.source.vertices) or vertex.min() < 0:
         raise zo.MeshError(
-            "{path} maps {vertices} vertices to a mesh of at least {least}, but '{target}' has "
-            "{target_vertices} and '{source}' has {source_vertices}: choose the file of these two "
+            "{path} maps {vertices:,} vertices to a mesh of at least {least:,}, but '{target}' has "
+            "{target_vertices:,} and '{source}' has {source_vertices:,}: choose the file of these two "
             "meshes, in this direction.",
             path=path,
             vertices=len(vertex),

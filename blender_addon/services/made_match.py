@@ -9,7 +9,7 @@ import bpy
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.matching.report.verdict import RED
+from zoomout_core.matching.report.verdict import RED, RefusedMatchError
 
 from ..mesh_data import ObjectPair
 from ..scene.pair import writing
@@ -17,6 +17,9 @@ from ..storage.stored_match import Match
 from ..translations import translated
 from .candidates import cache_made_match, last_made_match, store_match
 from .constraints import match_pair, settings_to_store
+
+# How a script uses a match all the same; other callers give a sentence of their own.
+CALL_WITH_FORCE = "To use this match all the same, call the function with force=True."
 
 
 async def make_match(
@@ -43,7 +46,12 @@ def is_probably_wrong(match: Match) -> TypeGuard[zo.MatchResult]:
 
 
 def store_and_stop(
-    context: Context, pair: ObjectPair, match: zo.MatchResult, settings: dict[str, Any], undo_step: bool = False
+    context: Context,
+    pair: ObjectPair,
+    match: zo.MatchResult,
+    settings: dict[str, Any],
+    remedy: str,
+    undo_step: bool = False,
 ) -> NoReturn:
     """Store a match that is probably wrong, so that the user can look at it, and do nothing else.
 
@@ -52,20 +60,22 @@ def store_and_stop(
         pair: the matched objects.
         match: the match.
         settings: the options that it was made with.
+        remedy: a sentence that says how to use the match all the same.
         undo_step: whether to push an undo step.
 
     Raises:
-        MeshError: always; the message says how to go on.
+        RefusedMatchError: always; the message says how to go on.
     """
     with writing(context, pair) as (_, target):
         store_match(target.data, match, pair, settings)
     if undo_step:
         push_match()
-    raise zo.MeshError(
-        "{reason} {advice} '{target}' was matched but not changed: to use this match all the same, start again.",
+    raise RefusedMatchError(
+        "{reason} {advice} '{target}' was matched but not changed. {remedy}",
         reason=match.verdict.sentence,
         advice=match.verdict.advice,
         target=pair.target_name,
+        remedy=remedy,
     )
 
 

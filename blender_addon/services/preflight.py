@@ -19,7 +19,7 @@ from .. import mesh_data
 from ..scene.landmarks import landmarks_fingerprint
 from ..scene.mesh_facts import facts, latest_facts
 from ..scene.pair import check_distinct, check_writable, users_of_mesh
-from ..scene.selection import choose_source, chosen_targets, match_source, own_sources
+from ..scene.selection import choose_source, chosen_targets, match_source, own_sources, selected_meshes
 from ..storage import stored_match
 
 # Meshes with fewer vertices have too few features for a match.
@@ -93,7 +93,7 @@ def _is_any_chosen(context: Context) -> bool:
     if context.scene.zoomout.source is not None:
         return True
     active = context.active_object
-    return active is not None and any(obj.type == "MESH" and obj != active for obj in context.selected_objects)
+    return active is not None and any(obj != active for obj in selected_meshes(context))
 
 
 def evaluated_data(context: Context, obj: Object) -> Mesh | None:
@@ -203,7 +203,7 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
         count, known = len(obj.data.vertices), latest_facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
             yield message(
-                "'{name}' has only {count} vertices, too few for automatic matching: subdivide it, or "
+                "'{name}' has only {count:,} vertices, too few for automatic matching: subdivide it, or "
                 "use Nearest Points.",
                 name=obj.name,
                 count=count,

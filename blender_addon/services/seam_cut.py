@@ -69,9 +69,9 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
         divided.free()
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
-    whole = message("; {count} faces crossed by several seams were not cut", count=cut.left) if cut.left else ""
+    whole = message("; {count:,} faces crossed by several seams were not cut", count=cut.left) if cut.left else ""
     return message(
-        "Cut '{target}' along the seams of '{uv_map}', adding {vertices} vertices and {faces} faces{left}",
+        "Cut '{target}' along the seams of '{uv_map}', adding {vertices:,} vertices and {faces:,} faces{left}",
         target=target_name,
         uv_map=uv.name,
         vertices=vertices,

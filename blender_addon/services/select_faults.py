@@ -98,12 +98,12 @@ def stretched_vertices(target: Object) -> Booleans | None:
 VERTICES = (
     "no vertices of '{name}', {share:.1%} of its area",
     "{count} vertex of '{name}', {share:.1%} of its area",
-    "{count} vertices of '{name}', {share:.1%} of its area",
+    "{count:,} vertices of '{name}', {share:.1%} of its area",
 )
 FACES = (
     "no faces of '{name}', {share:.1%} of its area",
     "{count} face of '{name}', {share:.1%} of its area",
-    "{count} faces of '{name}', {share:.1%} of its area",
+    "{count:,} faces of '{name}', {share:.1%} of its area",
 )
 
 # Selects the elements, and returns a sentence about them.

@@ -44,11 +44,11 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
-from .binding import Bound, check_binding, keep_match, prepare_binding, write_bound
+from .binding import Bound, check_binding, hide_sources, is_at_source, keep_match, prepare_binding, write_bound
 from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
-from .made_match import is_probably_wrong, make_match, push_match, store_and_stop
+from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -62,6 +62,7 @@ def transfer_objects(
     data: Collection[str] = USUAL_DATA,
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
+    hide_source: bool = True,
     **match_options: Any,
 ) -> dict[str, Any]:
     """Transfer data between two mesh objects, along the match stored on the target, or a new one.
@@ -73,6 +74,7 @@ def transfer_objects(
         data: the kinds of data, of `DATA`; all but the source's own shape, when not given.
         settings: how to transfer the data.
         binding: how to bind the target to the source's armature; it is not bound when not given.
+        hide_source: whether to hide the source in the viewport if the target is bound at its place, as the buttons do.
         match_options: options of `match_objects`, for a new match; with `force=True` data is transferred along it even
             if it is probably wrong.
 
@@ -84,7 +86,10 @@ def transfer_objects(
             match was stored.
         TypeError: an option of the match is unknown.
     """
-    return run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
+    report = run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
+    if hide_source:
+        hide_sources(context, [report])
+    return report
 
 
 def bind_to_rig(
@@ -93,6 +98,7 @@ def bind_to_rig(
     target: Object,
     binding: Binding | None = None,
     settings: Settings = DEFAULT,
+    hide_source: bool = True,
     **match_options: Any,
 ) -> dict[str, Any]:
     """Transfer the vertex groups, move the target to the rest pose, and bind it to the source's armature.
@@ -106,6 +112,7 @@ def bind_to_rig(
         binding: whether the target is at rest already, and whether to replace another binding; when not given, the pose
             is detected, and a bound target is rejected.
         settings: how to transfer weights.
+        hide_source: whether to hide the source in the viewport, as the button does: the target is at its place then.
         match_options: options of `match_objects`, for a new match.
 
     Returns:
@@ -115,7 +122,8 @@ def bind_to_rig(
         MeshError: the target cannot be bound; nothing was written.
         TypeError: an option of the match is unknown.
     """
-    return transfer_objects(context, source, target, (), settings, binding or Binding(), **match_options)
+    how = binding or Binding()
+    return transfer_objects(context, source, target, (), settings, how, hide_source, **match_options)
 
 
 def move_rig(
@@ -173,6 +181,7 @@ async def prepare_transfer(
     binding: Binding | None = None,
     adjusted: bool = False,
     force: bool = False,
+    remedy: str = CALL_WITH_FORCE,
     undo_step: bool = False,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
@@ -189,6 +198,7 @@ async def prepare_transfer(
         binding: how to bind the target to the source's rig; None not to bind it.
         adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
         force: whether to transfer along a new match that is probably wrong.
+        remedy: a sentence for the refusal of such a match: how to use it all the same.
         undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
         match_options: options of `match_objects`.
     """
@@ -211,7 +221,7 @@ async def prepare_transfer(
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
     if stored is None and not adjusted and not force and is_probably_wrong(match):
-        return partial(store_and_stop, context, pair, match, made_with, undo_step)
+        return partial(store_and_stop, context, pair, match, made_with, remedy, undo_step)
     job = TransferJob(match, pair, remarks, settings, blend)
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
@@ -353,13 +363,8 @@ def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
         hidden: whether the sources of bound targets were hidden.
     """
     return enumeration(
-        (_place(report, hidden) if _is_at_source(report) else summary(report) for report in reports), "; "
+        (_place(report, hidden) if is_at_source(report) else summary(report) for report in reports), "; "
     )
-
-
-def _is_at_source(report: dict[str, Any]) -> bool:
-    """Whether a target was moved to its source."""
-    return bool(report["bound"]) and "moved" not in report["bound"]
 
 
 def _place(report: dict[str, Any], hidden: bool) -> str:

@@ -29,7 +29,7 @@ from ..storage import stored_match
 from . import previews
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import is_probably_wrong, make_match, store_and_stop
+from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.
@@ -113,6 +113,7 @@ async def prepare_wrap(
     wrapping: Wrapping,
     adjusted: bool = False,
     force: bool = False,
+    remedy: str = CALL_WITH_FORCE,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`wrap` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -124,6 +125,7 @@ async def prepare_wrap(
         wrapping: how to wrap.
         adjusted: whether this repeats the last wrap with other settings, and may reuse its undone match.
         force: whether to use a new match that is probably wrong; else only the match is stored.
+        remedy: a sentence for the refusal of such a match: how to use it all the same.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -137,7 +139,7 @@ async def prepare_wrap(
         with portion(0, begin):
             match, made_with = await make_match(context, pair, adjusted, match_options)
         if not adjusted and not force and is_probably_wrong(match):
-            return partial(store_and_stop, context, pair, match, made_with)
+            return partial(store_and_stop, context, pair, match, made_with, remedy)
     else:
         match, made_with = stored, stored.settings
     with portion(begin, 1):

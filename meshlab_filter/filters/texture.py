@@ -15,6 +15,7 @@ from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGE
 from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.textures import Textures, image_of, pixels
+from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute, Domain, Kind, map_target
 from zoomout_core.transfer.uv.bake import Picture, bake
@@ -84,7 +85,13 @@ def transfer_texture_by_zoomout(
     outside = int(baked.outside.sum())
     notes = [*report["notes"]]
     if outside:
-        notes.append(f"{outside} faces of layer '{target.label}' are outside the unit square, and were not baked.")
+        notes.append(
+            warning(
+                "{count:,} faces of layer '{name}' are outside the unit square, and were not baked.",
+                count=outside,
+                name=target.label,
+            )
+        )
     return {**report, "mesh_id": add_layer(ms, new), "notes": notes}
 
 

@@ -23,6 +23,7 @@ from meshlab_filter.mesh_data import (
 )
 from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
+from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
@@ -202,13 +203,19 @@ def _notes(target: Layer, new: Layer) -> list[str]:
     unread = new.textures.names.count(DUMMY)
     if unread:
         notes.append(
-            f"MeshLab could not read {unread} of the texture images and shows a checkerboard: put PNG images next to "
-            "the mesh, because its wheels may not support JPEG."
+            warning(
+                "MeshLab could not read {count} of the texture images and shows a checkerboard: put PNG images next to "
+                "the mesh, because its wheels may not support JPEG.",
+                count=unread,
+            )
         )
     absent = [name for name in new.textures.names if name not in new.textures.images]
     if absent:
         notes.append(
-            f"The MeshSet has no image for {' and '.join(absent)}: load the mesh from its file, because pymeshlab "
-            "does not copy images between MeshSets."
+            warning(
+                "The MeshSet has no image for {names}: load the mesh from its file, because pymeshlab does not copy "
+                "images between MeshSets.",
+                names=" and ".join(absent),
+            )
         )
     return notes

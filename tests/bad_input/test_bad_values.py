@@ -84,7 +84,7 @@ def test_values_that_are_not_finite_are_filled_in_and_counted(domain: zo.Domain,
     values[wrong] = value
     moved = zo.transfer(zo.Attribute("heat", domain, zo.Kind.SCALAR, values), IDENTITY, SOURCE, SOURCE)
     assert np.isfinite(moved.values).all()
-    assert moved.notes[0].startswith(f"{len(wrong)} of {len(values)} values of 'heat' are not finite")
+    assert moved.notes[0].startswith(f"{len(wrong)} of {len(values):,} values of 'heat' are not finite")
     assert np.abs(moved.values - places[:, 2]).max() < 1.5
     assert np.abs(moved.values - places[:, 2]).mean() < 0.1
 

@@ -26,7 +26,7 @@ from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, sn
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import api, jobs, mesh_data
+from blender_addon import api, cli, jobs, mesh_data
 from blender_addon.scene.pair import read_pair
 from blender_addon.services import previews
 from blender_addon.services.select_faults import select_stretched, stretched_vertices
@@ -624,6 +624,20 @@ def test_the_source_is_hidden_after_binding_if_that_is_chosen(hidden):
     assert source.hide_get() == hidden
     activate(second)
     assert bpy.ops.zoomout.bind_to_rig(source="Source", hide_source=hidden) == {"FINISHED"}
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_scripts_and_the_command_line_hide_the_source_like_the_button(hidden):
+    source, armature = source_and_rig()
+    target, _ = pose_target(source, armature)
+    second, _ = pose_target(source, armature, name="Second")
+    api.bind_to_rig(bpy.context, source, target, hide_source=hidden)
+    assert source.hide_get() == hidden
+    source.hide_set(False)
+    arguments = ["transfer", "--source", "Source", "--target", "Second", "--data", "vertex_groups", "--bind"]
+    assert cli.main([*arguments, *["--no-hide-source"] * (not hidden)]) == 0
+    assert second.parent == armature
+    assert source.hide_get() == hidden
 
 
 def test_stretched_vertices_of_a_mesh_that_was_not_bound_cannot_be_selected(source, target):

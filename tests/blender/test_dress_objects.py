@@ -7,10 +7,11 @@ import pytest
 from bent_tube import tube, weights_of
 from mathutils import Matrix
 from rigged import BONES, OTHER, mesh_object, pose_target, set_pose, source_and_rig, visible_positions
-from scenes import activate, add_uv_map, key_shape, link, positions, set_weights, snapshot
+from scenes import activate, add_uv_map, key_shape, link, positions, set_weights, snapshot, snapshot_file
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.scene.selection import chosen_targets, source_name
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.transfer.dressing import dress
 
@@ -182,11 +183,32 @@ def test_what_cannot_be_carried_is_said(source):
     assert list(report["left_out"]) == ["Empty"]
 
 
+def test_undoing_a_dress_is_one_step_and_restores_the_selection(source):
+    body, armature = source
+    cloth = sleeve(armature)
+    target, _ = pose_target(body, armature, {})
+    activate(target, cloth)
+    bpy.context.scene.zoomout.source = body
+    before = snapshot_file()
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.zoomout.dress("EXEC_DEFAULT", True) == {"FINISHED"}
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+    assert {obj.name for obj in bpy.context.selected_objects} == {"Target", "Sleeve"}
+
+
 def test_the_button_takes_the_selection_or_a_collection(source):
     body, armature = source
     cloth = sleeve(armature)
     target, _ = pose_target(body, armature, {})
     activate(target, cloth, body)
+    assert bpy.ops.zoomout.dress() == {"FINISHED"}
+    assert [obj["zoomout_dressed"] for obj in bpy.data.collections["Target Dress"].objects] == ["Sleeve"]
+    # The copies are selected, but are neither targets nor the source, and dressing again replaces them.
+    (copy,) = bpy.data.collections["Target Dress"].objects
+    assert set(bpy.context.selected_objects) == {target, copy}
+    assert chosen_targets(bpy.context, body) == [target]
+    assert source_name(bpy.context, target) == body.name
     assert bpy.ops.zoomout.dress() == {"FINISHED"}
     assert [obj["zoomout_dressed"] for obj in bpy.data.collections["Target Dress"].objects] == ["Sleeve"]
     clothes = bpy.data.collections.new("Clothes")

@@ -3,7 +3,7 @@
 
 import bpy
 import pytest
-from scenes import activate, from_pydata
+from scenes import activate, from_pydata, snapshot_file
 
 import zoomout_core as zo
 from blender_addon import api
@@ -104,3 +104,25 @@ def test_appending_keeps_the_selection_and_leaves_nothing_if_it_fails(target, tm
     with pytest.raises(zo.MeshError, match="has no mesh"):
         append_source(bpy.context, tmp_path / "marker.blend")
     assert (set(bpy.data.objects.keys()), set(bpy.data.collections.keys())) == before
+
+
+@pytest.mark.parametrize("ending", [".blend", ".glb", ".ply"])
+def test_undoing_an_append_is_one_step_and_leaves_nothing(target, tmp_path, ending):
+    path = tmp_path / f"hero{ending}"
+    save_scene(path)
+    other = from_pydata("Other", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    bpy.context.view_layer.update()
+    activate(target, other)
+    bpy.ops.ed.undo_push(message="before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.append_source("EXEC_DEFAULT", True, path=str(path)) == {"FINISHED"}
+    source = bpy.context.scene.zoomout.source
+    assert source.name != "Scan"
+    assert (bpy.context.active_object.name, len(bpy.context.selected_objects)) == ("Scan", 2)
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+    assert bpy.context.scene.zoomout.source is None
+    assert bpy.context.active_object.name == "Scan"
+    assert {obj.name for obj in bpy.context.selected_objects} == {"Scan", "Other"}
+    bpy.ops.ed.redo()
+    assert bpy.context.scene.zoomout.source is not None

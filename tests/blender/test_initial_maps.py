@@ -60,7 +60,7 @@ def test_meshes_of_another_count_or_order_are_refused_in_one_sentence(source, ta
     target.data.vertices.add(1)
     target.data.update()
     bpy.context.view_layer.update()
-    with pytest.raises(zo.MeshError, match=f"^'Source' has {count} vertices but 'Target' has {count + 1}, so"):
+    with pytest.raises(zo.MeshError, match=f"^'Source' has {count:,} vertices but 'Target' has {count + 1:,}, so"):
         match_objects(bpy.context, source, target, initial="same_order")
 
 

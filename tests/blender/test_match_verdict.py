@@ -47,7 +47,7 @@ def test_a_damaged_verdict_is_not_known(damaged):
 
 def test_a_new_match_that_is_probably_wrong_stops_the_transfer_once(source, target, wrong):
     add_uv_map(source.data, "Layout")
-    with pytest.raises(zo.MeshError, match="'Target' was matched but not changed"):
+    with pytest.raises(zo.MeshError, match=r"'Target' was matched but not changed.*force=True"):
         transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
     assert "Layout" not in target.data.uv_layers
     assert stored_match.verdict_of(stored_match.description(target.data)).level == RED
@@ -73,15 +73,34 @@ def test_it_stops_a_wrap_and_a_dress_once_too(source, target, wrong, operate):
     assert getattr(api, operate)(bpy.context, source, target, *given, k_final=30, force=True)
 
 
-def test_force_transfers_all_the_same(source, target, wrong, tmp_path):
+def test_force_transfers_all_the_same(source, target, wrong, tmp_path, capsys):
     add_uv_map(source.data, "Layout")
     arguments = ["transfer", "--source", "Source", "--target", "Target", "--data", "uv_maps", "--k-final", "30"]
     report = tmp_path / "report.json"
     assert cli.main([*arguments, "--report", str(report)]) == 1
-    assert "probably wrong" in json.loads(report.read_text())["targets"]["Target"]["error"]
+    error = json.loads(report.read_text())["targets"]["Target"]["error"]
+    assert "probably wrong" in error
+    assert error.endswith("give --force.")
     stored_match.remove(target.data)
-    assert cli.main([*arguments, "--force"]) == 0
+    capsys.readouterr()
+    assert cli.main([*arguments, "--force", "--report", str(report)]) == 0
     assert "Layout" in target.data.uv_layers
+    said = capsys.readouterr().out.splitlines()
+    place = said.index("zoomout: transfer to 'Target' done")
+    assert said[place + 1].startswith("zoomout:   Red: The match is probably wrong")
+    # The match is stored now, so that options of a match have no effect.
+    assert cli.main([*arguments[:-1], "20", "--report", str(report)]) == 0
+    unused, *_ = json.loads(report.read_text())["targets"]["Target"]["warnings"]
+    assert unused.startswith("The existing match was used")
+    assert f"zoomout:   Warning: {unused}" in capsys.readouterr().out.splitlines()
+
+
+def test_the_operator_says_what_to_press_to_use_it_all_the_same(source, target, wrong):
+    add_uv_map(source.data, "Layout")
+    activate(target, source)
+    with pytest.raises(RuntimeError, match=r"To use this match all the same, press Transfer\."):
+        bpy.ops.zoomout.transfer(k_final=30)
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
 
 
 def test_undoing_a_transfer_keeps_its_match(source, target):

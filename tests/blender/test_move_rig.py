@@ -40,6 +40,7 @@ def match_anew(target, at_rest):
 
 def move(source, target, **binding):
     report = api.move_rig(bpy.context, source, target, api.Binding(**binding))
+    assert not source.hide_get()  # the target is not at its place
     return report, bpy.data.objects[report["bound"]["armature"]]
 
 

@@ -233,6 +233,10 @@ def test_a_candidate_is_no_higher_than_two_buttons(source, target, monkeypatch):
     heights = [size for kind, _, size in drawn() if kind == "icon"]
     assert len(heights) == 1 + len(listing.candidates)
     assert max(heights) <= 2
+    everything = []
+    result._draw_candidates(Layout(everything), listing, enabled=True)
+    (column,) = [usable.__self__ for kind, text, usable in everything if (kind, text) == ("label", "Source")]
+    assert column.scale_y == max(heights)  # its text is in the middle of the thumbnail
 
 
 def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):

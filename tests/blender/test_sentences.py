@@ -48,7 +48,7 @@ COMPOSED = {
     message("{layer}: {count:,} of {total:,} faces have flipped UVs.", layer="UVMap", count=3, total=90): (
         "UVMap: 3 von 90 Flächen haben umgekehrte UVs."
     ),
-    message("{layer}: {count} edges of the source belong to no face and were left out.", layer=SEAMS, count=3): (
+    message("{layer}: {count:,} edges of the source belong to no face and were left out.", layer=SEAMS, count=3): (
         "Nähte: 3 Kanten der Quelle gehören zu keiner Fläche und wurden ausgelassen."
     ),
     detect.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",

@@ -209,6 +209,11 @@ def test_dressing_is_translated_into_each_language():
         assert sorted(wanted - catalogue.keys()) == [], code
 
 
+def test_numbers_of_elements_have_separators_of_thousands():
+    plain = re.compile(r"\{count\} (of \{total\} )?(vertices|faces|triangles|edges|points|values)")
+    assert list(filter(plain.search, templates())) == []
+
+
 @pytest.mark.parametrize("code", translations.LANGUAGES)
 def test_no_translation_is_stale(code):
     assert sorted(translations.LANGUAGES[code].keys() - registered() - literals()) == []

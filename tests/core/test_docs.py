@@ -103,6 +103,11 @@ def test_all_public_names_stand_in_the_reference() -> None:
     assert told == set(zo.__all__)
 
 
+def test_every_picture_is_in_a_page() -> None:
+    pages = "".join(map(text_of, PAGES))
+    assert [path.name for path in sorted((DOCS / "images").iterdir()) if path.name not in pages] == []
+
+
 def test_every_page_is_reached() -> None:
     listed = set(re.findall(r"(?m)^([\w/]+\*?)$", text_of(DOCS / "index.md")))
     pages = {page.relative_to(DOCS).with_suffix("").as_posix() for page in DOCS.rglob("*.md")}

@@ -20,6 +20,8 @@ from zoomout_core.messages import (
     from_json,
     is_warning,
     message,
+    note_figures,
+    note_lines,
     plural,
     probability,
     sentences,
@@ -76,6 +78,12 @@ def test_warnings_stay_warnings(passed) -> None:  # type: ignore[no-untyped-def]
     assert is_warning(passed(warns))
     assert not is_warning(passed(note))
     assert not is_warning("plain text")
+
+
+def test_printed_warnings_come_first_and_are_marked_and_programs_get_a_list_of_them() -> None:
+    note, warns = message("{count} are hidden.", count=2), warning("{count} are torn.", count=3)
+    assert note_lines(iter([note, warns, "Plain."])) == ["Warning: 3 are torn.", "2 are hidden.", "Plain."]
+    assert note_figures(iter([note, warns])) == {"notes": [note, warns], "warnings": [warns]}
 
 
 def test_values_are_those_that_json_holds() -> None:

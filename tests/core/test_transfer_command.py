@@ -133,11 +133,14 @@ def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None
     write_asset(Asset(made.surface), files[1])
     arguments = "match", *map(str, files), "-o", str(tmp_path / "map.npz"), "--detail", "fast"
     said = CliRunner().invoke(main, arguments).stdout
-    assert "Share of the target's area by part of the source: 'Skin' " in said
-    assert "Almost nothing arrives from 'Hat'." in said
+    assert "\nShare of the target's area by part of the source: 'Skin' " in said
+    silent = "Almost nothing arrives from 'Hat'."
+    assert f"\nWarning: {silent}" in said
     code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
     assert code == 0, said
     (report,) = json.loads(said)["targets"]
+    assert silent in report["warnings"]
+    assert set(report["warnings"]) < set(report["notes"])
     parts = {part["material"]: part for part in report["parts"]}
     assert {part["part"] for part in parts.values()} == set(names)
     assert {part["name"] for part in parts.values()} == {"source"}

@@ -17,9 +17,11 @@ from PIL import Image
 import zoomout_core
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
+from meshlab_filter.filters import common
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import write_asset
 from zoomout_core.matching.report.verdict import judge
+from zoomout_core.messages import message, warning
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 
@@ -71,6 +73,7 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
 
 
 def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path, monkeypatch):
+    monkeypatch.setattr(common, "notes_on_parts", lambda *_: (message("Parts."), warning("One is silent.")))
     monkeypatch.setattr(zoomout_core.MatchResult, "verdict", judge(0.1))
     folder, _ = files
     arguments = folder / "creature.ply", folder / "target.ply", "-o", tmp_path / "result.ply"
@@ -81,6 +84,8 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path
     ran = run(*arguments, "--force")
     assert ran.exit_code == 0, ran.output
     assert "Red: The match is probably wrong" in ran.output
+    assert "\nWarning: One is silent.\n" in ran.output
+    assert "\nParts.\n" in ran.output
 
 
 @pytest.mark.slow

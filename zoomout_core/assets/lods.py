@@ -180,7 +180,7 @@ def _level(
     if count > MORE * wanted:
         notes.append(
             message(
-                "The level has {count} vertices instead of {wanted}, because its borders and parts would be lost.",
+                "The level has {count:,} vertices instead of {wanted:,}, because its borders and parts would be lost.",
                 count=count,
                 wanted=wanted,
             )

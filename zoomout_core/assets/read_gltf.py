@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, vstack
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
 from zoomout_core.assets.gltf import INSTANCES, PLACE, STORED_MAP, Document, morph_target_names
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.messages import warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.skinning import blend_matrices, normalise, transform_points
 
@@ -51,6 +52,7 @@ class _Mesh:
         keys: names of the morph targets.
         joint: (n, s) numbers of joints in the skin.
         weight: (n, s) weights of these joints.
+        bare: the number of vertices whose weights are all zero in the file.
         place: (n, 4) rows of a stored map; None without one.
     """
 
@@ -64,6 +66,7 @@ class _Mesh:
     keys: tuple[str, ...]
     joint: Integers
     weight: Floats
+    bare: int
     place: Floats | None
 
 
@@ -94,7 +97,7 @@ def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
         materials,
         skin,
         document,
-        (*_omissions(path, document, nodes), *document.notes),
+        (*_omissions(path, document, nodes), *_without_weights(path, meshes), *document.notes),
         objects=tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes),
         nodes=tuple(mesh.node for mesh in meshes),
         look=document,
@@ -158,6 +161,21 @@ def _omissions(path: Path, document: Document, nodes: Sequence[int]) -> list[str
     return found
 
 
+def _without_weights(path: Path, meshes: Sequence[_Mesh]) -> list[str]:
+    """A note on vertices of skinned meshes without weights."""
+    count = sum(mesh.bare for mesh in meshes)
+    if not count:
+        return []
+    return [
+        warning(
+            "{count:,} vertices in {name} have no skin weights and follow the first joint that they list, as in "
+            "Blender: check whether they move with the vertices around them.",
+            count=count,
+            name=path.name,
+        )
+    ]
+
+
 def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
     """Reverse the faces of a mesh if its node mirrors it; the node of a skinned mesh does not count."""
     if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
@@ -198,7 +216,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
             at = target.get("POSITION") if isinstance(target, dict) else target.POSITION
             if at is not None:
                 offsets[start : start + count, key] = document.array(at)
-    joint, weight = _influences(rows)
+    joint, weight, bare = _influences(rows)
     broken = np.isnan(rows["POSITION"]).any(axis=1)  # vertices that keep their numbers, and lose their triangles
     offsets[broken], weight[broken] = 0, 0
     row = np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * targets)])
@@ -226,6 +244,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
         keys,
         joint[chosen],
         weight[chosen],
+        0 if node.skin is None else int((bare & ~broken)[chosen].sum()),
         rows[PLACE][chosen] if PLACE in rows and all(PLACE in each for each in attributes) else None,
     )
 
@@ -258,15 +277,21 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
     return numbers[: len(numbers) // 3 * 3].reshape(-1, 3)
 
 
-def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats]:
-    """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0."""
+def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
+    """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0.
+
+    Where all weights are zero, which glTF leaves undefined, the first joint has a weight of one, as when Blender
+    imports the file; the last array (n,) marks these vertices.
+    """
     count = len(rows["POSITION"])
     sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows and f"WEIGHTS_{number}" in rows]
     joint = np.hstack([np.zeros((count, 0)), *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
     weight = np.hstack([np.zeros((count, 0)), *(rows[f"WEIGHTS_{number}"] for number in sets)])
-    order = np.lexsort((joint, -weight)) if joint.shape[1] else np.zeros_like(joint)
+    bare = (weight <= 0).all(axis=1) & bool(sets)
+    weight[bare, :1] = 1
+    order = np.lexsort((joint, -weight)) if sets else np.zeros_like(joint)
     joint, weight = np.take_along_axis(joint, order, 1), np.take_along_axis(weight, order, 1)
-    return np.where(weight > 0, joint, 0), np.maximum(weight, 0)
+    return np.where(weight > 0, joint, 0), np.maximum(weight, 0), bare
 
 
 # --- attributes ---------------------------------------------------------------------------------------------

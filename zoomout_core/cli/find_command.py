@@ -21,7 +21,7 @@ from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import message, probability
+from zoomout_core.messages import message, note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import check_output
 
 NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout library` prepares them or says why not."
@@ -88,8 +88,8 @@ def find(
         if output is None:
             with progress_bar():
                 found = find_source(targets[0], libraries)
-            figures = {"target": str(targets[0]), **_figures(found), "notes": notes}
-            say([*_lines(found), *notes], figures, as_json)
+            figures = {"target": str(targets[0]), **_figures(found), **note_figures(notes)}
+            say([*_lines(found), *note_lines(notes)], figures, as_json)
             sys.exit(FAILED if found.refusal else 0)
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
@@ -103,8 +103,8 @@ def find(
         write_reports(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    lines = [*lines_of_targets(result), *notes, f"Written to {output}; open {output / PAGE}."]
-    say(lines, {**figures_of_targets(result), "notes": notes}, as_json)
+    lines = [*lines_of_targets(result), *note_lines(notes), f"Written to {output}; open {output / PAGE}."]
+    say(lines, {**figures_of_targets(result), **note_figures(notes)}, as_json)
     fitting = [bool(record.source) for record in result.records.values()] + [False] * len(result.failures)
     if not all(fitting):
         sys.exit(PARTLY if any(fitting) else FAILED)

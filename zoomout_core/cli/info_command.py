@@ -15,6 +15,7 @@ from zoomout_core.assets.files import read_asset
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import folders_option
 from zoomout_core.mesh.triangles import border_edges
+from zoomout_core.messages import note_figures, note_lines
 
 
 @click.command()
@@ -51,22 +52,26 @@ def _figures(asset: Asset) -> dict[str, Any]:
         "joints": [] if skin is None else list(skin.names),
         "animations": [] if asset.document is None else [each.name for each in asset.document.gltf.animations],
         "avatar": None if avatar is None else asdict(avatar),
-        "notes": list(asset.notes),
+        **note_figures(asset.notes),
     }
 
 
 def _lines(figures: dict[str, Any]) -> list[str]:
     size = " x ".join(f"{extent:.4g}" for extent in figures["size"])
     lines = [
-        f"{figures['vertices']} vertices, {figures['faces']} faces ({figures['triangles']} triangles), "
-        f"loose parts: {figures['parts']}, border edges: {figures['border_edges']}.",
+        f"{figures['vertices']:,} vertices, {figures['faces']:,} faces ({figures['triangles']:,} triangles), "
+        f"loose parts: {figures['parts']:,}, border edges: {figures['border_edges']:,}.",
         f"Size {size}, area {figures['area']:.4g}.",
     ]
     for name in ("attributes", "materials", "shape_keys", "joints", "animations"):
         if figures[name]:
             words = name.replace("_", " ").capitalize()
             lines.append(f"{words} ({len(figures[name])}): {', '.join(map(str, figures[name]))}.")
-    return [*lines, *([] if figures["avatar"] is None else _avatar_lines(figures["avatar"])), *figures["notes"]]
+    return [
+        *lines,
+        *([] if figures["avatar"] is None else _avatar_lines(figures["avatar"])),
+        *note_lines(figures["notes"]),
+    ]
 
 
 def _avatar_lines(avatar: dict[str, Any]) -> list[str]:

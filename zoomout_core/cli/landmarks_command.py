@@ -37,6 +37,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.mirror_image import mirror_candidate
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
@@ -44,7 +45,7 @@ from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers
-from zoomout_core.messages import message, sentences, warning
+from zoomout_core.messages import message, note_figures, note_lines, sentences, warning
 from zoomout_core.runtime.progress import portion
 
 # Fraction of the progress at the end of matching.
@@ -182,7 +183,7 @@ def _run_job(
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
     notes += result.notes
-    report |= {**match_figures(result, template.parts), "notes": notes}
+    report |= {**match_figures(result, template.parts), **note_figures(notes)}
     check_verdict(result.verdict, force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):
         with portion(MATCHED, 1.0):
@@ -203,7 +204,7 @@ def _run_job(
         "uncertain": unsure,
         "landmark_verdict": verdict._asdict(),
     }
-    return [verdict.line, *notes]
+    return [verdict.line, *note_lines(select_notes(notes, verdict))]
 
 
 def _verdict(result: MatchResult, unsure: list[str], count: int) -> Verdict:

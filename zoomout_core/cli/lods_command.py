@@ -29,7 +29,7 @@ from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import sentences
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.outputs import check_output
 
 RATIOS = "0.5,0.25,0.1"
@@ -133,7 +133,7 @@ def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) ->
         "output": str(path),
         "vertices": len(asset.surface.vertices),
         "triangles": len(asset.surface.triangles),
-        "notes": notes,
+        **note_figures(notes),
     }
     if level is not None:
         figures |= {
@@ -151,4 +151,4 @@ def _line(row: dict[str, Any]) -> str:
         line += f", mean error {row['rest_error']:.3%} of the extent at rest"
     if row.get("posed_error") is not None:
         line += f", {row['posed_error']:.3%} in poses ({row['posed_geometry_error']:.3%} with all weights)"
-    return sentences(f"{line}.", *row["notes"])
+    return " ".join((f"{line}.", *note_lines(row["notes"])))

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from zoomout_core.assets.part_names import parts_of_file
-from zoomout_core.cli.report import json_option, match_figures, match_lines, say
+from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes, say
 from zoomout_core.command_options import (
     OptionError,
     files_of_options,
@@ -27,10 +27,12 @@ from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import OPTIONS, Door, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.progress import Outlines, Progress, listening
@@ -131,18 +133,18 @@ def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[
     """Write a map to the nearest points; returns its summary for the user."""
     result.surface_map.save(output, confidence=result.confidence)
     share = float(result.confidence.mean())
-    lines = [f"{share:.1%} of the vertices have a partner on the source.", *result.notes]
-    return lines, {"share_with_partner": share, "notes": list(result.notes)}
+    lines = [f"{share:.1%} of the vertices have a partner on the source.", *note_lines(result.notes)]
+    return lines, {"share_with_partner": share, **note_figures(result.notes)}
 
 
 def _summary(result: MatchResult, parts: NamedParts) -> tuple[list[str], dict[str, Any]]:
     """Summary of a match for the user."""
     over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
-    origin = result.candidates[result.chosen].origin
+    origin, notes = result.candidates[result.chosen].origin, match_notes(result, parts)
     lines = [
         *match_lines(result, parts),
         f"Flipped: {over:.1%} of the target's area.",
         f"Found by {origin}: candidate {result.chosen} of {len(result.candidates)}, counted from 0.",
-        *result.notes,
+        *note_lines(select_notes(notes, result.verdict)),
     ]
-    return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, "notes": list(result.notes)}
+    return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, **note_figures(notes)}

@@ -53,14 +53,18 @@ def match_figures(result: MatchResult, parts: NamedParts) -> dict[str, Any]:
     }
 
 
+def match_notes(result: MatchResult, parts: NamedParts) -> list[str]:
+    """Notes on a match, and on the source's parts."""
+    return [*notes_on_parts(result, parts), *result.notes]
+
+
 def match_lines(result: MatchResult, parts: NamedParts) -> list[str]:
-    """The same figures in sentences."""
+    """The same figures in sentences, the verdict first."""
     result = name_components(result, parts)
     low = (result.confidence < LOW).mean()
     return [
         result.verdict.line,
         *_ways_out(result),
-        *notes_on_parts(result, parts),
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",

@@ -15,7 +15,7 @@ from zoomout_core.map_files import check_map_output, keep_map
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import probability
+from zoomout_core.messages import note_figures, note_lines, probability
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 
 
@@ -61,9 +61,9 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         "output": output,
         "written": candidate,
         "symmetries": [_figures(each) for each in found],
-        "notes": list(chosen.notes),
+        **note_figures(chosen.notes),
     }
-    say([*lines, *chosen.notes, f"Number {candidate} written to {output}"], figures, as_json)
+    say([*lines, *note_lines(chosen.notes), f"Number {candidate} written to {output}"], figures, as_json)
 
 
 def _save(symmetry: Symmetry, path: Path) -> None:

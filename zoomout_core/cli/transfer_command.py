@@ -38,7 +38,7 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.report import json_option, match_figures, match_lines
+from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes
 from zoomout_core.command_options import (
     OptionError,
     batch_options,
@@ -50,9 +50,11 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
@@ -235,7 +237,10 @@ def _run_job(
         with portion(MATCHED, MATCHED):
             result = result.use(candidate)
     parts = parts_of(source)
-    report |= {**match_figures(result, parts), "notes": [*source.notes, *target.notes, *result.notes]}
+    report |= {
+        **match_figures(result, parts),
+        **note_figures([*source.notes, *target.notes, *match_notes(result, parts)]),
+    }
     check_verdict(result.verdict, force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):
         job.output.parent.mkdir(exist_ok=True)
@@ -249,9 +254,10 @@ def _run_job(
             report["key_names"] = asdict(keys)
         left_out = write_asset(written, job.output, inputs, compression)
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
-    report |= {"transferred": received, "notes": [*report["notes"], *made.notes, *named, *left_out]}
+    notes = [*report["notes"], *made.notes, *named, *left_out]
+    report |= {"transferred": received, **note_figures(notes)}
     return [
         f"Transferred: {', '.join(received)}.",
         *match_lines(result, parts),
-        *report["notes"],
+        *note_lines(select_notes(notes, result.verdict)),
     ]

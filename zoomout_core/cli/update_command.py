@@ -28,6 +28,7 @@ from zoomout_core.batch import Job, check_inputs_stay, end_with_code, is_folder,
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import compress_option, folders_option, in_place_option
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import note_figures, note_lines
 
 
 @click.command()
@@ -110,6 +111,6 @@ def _run_job(
         raise MeshError("{name}: {reason}", name=str(job.target), reason=error) from error
     job.output.parent.mkdir(exist_ok=True)
     left_out = write_asset(made.asset, job.output, inputs, compression)
-    report |= {"transferred": list(made.received), "notes": [*derived.notes, *made.notes, *left_out]}
+    report |= {"transferred": list(made.received), **note_figures([*derived.notes, *made.notes, *left_out])}
     done = f"Updated: {', '.join(made.received)}." if made.received else "Nothing of its data has changed."
-    return [done, *report["notes"]]
+    return [done, *note_lines(report["notes"])]

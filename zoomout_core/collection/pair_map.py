@@ -19,6 +19,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.report.verdict import Faults
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.messages import from_json, to_json
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
 # Number of candidates kept for each pair.
@@ -116,7 +117,7 @@ class PairRecord:
         """
         arrays = read_arrays(path, (RECORD,))
         try:
-            held = json.loads(arrays[RECORD].tobytes())
+            held = from_json(json.loads(arrays[RECORD].tobytes()))
             return cls(**{**held, "notes": tuple(held["notes"])})
         except (KeyError, TypeError, ValueError) as error:
             raise ArrayFileError("it is not the map of a pair") from error
@@ -150,7 +151,7 @@ def arrays_of(result: MatchResult, maps: CandidateMaps, key: str, seconds: float
         "candidate_backward": maps.backward.astype(np.int16),
         "candidate_certainty": maps.certainty,
         "candidate_reverses_orientation": maps.reverses_orientation,
-        RECORD: np.frombuffer(json.dumps(record.__dict__).encode(), dtype=np.uint8),
+        RECORD: np.frombuffer(json.dumps(to_json(record.__dict__)).encode(), dtype=np.uint8),
     }
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
-from zoomout_core.messages import probability
+from zoomout_core.messages import note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import atomic_write
 
 REPORT, PAGE = "report.json", "report.html"
@@ -37,6 +38,7 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
     for pair in sorted(result.records, key=lambda each: (result.trust(each), each)):
         record = asdict(result.records[pair])
         del record["key"]
+        record |= note_figures(record["notes"])
         row = {"source": pair.source, "target": pair.target, "trust": result.trust(pair)}
         row |= {"verdict": result.verdict(pair)._asdict(), **record}
         if agreement is not None and pair in agreement.after:
@@ -57,6 +59,7 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
         }
     if received is not None:
         found["transferred"] = dict(received)
+        found["transfer_warnings"] = {name: note_figures(notes)["warnings"] for name, notes in received.items()}
     return found
 
 
@@ -176,7 +179,7 @@ def _card(
 
 
 def _row(result: CollectionResult, pair: PairName) -> str:
-    record, agreement = result.records[pair], result.agreement
+    record, agreement, verdict = result.records[pair], result.agreement, result.verdict(pair)
     cycle = ""
     if agreement is not None and pair in agreement.after:
         errors = dict.fromkeys(f"{each[pair]:.3f}" for each in (agreement.before, agreement.after))
@@ -195,7 +198,7 @@ def _row(result: CollectionResult, pair: PairName) -> str:
         cycle,
         chosen,
         f"{record.seconds:.1f}",
-        " ".join((result.verdict(pair).line, *record.notes)),
+        " ".join((verdict.line, *note_lines(select_notes(record.notes, verdict)))),
     )
     return f"<tr>{_cells(cells)}</tr>"
 

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
@@ -19,6 +20,7 @@ from zoomout_core.collection.tasks import write_whole
 from zoomout_core.mesh.formats.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
 from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.messages import Message, from_json, to_json, warning
 from zoomout_core.runtime.version import package_version
 
 # Folders of the results: surfaces that Blender read, and records of its transfers.
@@ -114,11 +116,21 @@ def carry_pair(
     errors = {name: entry["error"] for name, entry in report.items() if "error" in entry}
     if len(errors) == len(report):
         raise MeshError(" ".join(dict.fromkeys(errors.values())))
-    notes = [note for entry in report.values() for note in entry.get("notes", ())]
-    notes += [f"'{name}' received no data: {error}" for name, error in errors.items()]
+    notes = [note for entry in report.values() for note in _read_notes(entry)]
+    notes += [_as_warning(f"'{name}' received no data: {error}") for name, error in errors.items()]
     found = tuple(dict.fromkeys(notes))
-    write_whole(record, json.dumps({"key": key, "notes": found}, indent=1).encode())
+    write_whole(record, json.dumps(to_json({"key": key, "notes": found}), indent=1).encode())
     return found
+
+
+def _read_notes(entry: Mapping[str, Any]) -> list[str]:
+    """The notes in an entry of Blender's report, of which some are warnings."""
+    warnings = entry.get("warnings", ())
+    return [_as_warning(note) if note in warnings else note for note in entry.get("notes", ())]
+
+
+def _as_warning(note: str) -> Message:
+    return warning("{note}", note=note)
 
 
 def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
@@ -140,7 +152,7 @@ def surfaces_of(name: str, folder: Path) -> list[Path]:
 def _known_notes(record: Path, key: str) -> tuple[str, ...] | None:
     """The notes of an earlier transfer of the same contents; None if there was none."""
     try:
-        held = json.loads(record.read_bytes())
+        held = from_json(json.loads(record.read_bytes()))
         return tuple(map(str, held["notes"])) if held["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -30,7 +30,7 @@ from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, from_json, to_json
 from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.version import package_version
 
@@ -203,11 +203,11 @@ def _find(
         verdict.level,
         str(verdict.sentence),
         str(verdict.advice),
-        tuple(map(str, dict.fromkeys(notes))),
+        tuple(dict.fromkeys(notes)),
     )
     picture = _draw(target.surface, target.surface.vertices) if result is None else draw_beside_source(result)
     write_whole(place_of_picture(folder, name), encode_png(picture))
-    write_whole(folder / RECORDS / f"{name}.json", json.dumps(asdict(record), indent=1).encode())
+    write_whole(folder / RECORDS / f"{name}.json", json.dumps(to_json(asdict(record)), indent=1).encode())
     return record
 
 
@@ -246,7 +246,7 @@ def _draw(surface: Surface, places: Floats, around: Floats | None = None) -> Byt
 def _read_record(folder: Path, name: str, key: str) -> TargetRecord | None:
     """The record of an earlier run on the same files; None if it is missing, or its output files are."""
     try:
-        held: dict[str, Any] = json.loads((folder / RECORDS / f"{name}.json").read_bytes())
+        held: dict[str, Any] = from_json(json.loads((folder / RECORDS / f"{name}.json").read_bytes()))
         record = TargetRecord(**{**held, "ranked": tuple(held["ranked"]), "notes": tuple(held["notes"])})
     except (OSError, ValueError, KeyError, TypeError):
         return None

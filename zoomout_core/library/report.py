@@ -10,7 +10,9 @@ from typing import Any
 from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.library.find_all import FoundForAll, TargetRecord, place_of_picture
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import LEVELS
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.outputs import atomic_write
 
 
@@ -21,7 +23,7 @@ def figures_of_targets(result: FoundForAll) -> dict[str, Any]:
         row = asdict(record)
         for unused in ("key", "level", "sentence", "advice"):
             del row[unused]
-        rows.append({"name": name, "verdict": record.verdict._asdict(), **row})
+        rows.append({"name": name, "verdict": record.verdict._asdict(), **row, **note_figures(record.notes)})
     return {"new": result.new, "targets": rows, "failures": result.failures}
 
 
@@ -58,7 +60,9 @@ def write_reports(result: FoundForAll) -> None:
 def _card(result: FoundForAll, name: str, record: TargetRecord) -> str:
     others = [f"{row['file']}: fit {row['fit']:.0%}." for row in record.ranked]
     png = place_of_picture(result.folder, name).read_bytes()
-    return picture_card(name, record.level, png, [_line(record), *others, *record.notes])
+    return picture_card(
+        name, record.level, png, [_line(record), *others, *note_lines(select_notes(record.notes, record.verdict))]
+    )
 
 
 def _line(record: TargetRecord) -> str:

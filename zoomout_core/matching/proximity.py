@@ -29,8 +29,8 @@ MAX_DISTANCE = 0.08
 MAX_ANGLE = 30.0
 
 # Notes on vertices without a partner.
-TOO_FAR = "{count} of {total} vertices have no partner on the source: the nearest point is too far away."
-TURNED_AWAY = "{count} of {total} vertices have no partner on the source: the nearest point faces another way."
+TOO_FAR = "{count:,} of {total:,} vertices have no partner on the source: the nearest point is too far away."
+TURNED_AWAY = "{count:,} of {total:,} vertices have no partner on the source: the nearest point faces another way."
 
 
 @dataclass(frozen=True, eq=False)

@@ -424,7 +424,7 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
     broken = np.unique(corner_vertex[~measurable(vertices)[corner_vertex]])
     if len(broken):
         raise MeshError(
-            "{count} vertices have coordinates that are not finite or far too large (the first is "
+            "{count:,} vertices have coordinates that are not finite or far too large (the first is "
             "vertex {vertex}): remove or repair them.",
             count=len(broken),
             vertex=broken[0],

@@ -30,6 +30,7 @@ from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.messages import from_json, to_json
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar
 from zoomout_core.outfits.parts import split_avatar
@@ -336,9 +337,9 @@ def dress_file(
         checked.stretched,
         tuple(each for each, _ in made.clothes.objects),
         len(made.joints),
-        tuple(map(str, dict.fromkeys((*made.notes, *left_out)))),
+        tuple(dict.fromkeys((*made.notes, *left_out))),
     )
-    write_whole(record, json.dumps(asdict(found), indent=1).encode())
+    write_whole(record, json.dumps(to_json(asdict(found)), indent=1).encode())
     return found, True
 
 
@@ -369,7 +370,7 @@ def place_of_picture(name: OutfitName) -> Path:
 def _read_record(path: Path) -> Worn | None:
     """The record of an earlier run; None if there is none, or it cannot be read."""
     try:
-        held: dict[str, Any] = json.loads(path.read_bytes())
+        held: dict[str, Any] = from_json(json.loads(path.read_bytes()))
         return Worn(**{**held, "objects": tuple(held["objects"]), "notes": tuple(held["notes"])})
     except (OSError, ValueError, KeyError, TypeError):
         return None

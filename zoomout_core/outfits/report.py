@@ -11,6 +11,7 @@ from typing import Any
 from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.matching.report.verdict import LEVELS
+from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.outfits.batch import OutfitName, OutfitsResult, Worn, place_of_picture
 from zoomout_core.runtime.outputs import atomic_write
 
@@ -22,7 +23,7 @@ def figures_of_outfits(result: OutfitsResult) -> dict[str, Any]:
         row = asdict(worn)
         for unused in ("key", "level", "sentence", "advice"):
             del row[unused]
-        rows.append({**name._asdict(), "verdict": worn.verdict._asdict(), **row})
+        rows.append({**name._asdict(), "verdict": worn.verdict._asdict(), **row, **note_figures(worn.notes)})
     return {
         "matched_now": result.matched,
         "dressed_now": result.dressed,
@@ -72,7 +73,7 @@ def _card(result: OutfitsResult, name: OutfitName, worn: Worn) -> str:
         worn.verdict.line,
         f"Cloth in the skin: {inside}. Stretched edges: {worn.stretched:.2%}.",
         f"{worn.output}: {', '.join(worn.objects)}.",
-        *worn.notes,
+        *note_lines(worn.notes),
     ]
     return picture_card(str(name), worn.level, (result.folder / place_of_picture(name)).read_bytes(), about)
 

@@ -250,8 +250,8 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
     n = len(areas)
     if not 1 <= k < n:
         raise MeshError(
-            "{count} eigenfunctions were requested, but a mesh of {vertices} vertices has at most "
-            "{most}: request fewer.",
+            "{count} eigenfunctions were requested, but a mesh of {vertices:,} vertices has at most "
+            "{most:,}: request fewer.",
             count=k,
             vertices=n,
             most=n - 1,

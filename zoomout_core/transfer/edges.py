@@ -364,7 +364,7 @@ def _notes(
     if loose:
         notes.append(
             message(
-                "{layer}: {count} edges of the source belong to no face and were left out.", layer=name, count=loose
+                "{layer}: {count:,} edges of the source belong to no face and were left out.", layer=name, count=loose
             )
         )
     last = np.flatnonzero(np.diff(samples.chain, append=-1))

@@ -13,7 +13,7 @@ from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.messages import message
 from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
 
-NOT_FINITE = "{count} of {total} values of '{name}' are not finite, and were replaced by the nearest finite values."
+NOT_FINITE = "{count:,} of {total:,} values of '{name}' are not finite, and were replaced by the nearest finite values."
 
 
 def places_of(domain: Domain, surface: Surface) -> Floats:

@@ -289,11 +289,11 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     numbers = values.data if rule.sparse else values
     if rule.finite and not (finite := np.isfinite(numbers)).all():
         raise MeshError(
-            "'{name}' has {count} values that are not finite: correct them.", name=name, count=(~finite).sum()
+            "'{name}' has {count:,} values that are not finite: correct them.", name=name, count=(~finite).sum()
         )
     if rule.finite and (huge := np.abs(numbers) > LARGEST_VALUE).any():
         raise MeshError(
-            "'{name}' has {count} values that are far too large: correct them.", name=name, count=huge.sum()
+            "'{name}' has {count:,} values that are far too large: correct them.", name=name, count=huge.sum()
         )
 
 

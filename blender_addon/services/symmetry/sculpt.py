@@ -52,7 +52,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
-    return message("Mirrored the sculpt of '{name}': {count} vertices moved", name=name, count=count)
+    return message("Mirrored the sculpt of '{name}': {count:,} vertices moved", name=name, count=count)
 
 
 def _why_nothing_moved(obj: Object) -> str:

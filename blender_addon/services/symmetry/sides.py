@@ -36,7 +36,9 @@ def select_symmetry_line(obj: Object) -> str:
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, faces))
         obj.data.update()
-    return message("Selected {count} vertices on the symmetry line of '{name}'", count=int(chosen.sum()), name=obj.name)
+    return message(
+        "Selected {count:,} vertices on the symmetry line of '{name}'", count=int(chosen.sum()), name=obj.name
+    )
 
 
 def vertices_on_line(symmetry: SelfMap) -> Booleans:

@@ -10,6 +10,7 @@ from typing import Any
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching.ranking import candidate_differences
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.messages import is_warning, message
 
@@ -32,7 +33,6 @@ from .sidebar import (
     draw_notes,
     explain_hidden_preview,
     preview_buttons,
-    select_notes,
     sentences,
     show_findings,
 )
@@ -156,7 +156,9 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
         return
     rows = body.column()  # not aligned: the gaps show which label belongs to which button
     rows.enabled = enabled
-    _beside_picture(rows, icon_of_source(listing)).label(text="Source")
+    source = _beside_picture(rows, icon_of_source(listing))
+    source.scale_y = PICTURE  # as high as the thumbnail, so that its middle has the text
+    source.label(text="Source")
     for place, (candidate, name) in enumerate(zip(listing.candidates, _names(listing), strict=True)):
         column = _beside_picture(rows, icon_of_candidate(listing, place))
         chosen = place == listing.chosen

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 import blf
 from bpy.types import Context, Object, UILayout
 
-from zoomout_core.matching.report.notes import UNSURE
-from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, Verdict
+from zoomout_core.matching.report.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import is_warning, message
 
 from ...operators import activity
@@ -91,11 +90,6 @@ def _wrap(text: str, width: float) -> list[str]:
 
 def _fits(text: str, width: float) -> bool:
     return bool(blf.dimensions(FONT, text)[0] <= width)
-
-
-def select_notes(notes: Sequence[str], verdict: Verdict | None) -> list[str]:
-    """The notes that do not repeat the certainty in a verdict that is shown, too."""
-    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNSURE]
 
 
 def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None:

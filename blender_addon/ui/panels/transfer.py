@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
+from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import GREEN
 from zoomout_core.messages import as_message, message
 
@@ -26,7 +27,6 @@ from .sidebar import (
     draw_notes,
     help_button,
     main_button,
-    select_notes,
     sentences,
     show_findings,
 )

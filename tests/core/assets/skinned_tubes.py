@@ -35,7 +35,7 @@ def weights_of(height: np.ndarray) -> np.ndarray:
     return np.column_stack([1 - upper, upper])
 
 
-def write_tube(path: Path, armature_scale: float = 1.0, bend: float = 0.0, parts: int = 1) -> None:
+def write_tube(path: Path, armature_scale: float = 1.0, bend: float = 0.0, parts: int = 1, bare: bool = False) -> None:
     """Write a tube whose armature node is scaled, with its upper joint bent by an angle in radians.
 
     Args:
@@ -43,12 +43,15 @@ def write_tube(path: Path, armature_scale: float = 1.0, bend: float = 0.0, parts
         armature_scale: scale of the node above the joints; the mesh is bound in the frame of that node.
         bend: rotation of the upper joint about z, in radians.
         parts: number of primitives of the mesh, each with its own material.
+        bare: whether the last ring, which only the upper joint moves, has no weights, but lists that joint first.
     """
     positions, uv, triangles = tube()
     made = gltf.GLTF2(asset=gltf.Asset(version="2.0"), scene=0, scenes=[gltf.Scene(nodes=[0, 3])])
     buffer = Buffer(made)
     weights = weights_of(positions[:, 1]).astype("<f4")
     joints = np.tile(np.array([[0, 1, 0, 0]], "u1"), (len(positions), 1))
+    if bare:
+        weights[-SIDES - 1 :], joints[-SIDES - 1 :, 0] = 0, 1
     offsets = np.zeros_like(positions)
     offsets[:, 0] = positions[:, 1] / LENGTH
     columns = {

@@ -18,6 +18,7 @@ from zoomout_core.assets.gltf import Document
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 
@@ -62,6 +63,21 @@ def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path:
     assert keys.labels == ("Lean",)
     np.testing.assert_allclose(keys.values[fixed, 0, 0], at_rest[fixed, 1] / LENGTH, atol=1e-5)
     np.testing.assert_allclose(keys.values[end, 0], np.tile(turn @ [1, 0, 0], (end.sum(), 1)), atol=1e-5)
+
+
+def test_vertices_without_weights_follow_the_joint_that_they_list_first(path: Path) -> None:
+    write_tube(path, bend=0.9)
+    whole = read_asset(path)
+    write_tube(path, bend=0.9, bare=True)
+    bare = read_asset(path)
+    np.testing.assert_array_equal(bare.surface.vertices, whole.surface.vertices)
+    assert whole.skin is not None
+    assert bare.skin is not None
+    np.testing.assert_array_equal(bare.skin.weights.toarray(), whole.skin.weights.toarray())
+    assert whole.notes == ()
+    (note,) = bare.notes
+    assert is_warning(note)
+    assert note.startswith(f"{SIDES} vertices in tube.glb have no skin weights")
 
 
 def as_corners(asset: Asset) -> np.ndarray:

@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import MeshError, PointCloud
+from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 pytestmark = pytest.mark.usefixtures("few_candidates")
@@ -330,3 +332,8 @@ def test_notes_on_a_pair_list_the_parts_of_its_source_by_their_names(tmp_path: P
     assert "'Skin' " in shares
     assert "'Shirt' " in shares
     assert silent == "Almost nothing arrives from 'Hat'."
+    assert is_warning(silent)
+    assert not is_warning(shares)
+    (row,) = figures_of_collection(result)["pairs"]
+    assert row["warnings"][0] == silent
+    assert f"Warning: {escape(silent)}" in page_of(result, {})

@@ -44,7 +44,8 @@ else:
         report["targets"] = {{"Body": {{"error": "It is naked."}}}}
     else:
         Path(value_of["--save"]).write_text("carried")
-        report["targets"] = {{"Body": {{"notes": ["All is well."]}}, "Eye": {{"error": "It has none."}}}}
+        body = {{"notes": ["All is well.", "It tears."], "warnings": ["It tears."]}}
+        report["targets"] = {{"Body": body, "Eye": {{"error": "It has none."}}}}
 Path(value_of["--report"]).write_text(json.dumps(report))
 """
 
@@ -125,8 +126,10 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     assert made == {"scan.blend", "other.blend", "last.blend"}
     report = json.loads((output / "report.json").read_text())
     assert report["failures"] == {"broken": "It is broken.", "transfer to naked": "It is naked."}
-    notes = ["All is well.", "'Eye' received no data: It has none."]
+    warnings = ["It tears.", "'Eye' received no data: It has none."]
+    notes = ["All is well.", *warnings]
     assert report["transferred"] == dict.fromkeys(("scan", "other", "last"), notes)
+    assert report["transfer_warnings"] == dict.fromkeys(("scan", "other", "last"), warnings)
 
     # A second run retries only the files that failed.
     assert run(folder, output, *more)[0] == 3
@@ -134,7 +137,10 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
         "broken.blend",
         "naked.blend",
     ]
-    assert json.loads((output / "report.json").read_text())["transferred"] == report["transferred"]
+    again = json.loads((output / "report.json").read_text())
+    assert [again[each] for each in ("transferred", "transfer_warnings")] == [
+        report[each] for each in ("transferred", "transfer_warnings")
+    ]
 
     # Changed or lost files are rebuilt, and all files on demand.
     write_shape(creature(300, seed=1, bend=0.7, asymmetry=0.3).surface, folder / "made.ply")

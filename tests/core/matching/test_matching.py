@@ -451,7 +451,7 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
     monkeypatch.setattr(eigenbasis, "factorise", without_memory)
     fine = creature(3000).surface
     zo.forget_shapes()
-    with pytest.raises(MeshError, match="not enough memory to analyze a mesh of 3000 vertices: match a smaller"):
+    with pytest.raises(MeshError, match="not enough memory to analyze a mesh of 3,000 vertices: match a smaller"):
         zo.match(fine, fine, proxy_vertices=None)
 
 

@@ -200,7 +200,7 @@ def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
     assert not result.has_partner[high].any()
     assert result.has_partner[~high].mean() > 0.9
     assert (
-        f"{high.sum()} of {len(high)} vertices have no partner on the source: the nearest point is too far away."
+        f"{high.sum():,} of {len(high):,} vertices have no partner on the source: the nearest point is too far away."
         in (result.notes)
     )
 

@@ -149,7 +149,7 @@ def test_what_is_no_shape_or_no_number_is_refused(resting: Creature) -> None:
     with pytest.raises(TypeError, match="A mesh is needed"):
         zo.hamiltonian_basis(resting.surface.vertices, np.zeros(4000), 10)
     for k in (0, 4000):
-        with pytest.raises(zo.MeshError, match="a mesh of 4000 vertices has at most 3999"):
+        with pytest.raises(zo.MeshError, match="a mesh of 4,000 vertices has at most 3,999"):
             zo.hamiltonian_basis(resting.surface, np.zeros(4000), k)
     with pytest.raises(TypeError, match="give a whole number"):
         zo.hamiltonian_basis(resting.surface, np.zeros(4000), 10.0)

@@ -56,7 +56,7 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
     enough = [part for part in parts if len(part.vertices) >= MIN_VERTICES]
     if not enough:
         raise MeshError(
-            f"The largest part of the {role} has only {{count}} vertices, too few for matching: subdivide it to at "
+            f"The largest part of the {role} has only {{count:,}} vertices, too few for matching: subdivide it to at "
             "least {least}.",
             count=len(parts[0].vertices),
             least=MIN_VERTICES,

@@ -206,7 +206,7 @@ def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: 
             )
     except MemoryError:
         raise MeshError(
-            "There is not enough memory to analyze a mesh of {count} vertices: match a smaller "
+            "There is not enough memory to analyze a mesh of {count:,} vertices: match a smaller "
             "proxy, by a coarser detail or a lower proxy_vertices.",
             count=len(areas),
         ) from None

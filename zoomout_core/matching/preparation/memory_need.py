@@ -50,11 +50,15 @@ def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVer
     sizes = ([int(part * n) for n in vertices] for part in parts)
     fitting = next((size for size in sizes if memory_need(size, k_final, proxy_vertices) <= free), None)
     if fitting is not None:
-        ways.append(message("simplify them to {vertices} vertices", vertices=" and ".join(map(str, fitting))))
+        ways.append(message("simplify them to {vertices} vertices", vertices=_counts(fitting)))
     raise NotEnoughMemoryError(
         "Meshes of {vertices} vertices need about {need:.1f} GiB of memory, but only {free:.1f} GiB are free: {ways}.",
-        vertices=" and ".join(map(str, vertices)),
+        vertices=_counts(vertices),
         need=need / GIB,
         free=free / GIB,
         ways=enumeration([*ways, message("close other programs")], ", or "),
     )
+
+
+def _counts(numbers: Sequence[int]) -> str:
+    return " and ".join(f"{number:,}" for number in numbers)

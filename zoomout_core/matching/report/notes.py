@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.report.verdict import Verdict
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.messages import message, probability, warning
 
@@ -54,6 +55,11 @@ MAX_LANDMARK_ERROR = 0.2
 MAX_ROUNDING = 0.2
 
 
+def select_notes(notes: Iterable[str], verdict: Verdict | None) -> list[str]:
+    """The notes that do not repeat the certainty in a verdict that is shown, too."""
+    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNSURE]
+
+
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
     """Notes on the limits of one input shape, and of the surface that was reconstructed from it."""
     return (
@@ -76,7 +82,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
         ),
         (
             left_out > MAX_UNMATCHED_SHARE * len(shape.points),
-            f"{left_out} of the {role}'s points are noise or differ in density, and were left out of the "
+            f"{left_out:,} of the {role}'s points are noise or differ in density, and were left out of the "
             "reconstructed surface.",
         ),
     )
@@ -102,7 +108,7 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        message(f"{{count}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
+        message(f"{{count:,}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
     )
 
 

@@ -183,7 +183,7 @@ def carry(
                 barriers.append(Barrier(before, after, is_layer=True))
             advance(0.5 + 0.5 * done / len(order))
     vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
-    notes = (warning("{count} points still intersect the skin: check these.", count=stuck),) if stuck else ()
+    notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     return Dressed(vertices, turns, stretched, notes)
 
 

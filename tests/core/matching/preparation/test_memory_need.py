@@ -32,14 +32,14 @@ def test_nothing_is_refused_that_fits_or_where_nothing_is_known(monkeypatch: pyt
 @pytest.mark.parametrize(("free", "detail"), [(1.75, "fine"), (1.65, "balanced"), (1.5, "fast")])
 def test_the_finest_detail_that_fits_is_named(monkeypatch: pytest.MonkeyPatch, free: float, detail: str) -> None:
     said = refusal(monkeypatch, free, MILLION, None)
-    assert f"1000000 and 800000 vertices need about 38.3 GiB of memory, but only {free:.1f} GiB are free" in said
+    assert f"1,000,000 and 800,000 vertices need about 38.3 GiB of memory, but only {free:.1f} GiB are free" in said
     assert f"use detail '{detail}'" in said
 
 
 def test_the_size_that_fits_is_named_and_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     for vertices, proxy_vertices in ((MILLION, None), ([3_000_000], 8000)):
         said = refusal(monkeypatch, 1.0, vertices, proxy_vertices)
-        fitting = [int(number) for number in re.findall(r"\d{4,}", said.partition("simplify them to")[2])]
+        fitting = [int(n.replace(",", "")) for n in re.findall(r"\d+,[\d,]+", said.partition("simplify them to")[2])]
         assert len(fitting) == len(vertices)
         check_memory(fitting, 200, proxy_vertices)
         with pytest.raises(zo.MeshError):
