@@ -89,6 +89,18 @@ def test_animations_play_about_the_moved_joints(source: Asset, tmp_path: Path) -
     assert off.mean() < 0.02 * LENGTH
 
 
+def test_animations_are_compared_with_those_of_the_source(source: Asset) -> None:
+    made = finer_tube()
+    match = matched(source, made.vertices / SCALE)
+    target = Asset(made.with_vertices(made.vertices * BUILD))
+    still = transfer_asset(source, target, match, [WEIGHTS])
+    moved = transfer_asset(source, target, match, [WEIGHTS], move_rig=True)
+    assert not still.motions
+    (motion,) = moved.motions
+    assert not motion.faults
+    assert moved.notes[-1].startswith("The action plays as on the source")
+
+
 def test_a_posed_target_keeps_its_size_and_is_taken_to_rest(source: Asset, tmp_path: Path) -> None:
     seen = 2 * bent(finer_tube().vertices, -0.4) + [5, 1, 0]
     again = move(source, seen, tmp_path / "out.glb")
