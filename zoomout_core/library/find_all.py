@@ -19,7 +19,7 @@ from zoomout_core.collection.tasks import write_whole
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
 from zoomout_core.library.library import NOT_PREPARED, Library
-from zoomout_core.library.pictures import draw_colored, draw_pair
+from zoomout_core.library.pictures import draw_bound, draw_colored, draw_pair
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, Verdict, check_verdict
@@ -158,7 +158,7 @@ def _find(
     with portion(0, SEARCHED):
         found = search(target.surface, assets)
     result = found.ranked[0].match if found.ranked else None
-    output, notes = "", list[str]()
+    output, notes, skin = "", list[str](), None
     if found.best is None:
         verdict = Verdict(RED, str(found.refusal), "")
     elif carry is Carry.NOTHING:
@@ -185,6 +185,7 @@ def _find(
         (folder / output).parent.mkdir(parents=True, exist_ok=True)
         check_avatar(base_of(source, target, TRANSFERRED), folder / output)
         left_out = write_asset(made.asset, folder / output, inputs_of(path, found.best.path))
+        skin = made.asset.skin
         notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     record = TargetRecord(
         key,
@@ -197,10 +198,11 @@ def _find(
         str(verdict.advice),
         tuple(dict.fromkeys(notes)),
     )
-    alone = target.surface
-    pictures = (
-        (draw_colored(alone, place_colors(alone.vertices, alone.vertices)),) if result is None else draw_pair(result)
-    )
+    if result is None:
+        alone = target.surface
+        pictures = [draw_colored(alone, place_colors(alone.vertices, alone.vertices))]
+    else:
+        pictures = [*draw_pair(result), *([draw_bound(result, skin)] if skin is not None else [])]
     write_whole(place_of_picture(folder, name), encode_png(np.concatenate(pictures, axis=1)))
     write_whole(folder / RECORDS / f"{name}.json", json.dumps(to_json(asdict(record)), indent=1).encode())
     return record

@@ -7,12 +7,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.assets.asset import Skin
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import draw_upright
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Pixels of a picture of one shape, and degrees by which it is seen from the side.
 WIDTH, HEIGHT, YAW = 260, 320, 25.0
@@ -49,6 +51,13 @@ def draw_pair(
         draw_colored(surface, place_colors(places, source.vertices), width, height) for surface, places in shapes
     )
     return of_source, of_target
+
+
+def draw_bound(result: MatchResult, skin: Skin) -> Bytes:
+    """Draw the target of a match as its new skin places it in the file, in the colours of `draw_pair`."""
+    images = result.surface_map.interpolate(result.source.vertices)
+    seen = transform_points(blend_matrices(skin.transforms[:, :3], skin.weights), skin.rest)
+    return draw_colored(result.target.with_vertices(seen), place_colors(images, result.source.vertices))
 
 
 def draw_colored(surface: Surface, colors: Floats, width: int = WIDTH, height: int = HEIGHT) -> Bytes:
