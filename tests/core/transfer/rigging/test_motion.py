@@ -79,9 +79,9 @@ def test_a_hand_that_leaves_the_hips_is_found() -> None:
 
 
 def test_a_source_that_hovers_at_rest_stands_where_it_mostly_is() -> None:
-    lower = np.tile([0, -0.2, 0], (2, 1))
-    assert check(moving(FOOT, *lower), moving(FOOT, *SIZE * lower)).sinking == pytest.approx(0)
-    assert check(moving(FOOT, *lower), moving()).floating == pytest.approx(0.2)
+    higher = np.tile([0, 0.2, 0], (2, 1))
+    assert check(moving(FOOT, *higher), moving(FOOT, *2 * SIZE * higher)).floating == pytest.approx(0.2)
+    assert check(moving(FOOT, *higher), moving()).sinking == pytest.approx(0.2)
 
 
 def test_a_body_without_high_joints_is_measured_by_its_height() -> None:
