@@ -33,7 +33,7 @@ Where the shapes alone mislead the match, set landmarks, which are vertices of b
 weights and binds the target, so that the bones pose it at once; the source, at the same place, is hidden in the
 viewport, unless `hide_source` is False. So does `transfer_objects` with `binding=Binding()`.
 `move_rig(context, hero, child)` is for a target of another build: it binds the target to a copy of the armature whose
-bones are moved into its body.
+bones are moved into its body. `check_motion(context, child)` compares how both play the action: whether feet slide.
 
 `wrap` gives the target's topology the source's shape, as a shape key, as the mesh itself or as a new object:
 
@@ -91,6 +91,7 @@ from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.bake import Baking, bake_textures
+from .services.check_motion import check_motion
 from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
@@ -123,6 +124,7 @@ __all__ = [
     "append_source",
     "bake_textures",
     "bind_to_rig",
+    "check_motion",
     "check_symmetry",
     "choose_symmetry",
     "detect_symmetry",

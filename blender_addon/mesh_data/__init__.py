@@ -4,7 +4,15 @@
 Whole arrays are read and written by `foreach_get` and `foreach_set`.
 """
 
-from .animation import HeldKeys, HeldPose, follow_constraints, moves_by_itself, read_animation, turn_bones
+from .animation import (
+    HeldKeys,
+    HeldPose,
+    follow_constraints,
+    frames_of_animation,
+    moves_by_itself,
+    read_animation,
+    turn_bones,
+)
 from .armatures import (
     Bones,
     armatures_of,
@@ -212,6 +220,7 @@ __all__ = [
     "extent",
     "fits",
     "follow_constraints",
+    "frames_of_animation",
     "inspect_mesh",
     "is_cage",
     "is_disabled",

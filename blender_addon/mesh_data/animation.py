@@ -11,7 +11,7 @@ import numpy as np
 from bpy.types import AnimData, FCurve, NlaStrip, Object
 from mathutils import Matrix, Vector
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 
 from .armatures import OF_PLACE, armatures_of, copy_value, read_bones
 from .matrices import world_matrix
@@ -44,24 +44,36 @@ def _curves(animation: AnimData | NlaStrip) -> list[FCurve]:
     return [curve for bag in bags if bag is not None for curve in bag.fcurves]
 
 
-def read_animation(obj: Object) -> Floats:
+def frames_of_animation(obj: Object) -> Integers:
+    """(f,) frames of the animation of an object's armatures, evenly distributed; empty without animation."""
+    spans = [span for armature in armatures_of(obj) for span in _spans(armature.animation_data)]
+    if not spans:
+        return np.empty(0, dtype=np.int64)
+    first, last = min(start for start, _ in spans), max(end for _, end in spans)
+    return np.unique(np.linspace(first, last, FRAMES).round().astype(np.int64))
+
+
+def read_animation(obj: Object, frames: Integers | None = None) -> Floats:
     """(f, b, 3, 4) transforms of the deforming bones of an object in frames of its armatures' animation.
 
     They lead from rest to the pose, in world space; bones are in the order of `read_bones`. Empty without animation.
     The frames are evaluated in a temporary scene, so that the current frame and all poses stay as they are.
+
+    Args:
+        obj: the object.
+        frames: (f,) the frames; those of `frames_of_animation` when not given.
     """
     bones, armatures = read_bones(obj), armatures_of(obj)
-    spans = [span for armature in armatures for span in _spans(armature.animation_data)]
-    if not spans:
+    frames = frames_of_animation(obj) if frames is None else frames
+    if not len(frames):
         return np.empty((0, len(bones.names), 3, 4))
-    first, last = min(start for start, _ in spans), max(end for _, end in spans)
     scene = bpy.data.scenes.new("Frames")
     try:
         for armature in armatures:
             scene.collection.objects.link(armature)
         poses = []
-        for frame in np.unique(np.linspace(first, last, FRAMES).round().astype(int)):
-            scene.frame_set(int(frame))
+        for frame in frames.tolist():
+            scene.frame_set(frame)
             poses.append(_transforms(armatures, bones.names, scene.view_layers[0].depsgraph))
     finally:
         bpy.data.scenes.remove(scene)

@@ -6,6 +6,7 @@ from .bake_textures import ZOOMOUT_OT_bake_textures
 from .bend_match import ZOOMOUT_OT_bend_match
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from .check_motion import ZOOMOUT_OT_check_motion
 from .choose_data import ZOOMOUT_OT_choose_data
 from .clear_data import ZOOMOUT_OT_clear_match_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
@@ -48,6 +49,7 @@ CLASSES = (
     ZOOMOUT_OT_bind_to_rig,
     ZOOMOUT_OT_move_rig,
     ZOOMOUT_OT_test_poses,
+    ZOOMOUT_OT_check_motion,
     ZOOMOUT_OT_wrap,
     ZOOMOUT_OT_dress,
     ZOOMOUT_OT_cut_seams,

@@ -80,7 +80,7 @@ class _MovedRig:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rigged:
+class Rigged:
     """Sources that armatures deform.
 
     Attributes:
@@ -213,7 +213,7 @@ async def prepare_binding(context: Context, job: TransferJob, weights: WeightAda
     """
     pair = job.pair
     _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
-    rigged = _read_rigged(context, pair)
+    rigged = read_rigged(context, pair)
     posed = await compute(partial(_pose, job, rigged, weights))
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
     keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
@@ -299,7 +299,7 @@ def _note_on_constraints(armature: Object) -> list[Message]:
 def _check_weights(
     job: TransferJob,
     posed: PosedTarget,
-    rigged: _Rigged,
+    rigged: Rigged,
     rest: Rest,
     own: csr_array,
     weights: WeightAdapter,
@@ -335,7 +335,7 @@ def _check_weights(
     return checked.stretched, tuple(notes)
 
 
-def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter) -> PosedTarget:
+def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> PosedTarget:
     """The pose of a target; the weights are transferred along the map to the source in that pose."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING):
@@ -421,7 +421,7 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
         )
 
 
-def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
+def read_rigged(context: Context, pair: ObjectPair) -> Rigged:
     """The sources at rest, with the weights of the first one's bones."""
     with evaluated_sources(context, pair) as sources:
         weights, _ = mesh_data.read_joined_weights(sources)
@@ -429,7 +429,7 @@ def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
     bones = mesh_data.read_bones(source)
     rest = pair.source.with_vertices(read_sources_at_rest(context, pair))
     poses = mesh_data.read_animation(source)
-    return _Rigged(rest, bones, _columns([weights], bones), poses, mesh_data.preserves_volume(source))
+    return Rigged(rest, bones, weights_of_bones([weights], bones), poses, mesh_data.preserves_volume(source))
 
 
 def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
@@ -457,10 +457,10 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
 def _weights_of_target(context: Context, pair: ObjectPair, bones: Bones, weights: Attribute) -> csr_array:
     """(n_t, b) bone weights that the target will have: transferred ones, else its own."""
     target = find_mesh(context, pair.target_name)
-    return _columns([weights, mesh_data.read_weights(target, target.data)], bones)
+    return weights_of_bones([weights, mesh_data.read_weights(target, target.data)], bones)
 
 
-def _columns(groups: list[Attribute], bones: Bones) -> csr_array:
+def weights_of_bones(groups: list[Attribute], bones: Bones) -> csr_array:
     """(n, b) weights of bones, each from the first attribute with a group of its name."""
     count = groups[0].values.shape[0]
     entries: list[tuple[Floats, np.ndarray, np.ndarray]] = []
@@ -473,7 +473,7 @@ def _columns(groups: list[Attribute], bones: Bones) -> csr_array:
     return csr_array((data, (row, column_number)), shape=(count, len(bones.names)))
 
 
-def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: _Rigged) -> Rest:
+def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: Rigged) -> Rest:
     """The rest pose of the target."""
     transforms = posed.pose.transforms
     matrices = skinning_matrices(transforms, weights, preserve_volume=rigged.preserves_volume)

@@ -12,6 +12,8 @@ import bpy
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import Bytes
+from zoomout_core.library.pictures import draw_pair
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
@@ -22,6 +24,11 @@ from ..scene.pair import find_mesh
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
+# Pixels of the pictures of what was found, in width and height.
+PICTURE = 128
+
+# The pictures of the last search by file, which the sidebar shows until Blender ends.
+last_pictures: dict[Path, tuple[Bytes, Bytes]] = {}
 
 
 class Search(NamedTuple):
@@ -29,6 +36,7 @@ class Search(NamedTuple):
 
     found: zo.FoundSources
     failures: dict[Path, str]  # why files were skipped, in a sentence each
+    pictures: dict[Path, tuple[Bytes, Bytes]]  # of each file and of the target, in matching colours
 
 
 def library_folders(context: Context) -> list[str]:
@@ -58,7 +66,10 @@ async def find_source_async(context: Context, target: str, folders: Sequence[str
     """Like `find_source`, by the name of the target, without blocking the window."""
     surface = mesh_data.read_source_surface(find_mesh(context, target), context.evaluated_depsgraph_get())
     # The module `bpy` has no program; a Python with it runs the extension as a module instead.
-    return await compute(partial(_search, surface, folders, bpy.app.binary_path or None))
+    search = await compute(partial(_search, surface, folders, bpy.app.binary_path or None))
+    last_pictures.clear()
+    last_pictures.update(search.pictures)
+    return search
 
 
 def _search(target: zo.Surface, folders: Sequence[str], program: str | None) -> Search:
@@ -73,7 +84,11 @@ def _search(target: zo.Surface, folders: Sequence[str], program: str | None) -> 
                 raise zo.MeshError("No file of {folder} can be used: {reason}", folder=library.folder, reason=reason)
             failures |= prepared.failures
         with portion(PREPARED, 1.0):
-            return Search(zo.find_source(target, libraries), failures)
+            found = zo.find_source(target, libraries)
+        pictures = {
+            each.path: draw_pair(each.match, PICTURE, PICTURE, blender=True) for each in found.ranked if each.match
+        }
+        return Search(found, failures, pictures)
     except OSError as error:
         raise zo.MeshError(str(error)) from error
 

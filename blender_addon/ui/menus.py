@@ -20,6 +20,7 @@ from ..operators.bake_textures import ZOOMOUT_OT_bake_textures
 from ..operators.bend_match import ZOOMOUT_OT_bend_match
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ..operators.check_motion import ZOOMOUT_OT_check_motion
 from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.dress import ZOOMOUT_OT_dress
@@ -58,6 +59,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_bind_to_rig,
             ZOOMOUT_OT_move_rig,
             ZOOMOUT_OT_test_poses,
+            ZOOMOUT_OT_check_motion,
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,

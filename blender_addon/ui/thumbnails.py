@@ -1,13 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Thumbnails of candidates: the target in the position colours of each map, and the source in its own colours."""
+"""Thumbnails of candidates: the target in the position colours of each map, and the source in its own colours.
+
+Those of files in libraries are pictures of both, and the file's own.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 import bpy
 import bpy.utils.previews
 import numpy as np
 
 from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.drawing import PAPER
 
 from ..storage.stored_candidates import CandidateList
 
@@ -24,18 +32,33 @@ _previews: bpy.utils.previews.ImagePreviewCollection | None = None
 
 def icon_of_candidate(listing: CandidateList, place: int) -> int:
     """Icon number of the target's thumbnail in a candidate's colours."""
-    return _icon(f"{listing.key} {place}", listing.points, listing.candidates[place].colors)
+    return _icon(f"{listing.key} {place}", partial(picture, listing.points, listing.candidates[place].colors / 255))
 
 
 def icon_of_source(listing: CandidateList) -> int:
     """Icon number of the source's thumbnail."""
     colors = np.concatenate([candidate.colors for candidate in listing.candidates])
-    return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)
+    return _icon(f"{listing.key} source", partial(picture, colors / 255 * listing.box, colors / 255))
 
 
 def icon_of_symmetry(name: str, points: Floats, colors: Bytes) -> int:
     """Icon number of a mesh's thumbnail in the colours of one of its symmetries, see `stored_symmetry.thumbnails`."""
-    return _icon(name, points, colors)
+    return _icon(name, partial(picture, points, colors / 255))
+
+
+def icon_of_picture(image: Bytes) -> int:
+    """Icon number of a picture (height, width, 3) that the core has drawn, on a transparent background."""
+    return _icon(f"picture {hash(image.tobytes())}", partial(_without_paper, image))
+
+
+def icon_of_file(path: str) -> int | None:
+    """Icon number of the thumbnail that Blender stores in .blend files; None if there is none."""
+    if Path(path).suffix.lower() != ".blend":
+        return None
+    previews = _collection()
+    if path not in previews:
+        previews.load(path, path, "BLEND")
+    return int(previews[path].icon_id) if previews[path].image_size[0] else None
 
 
 def unregister() -> None:
@@ -75,14 +98,26 @@ def _in_view(points: Floats) -> Floats:
     return points @ (tilt @ turn).T
 
 
-def _icon(name: str, points: Floats, colors: Bytes) -> int:
+def _without_paper(image: Bytes) -> Floats:
+    """A picture of the core as an RGBA image, bottom row first."""
+    drawn = (image != np.rint(255 * PAPER)).any(axis=2, keepdims=True)
+    return np.concatenate([image / 255, drawn], axis=2)[::-1]
+
+
+def _icon(name: str, draw: Callable[[], Floats]) -> int:
+    """The icon number of an RGBA image (height, width, 4), bottom row first, which is drawn once."""
+    previews = _collection()
+    if name not in previews:
+        made = previews.new(name)
+        pixels = draw().astype(np.float32)
+        made.image_size = made.icon_size = pixels.shape[1], pixels.shape[0]
+        made.image_pixels_float.foreach_set(pixels.ravel())
+        made.icon_pixels_float.foreach_set(pixels.ravel())
+    return int(previews[name].icon_id)
+
+
+def _collection() -> bpy.utils.previews.ImagePreviewCollection:
     global _previews
     if _previews is None:
         _previews = bpy.utils.previews.new()
-    if name not in _previews:
-        made = _previews.new(name)
-        pixels = picture(points, colors / 255).ravel().astype(np.float32)
-        made.image_size = made.icon_size = SIZE, SIZE
-        made.image_pixels_float.foreach_set(pixels)
-        made.icon_pixels_float.foreach_set(pixels)
-    return int(_previews[name].icon_id)
+    return _previews

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find a source in a library, and append it."""
 
+import struct
+from types import SimpleNamespace
+
 import bpy
+import numpy as np
 import pytest
+from drawing import Context, Layout
 from scenes import activate, from_pydata, snapshot_file
 
 import zoomout_core as zo
 from blender_addon import api
 from blender_addon.scene.files import save_scene
-from blender_addon.services.library import append_source, library_folders
+from blender_addon.services.library import append_source, last_pictures, library_folders
+from blender_addon.ui import thumbnails
+from blender_addon.ui.panels import library
+from zoomout_core.library.pictures import draw_pair
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
 
@@ -40,11 +48,37 @@ def test_a_search_lists_files_and_appends_none(target, folder):
     assert found.name == str(folder / "hero.ply")
     assert found.fits
     assert found.line.startswith("hero: fit ")
+    assert list(last_pictures) == [folder / "hero.ply"]
     assert settings.found_for == target.name
     assert bpy.ops.zoomout.append_source(path=found.name) == {"FINISHED"}
     assert settings.source.name == "hero"
     assert bpy.data.collections["hero"].objects[:] == [settings.source]
     assert bpy.context.active_object == target
+
+
+def test_what_was_found_is_shown_in_matching_colours_beside_the_thumbnail(target, tmp_path, monkeypatch):
+    settings, path = bpy.context.scene.zoomout, tmp_path / "hero.blend"
+    # The start of a .blend file: a header, and a block with width, height and pixels of the thumbnail.
+    pixels = struct.pack("<ii", 2, 2) + bytes([255, 0, 0, 255] * 4)
+    path.write_bytes(b"BLENDER-v402TEST" + struct.pack("<IQII", len(pixels), 0, 0, 0) + pixels)
+    turned = creature(900, seed=1).surface
+    match = SimpleNamespace(
+        source=turned,
+        target=turned.with_vertices(turned.vertices[:, [0, 2, 1]] * [1, -1, 1]),
+        surface_map=zo.SurfaceMap.from_vertices(np.arange(len(turned.vertices)), turned),
+        confidence=np.ones(len(turned.vertices)),
+    )
+    of_source, of_target = draw_pair(match, 64, 64, blender=True)
+    assert np.abs(of_source.astype(int) - of_target).max() <= 2
+    assert (thumbnails._without_paper(of_source)[..., 3] > 0).mean() > 0.05
+    settings.found_for = target.name
+    settings.found_sources.clear()
+    settings.found_sources.add().name = str(path)
+    for pictures, count in (((), 1), ((of_source, of_target), 3)):
+        monkeypatch.setattr(library, "last_pictures", {path: pictures})
+        panel = SimpleNamespace(layout=Layout([]))
+        library.ZOOMOUT_PT_library.draw(panel, Context())
+        assert [kind for kind, *_ in panel.layout.drawn].count("icon") == count
 
 
 @pytest.mark.slow

@@ -106,6 +106,35 @@ def test_the_action_plays_about_the_moved_joints():
     )
 
 
+def test_the_motion_is_compared_with_the_source():
+    source, armature = source_and_rig()
+    target, _ = other_build(PLACE)
+    _, made = move(source, target, shape="keep_shape")
+    with pytest.raises(zo.MeshError, match="Nothing animates"):
+        api.check_motion(bpy.context, target)
+    upper = armature.pose.bones["Upper"]
+    upper.keyframe_insert("rotation_quaternion", frame=1)
+    upper.rotation_quaternion = Euler((0.5, 0, 0)).to_quaternion()
+    upper.keyframe_insert("rotation_quaternion", frame=9)
+    upper.rotation_quaternion = (1, 0, 0, 0)
+    made.animation_data_create().action = armature.animation_data.action
+    if hasattr(made.animation_data, "action_slot"):  # since Blender 4.4
+        made.animation_data.action_slot = armature.animation_data.action_slot
+    bpy.context.view_layer.update()
+    activate(target)
+    assert not api.check_motion(bpy.context, target).faults
+    follow = made.pose.bones["Lower"].constraints.new("LIMIT_LOCATION")
+    follow.use_max_y, follow.max_y, follow.owner_space = True, -1.0, "LOCAL"  # down along the bone
+    found = api.check_motion(bpy.context, target)
+    legs = made.data.bones["Middle"].head_local.z - made.data.bones["Lower"].head_local.z
+    assert found.sinking == pytest.approx(1 / legs, rel=0.05)
+    assert bpy.ops.zoomout.check_motion() == {"FINISHED"}
+    target.modifiers.clear()
+    target.parent = None
+    with pytest.raises(zo.MeshError, match="not bound to the bones"):
+        api.check_motion(bpy.context, target)
+
+
 def test_a_posed_target_is_taken_to_rest_at_its_own_size():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)

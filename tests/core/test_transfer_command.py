@@ -214,6 +214,7 @@ def test_a_rig_moves_into_the_target(files: tuple[Path, Path], tmp_path: Path) -
     code, said = run(source, tmp_path / "tall.ply", "-o", tmp_path / "out.glb", "--move-rig", "--force", "--json")
     assert code == 0, said
     assert json.loads(said)["options"]["move_rig"] is True
+    assert [motion["sliding"] < 0.1 for motion in json.loads(said)["targets"][0]["motions"]] == [True]
     again, before = read_asset(tmp_path / "out.glb"), read_asset(source)
     assert again.skin is not None
     assert before.skin is not None

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
+from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.move_skin import move_skin
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
@@ -20,6 +21,7 @@ from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
 from zoomout_core.transfer.rigging.skinning import normalise, skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
@@ -42,11 +44,13 @@ class TransferredAsset(NamedTuple):
         asset: the target.
         received: names of received attributes.
         notes: sentences for the user.
+        motions: how each animation differs from the source's, if joints were moved.
     """
 
     asset: Asset
     received: tuple[str, ...]
     notes: tuple[str, ...]
+    motions: tuple[MotionCheck, ...] = ()
 
 
 @memory_in_words
@@ -74,8 +78,8 @@ def transfer_asset(
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
-        move_rig: move the joints into the target, which keeps its own size; otherwise it takes the size of the source,
-            whose joints stay where they are.
+        move_rig: move the joints into the target, which keeps its own size, and compare how it plays the animations;
+            otherwise it takes the size of the source, whose joints stay where they are.
 
     Raises:
         MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
@@ -111,6 +115,7 @@ def transfer_asset(
         received[attribute.name] = carried
         notes += carried.notes
     notes += _note_on_replaced(target, replaced, skin is not None)
+    motions: tuple[MotionCheck, ...] = ()
     asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
@@ -123,8 +128,11 @@ def transfer_asset(
         look = document if asset.look is source.document else asset.look
         asset = replace(asset, skin=own, document=document, nodes=(), look=look)
         notes += found
+        if move_rig:
+            motions = check_rig(source, asset, at_rest.surface_map)
+            notes += note_on_motions(motions)
     advance(1.0)
-    return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
+    return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes), motions)
 
 
 def _place_all(surface: Surface) -> Surface:

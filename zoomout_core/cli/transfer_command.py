@@ -256,6 +256,8 @@ def _run_job(
     received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
     notes = [*report["notes"], *made.notes, *named, *left_out]
     report |= {"transferred": received, **note_figures(notes)}
+    if move_rig:
+        report["motions"] = [asdict(each) for each in made.motions]
     return [
         f"Transferred: {', '.join(received)}.",
         *match_lines(result, parts),

@@ -11,35 +11,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import write_whole
 from zoomout_core.colors import place_colors
-from zoomout_core.drawing import draw_upright, encode_png
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.drawing import encode_png
 from zoomout_core.library.library import NOT_PREPARED, Library
+from zoomout_core.library.pictures import draw_bound, draw_colored, draw_pair
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, Verdict, check_verdict
-from zoomout_core.matching.result import MatchResult
-from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.opening import existing, file_bytes
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY, from_json, to_json
 from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.version import package_version
 
 # Folders of the results: targets with the data of their sources, pictures, and records of both.
 MADE, PICTURES, RECORDS = "targets", "pictures", "records"
-# Pixels of a picture of one shape, and degrees by which it is seen from the side.
-WIDTH, HEIGHT, YAW = 260, 320, 25.0
-# The most vertices of a surface to draw.
-MAX_VERTICES = 20_000
 # Fraction of the progress at the end of the search, and of the match with the source.
 SEARCHED, MATCHED = 0.4, 0.85
 # Kinds of data to transfer.
@@ -166,7 +158,7 @@ def _find(
     with portion(0, SEARCHED):
         found = search(target.surface, assets)
     result = found.ranked[0].match if found.ranked else None
-    output, notes = "", list[str]()
+    output, notes, skin = "", list[str](), None
     if found.best is None:
         verdict = Verdict(RED, str(found.refusal), "")
     elif carry is Carry.NOTHING:
@@ -193,6 +185,7 @@ def _find(
         (folder / output).parent.mkdir(parents=True, exist_ok=True)
         check_avatar(base_of(source, target, TRANSFERRED), folder / output)
         left_out = write_asset(made.asset, folder / output, inputs_of(path, found.best.path))
+        skin = made.asset.skin
         notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     record = TargetRecord(
         key,
@@ -205,8 +198,12 @@ def _find(
         str(verdict.advice),
         tuple(dict.fromkeys(notes)),
     )
-    picture = _draw(target.surface, target.surface.vertices) if result is None else draw_beside_source(result)
-    write_whole(place_of_picture(folder, name), encode_png(picture))
+    if result is None:
+        alone = target.surface
+        pictures = [draw_colored(alone, place_colors(alone.vertices, alone.vertices))]
+    else:
+        pictures = [*draw_pair(result), *([draw_bound(result, skin)] if skin is not None else [])]
+    write_whole(place_of_picture(folder, name), encode_png(np.concatenate(pictures, axis=1)))
     write_whole(folder / RECORDS / f"{name}.json", json.dumps(to_json(asdict(record)), indent=1).encode())
     return record
 
@@ -216,31 +213,6 @@ def _rows(found: FoundSources) -> list[dict[str, Any]]:
         {"file": str(each.path), "fit": 1 - each.misfit, "certainty": each.certainty, "fits": each.fits}
         for each in found.ranked
     ]
-
-
-def draw_beside_source(result: MatchResult) -> Bytes:
-    """Draw the source of a match, and the target as large and turned like it; equal colours correspond.
-
-    Returns:
-        (height, width, 3) pixels, rows from top to bottom.
-    """
-    images = result.surface_map.interpolate(result.source.vertices)
-    placed = procrustes(result.target.vertices, images, result.confidence + np.finfo(float).eps)
-    shapes = (
-        (result.source, result.source.vertices, result.source.vertices),
-        (result.target.with_vertices(placed(result.target.vertices[:, None])[:, 0]), images, result.source.vertices),
-    )
-    return np.concatenate([_draw(surface, places, around) for surface, places, around in shapes], axis=1)
-
-
-def _draw(surface: Surface, places: Floats, around: Floats | None = None) -> Bytes:
-    """Draw a surface with the colours of places (n, 3)."""
-    colors = place_colors(places, places if around is None else around)
-    vertices, triangles = surface.vertices, surface.triangles
-    if len(vertices) > MAX_VERTICES:
-        vertices, triangles, _ = decimate(vertices, triangles, MAX_VERTICES)
-        colors = colors[cKDTree(surface.vertices).query(vertices)[1]]
-    return draw_upright(vertices, triangles, colors, YAW, WIDTH, HEIGHT)
 
 
 def _read_record(folder: Path, name: str, key: str) -> TargetRecord | None:

@@ -49,7 +49,8 @@ def write_reports(result: FoundForAll) -> None:
         result.folder.absolute().name,
         lines_of_targets(result)[0],
         "All targets, those to look at first",
-        "The source is on the left, the target on the right. Equal colours correspond.",
+        "The source is on the left, the target beside it, and the written target with its joints on the right. Equal "
+        "colours correspond.",
         (_card(result, name, record) for name, record in _in_order(result)),
         result.failures,
     )

@@ -7,6 +7,7 @@ from bpy.types import Context, Panel
 
 from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
+from ...operators.check_motion import ZOOMOUT_OT_check_motion
 from ...operators.move_rig import ZOOMOUT_OT_move_rig
 from ...operators.select_faults import ZOOMOUT_OT_select_stretched
 from ...operators.test_poses import ZOOMOUT_OT_test_poses
@@ -41,6 +42,7 @@ class ZOOMOUT_PT_binding_check(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout = self.layout
         layout.operator(ZOOMOUT_OT_test_poses.bl_idname, icon="POSE_HLT")
+        layout.operator(ZOOMOUT_OT_check_motion.bl_idname, icon="ACTION")
         layout.operator(ZOOMOUT_OT_select_stretched.bl_idname, icon="RESTRICT_SELECT_OFF")
         enabled = ZOOMOUT_OT_select_stretched.poll(context)
         preview_buttons(context, layout, OF_BINDING, enabled)

@@ -3,11 +3,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from bpy.types import Context, Panel
 
 from ...operators.find_source import ZOOMOUT_OT_append_source, ZOOMOUT_OT_find_source
 from ...properties.library import LibrarySettings
+from ...services.library import last_pictures
+from ..thumbnails import icon_of_file, icon_of_picture
 from .sidebar import SidebarPanel, split_properties
+
+# Scale of pictures.
+PICTURE = 4.0
 
 
 class ZOOMOUT_PT_library(SidebarPanel, Panel):
@@ -23,8 +30,13 @@ class ZOOMOUT_PT_library(SidebarPanel, Panel):
         obj = context.active_object
         if obj is None or obj.name != settings.found_for:
             return
-        column = layout.column(align=True)
         for found in settings.found_sources:
+            column = layout.column(align=True)
+            pictures = [icon_of_picture(image) for image in last_pictures.get(Path(found.name), ())]
+            row = column.row()
+            for picture in (icon_of_file(found.name), *pictures):
+                if picture is not None:
+                    row.template_icon(picture, scale=PICTURE)
             icon = "CHECKMARK" if found.fits else "CANCEL"
             column.operator(
                 ZOOMOUT_OT_append_source.bl_idname, text=found.line, icon=icon, translate=False

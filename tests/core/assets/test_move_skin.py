@@ -14,6 +14,7 @@ from skinned_tubes import LENGTH, weights_of, write_tube
 from test_transfer_asset import bent, finer_tube, matched
 
 from zoomout_core.assets.asset import WEIGHTS, Asset
+from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf import VRM_0, Document
 from zoomout_core.assets.move_skin import CUBIC
@@ -87,6 +88,22 @@ def test_animations_play_about_the_moved_joints(source: Asset, tmp_path: Path) -
     expected = (1 - upper) * rest + upper * ((rest - joint) @ turn.T + joint)
     off = np.linalg.norm(play(again, "rotation") - expected, axis=1)
     assert off.mean() < 0.02 * LENGTH
+
+
+def test_animations_are_compared_with_those_of_the_source(source: Asset) -> None:
+    made = finer_tube()
+    match = matched(source, made.vertices / SCALE)
+    target = Asset(made.with_vertices(made.vertices * BUILD))
+    still = transfer_asset(source, target, match, [WEIGHTS])
+    moved = transfer_asset(source, target, match, [WEIGHTS], move_rig=True)
+    assert not still.motions
+    (motion,) = moved.motions
+    assert not motion.faults
+    assert moved.notes[-1].startswith("The action plays as on the source")
+    lowered = moved.asset.document.copy()
+    lowered.gltf.nodes[moved.asset.skin.nodes[0]].translation = [0, -1 / SCALE, 0]
+    (motion,) = check_rig(source, replace(moved.asset, document=lowered), match.surface_map)
+    assert motion.sinking == pytest.approx(1 / (1.5 * LENGTH / 2), rel=0.1)
 
 
 def test_a_posed_target_keeps_its_size_and_is_taken_to_rest(source: Asset, tmp_path: Path) -> None:

@@ -5,19 +5,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.sparse import csr_array
 
-from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
 from zoomout_core.colors import place_colors
 from zoomout_core.library import find_all as batch
 from zoomout_core.library.bodies import Body, bodies_of
 from zoomout_core.library.library import Library
+from zoomout_core.library.pictures import draw_bound, draw_colored
 from zoomout_core.library.search import FoundSource, FoundSources
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -83,6 +87,22 @@ def test_a_folder_of_targets_receives_the_data_of_their_sources_once(
     (out / row["output"]).unlink()
     with pytest.raises(TypeError):
         CliRunner().invoke(main, ["find", *map(str, arguments)], catch_exceptions=False)
+
+
+def test_a_bound_target_is_drawn_as_its_joints_place_it() -> None:
+    source = creature(300, seed=2).surface
+    count, turn = len(source.vertices), np.diag([-1.0, -1, 1, 1])
+    match = SimpleNamespace(
+        source=source,
+        target=source.with_vertices(source.vertices[:, [1, 0, 2]]),
+        surface_map=SurfaceMap.from_vertices(np.arange(count), source),
+    )
+    joint = {"nodes": np.zeros(1, int), "names": ("Root",), "parents": np.array([-1]), "inverse_bind": np.eye(4)[None]}
+    weights = csr_array(np.ones((count, 1)))
+    rest = source.vertices * [-1, -1, 1]
+    skin = Skin(**joint, transforms=turn[None], rest=rest, linear=np.tile(np.eye(3), (count, 1, 1)), weights=weights)
+    expected = draw_colored(source, place_colors(source.vertices, source.vertices))
+    np.testing.assert_array_equal(draw_bound(match, skin), expected)
 
 
 def test_a_source_without_a_rig_or_of_blender_is_a_failure_of_its_target_only(

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compare how the active mesh plays the animation of its rig with how the source does."""
+
+from __future__ import annotations
+
+from bpy.types import Context
+
+from zoomout_core.messages import sentences
+from zoomout_core.transfer.rigging.motion import note_on_motions
+
+from ..services.check_motion import check_motion_async
+from .matched import MatchedOperator
+
+
+class ZOOMOUT_OT_check_motion(MatchedOperator):
+    bl_idname = "zoomout.check_motion"
+    bl_label = "Check Motion"
+    bl_description = (
+        "Play the animation of the source's armature and that of the active mesh's, and report whether feet slide, "
+        "sink or float, or hands leave what they touch, unlike on the source. Lengths are relative to the legs"
+    )
+    bl_options = {"REGISTER"}
+
+    async def work(self, context: Context) -> str:
+        return sentences(*note_on_motions([await check_motion_async(context, context.active_object.name)]))
