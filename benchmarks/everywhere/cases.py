@@ -82,7 +82,7 @@ class Case:
         source_part: (n_s,) the number of each source vertex's loose part.
         target_part: (n_t,) the part that each target vertex should receive from; -1 near a border or if unknown.
         source_limb: (n_s,) the number of the limb that each source vertex belongs to, 0 for none or if unknown.
-        target_limb: (n_t,) the same for the target.
+        target_limb: (n_t,) the same for the target; bodies have 0 beside another limb, too.
         rig: the source's rig, if the target is at rest.
         image: (n_t,) the source vertex at the place of each target vertex, -1 if unknown; None if all are unknown.
     """
@@ -230,7 +230,17 @@ def case_of_bodies(
 ) -> Case:
     """A case without known parts."""
     unknown = np.full(len(target.vertices), -1)
-    return Case(kind, name, source, target, source.components, unknown, source_limb, target_limb, rig)
+    clear = _clear_limbs(target_limb, target)
+    return Case(kind, name, source, target, source.components, unknown, source_limb, clear, rig)
+
+
+def _clear_limbs(limb: Integers, surface: zo.Surface) -> Integers:
+    """(n,) limbs (n,), but 0 at vertices beside another limb, such as between the fingers of a coarse mesh."""
+    edges, _ = unique_edges(surface.triangles)
+    one, other = limb[edges].T
+    clear = limb.copy()
+    clear[edges[(one != other) & (one != 0) & (other != 0)]] = 0
+    return clear
 
 
 def rig_of_bodies(bodies: Bodies, build: str) -> Rig:

@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from benchmarks.everywhere.cases import SKIN, Case, Rig
+from benchmarks.everywhere.cases import SKIN, TOUCH, Case, Rig, case_of_bodies
 from benchmarks.everywhere.measures import WRONG_PLACE, is_wrong, measure, measure_binding, torn_edges, wrong_limb
 from zoomout_core.samples import grids
 
@@ -45,6 +45,14 @@ def test_a_map_that_is_far_off_is_wrong_as_a_whole(case: Case) -> None:
     assert not is_wrong(right)
     assert reversed_map["off"] > WRONG_PLACE
     assert is_wrong(reversed_map | {"part": None, "limb": None})
+
+
+def test_vertices_beside_another_limb_have_no_true_limb(case: Case) -> None:
+    column = np.rint(case.source.vertices[:, 0] * (COLUMNS - 1) / 2).astype(int)
+    limb = np.select([column < 10, column < 20], [1, 2], 0)
+    of_bodies = case_of_bodies(TOUCH, "strip", case.source, case.target, limb, limb, None)
+    np.testing.assert_array_equal(of_bodies.source_limb, limb)
+    np.testing.assert_array_equal(of_bodies.target_limb, np.where((column == 9) | (column == 10), 0, limb))
 
 
 def test_a_part_that_lands_elsewhere_is_lost(case: Case) -> None:

@@ -28,6 +28,11 @@ INDEPENDENT_SET_ROUNDS = 8
 # Maximum vertices removed in one stage, a tenth of a second: quadric decimation cannot be interrupted and holds the
 # interpreter's lock.
 MAX_STAGE_VERTICES = 20_000
+# Standard deviation of random displacements of vertices before their quadrics are computed, along each axis, in vertex
+# spacings. Quadrics do not determine positions on flat facets, so that rounding would: of the vertices of six voxel-
+# remeshed game characters, 8 to 65 % went elsewhere at other scales, and now 0 to 2 %. The mean distance between a mesh
+# and its proxy grows by 1 %; it is 5 % with 0.03.
+JITTER = 0.01
 
 
 def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
@@ -57,6 +62,8 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
         triangles = triangles[have_three_corners(triangles)]
         vertices, merged = vertices[kept], number[merged]
         advance(_progress(most, len(vertices), count))
+    if 2 * count < len(triangles):
+        vertices = vertices + JITTER * np.sqrt(area / len(vertices)) * random.standard_normal(vertices.shape)
     while 2 * count < len(triangles):
         stage = max(count, min(len(vertices) - MAX_STAGE_VERTICES, len(vertices) // 2))
         points, triangles, into = _simplify(vertices, triangles, stage)

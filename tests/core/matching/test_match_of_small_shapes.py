@@ -67,6 +67,14 @@ def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[P
     assert again[0].fraction < 0.1
 
 
+def test_a_match_is_the_same_to_the_bit_in_a_unit_of_a_power_of_two(result: zo.MatchResult) -> None:
+    scaled = [Surface(made.surface.vertices / 1024, made.surface.triangles) for made in (SOURCE, TARGET)]
+    found = zo.match(*scaled, initial="proximity", k_final=30)
+    for name in ("triangle", "barycentric"):
+        np.testing.assert_array_equal(getattr(found.surface_map, name), getattr(result.surface_map, name))
+    np.testing.assert_array_equal(found.confidence, result.confidence)
+
+
 def test_what_is_asked_of_a_shape_ahead_is_asked_in_order_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 from trimesh.remesh import subdivide
 
 from zoomout_core.geometry.closest_points import closest_points
@@ -63,6 +63,18 @@ def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
     on_tube = points[faces].mean(axis=1)[:, 2] > 1.95
     area = triangle_areas(points, faces)[on_tube].sum()
     assert area > 0.9 * triangle_areas(vertices, sides).sum()
+
+
+@pytest.mark.parametrize("unit", [0.001, 0.3937, 1000.0])
+def test_facets_of_remeshed_solids_end_up_in_the_same_places_in_every_unit(unit: float) -> None:
+    points = np.random.default_rng(3).standard_normal((12, 3))
+    vertices, triangles = points / np.linalg.norm(points, axis=1, keepdims=True), ConvexHull(points).simplices
+    for _ in range(4):
+        vertices, triangles = subdivide(vertices, triangles)
+    in_units = [Surface((scale * vertices).astype(np.float32), triangles).working for scale in (1, unit)]
+    found = [decimate(each.vertices, each.oriented_triangles, 600) for each in in_units]
+    places, others = (points[merged] for points, _, merged in found)
+    assert (np.linalg.norm(others - places, axis=1) < 1e-3).mean() > 0.99
 
 
 def test_a_mesh_that_is_small_already_stays() -> None:

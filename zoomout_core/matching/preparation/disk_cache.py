@@ -26,7 +26,7 @@ from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
-FORMAT = 3
+FORMAT = 4
 # Bytes that the files take at most, unless the user says otherwise.
 MAX_BYTES = 1 << 30
 

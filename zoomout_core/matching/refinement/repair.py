@@ -67,6 +67,9 @@ class RepairTuning(Tuning, set_by="everywhere"):
     samples: int = tuned(120_000, "points", 1, 10_000_000)  # of the source to project to, or all its triangles
     candidates: int = tuned(48, "points", 2, 1000)  # nearest samples that are compared
     normal_weight: float = tuned(0.02, "at unit area", 0, 10)  # distance that equals a unit difference of normals
+    # Rounds of filling, as long as something is torn. Between a knight and a heavy man, .60 % of the edges are torn
+    # after one, .27 % after two, .24 % after three, and .22 % after five.
+    rounds: int = tuned(3, "rounds", 1, 100)
     rings: int = tuned(4, "edges", 1, 100)  # distance around a patch that its motion is fitted to
     max_scale: float = tuned(2.0, "1", 1, 100)  # of a patch
     geodesic_weight: float = tuned(0.3, "1", 0, 10)  # the distance that counts as much as a unit of geodesic distance
@@ -149,18 +152,23 @@ class _Meshes:
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
-    """Rematch branches that are on the wrong branch, and fill in torn places; exact landmarks keep their images."""
+    """Rematch branches that are on the wrong branch, and fill in torn places; exact landmarks keep their images.
+
+    Bases of rematched branches may show further wrong branches, and what a filling leaves torn is filled in again, from
+    surroundings that have become smoother.
+    """
     meshes, of_both = _Meshes(pair), branches_of(pair)
-    exchanged, bases = exchange_branches(pair, surface_map, of_both)
-    branches = exchanged.triangle != surface_map.triangle
-    first = _fill_torn(pair, meshes, exchanged, bases, branches)
-    if not bases.any():
-        return first
-    exchanged, bases = exchange_branches(pair, first.surface_map, of_both)  # at new bases, branches may be wrong still
-    branches |= exchanged.triangle != first.surface_map.triangle
-    second = _fill_torn(pair, meshes, exchanged, bases, branches)
-    connected = np.minimum(first.connected, second.connected)
-    return second._replace(filled=first.filled | second.filled, connected=connected)
+    branches = filled = np.zeros(len(pair.target.vertices), dtype=bool)
+    connected = np.ones(len(branches))
+    for _ in range(REPAIR.rounds):
+        exchanged, bases = exchange_branches(pair, surface_map, of_both)
+        branches = branches | (exchanged.triangle != surface_map.triangle)
+        found = _fill_torn(pair, meshes, exchanged, bases, branches)
+        surface_map, filled = found.surface_map, filled | found.filled
+        connected = np.minimum(connected, found.connected)
+        if not (bases.any() or found.torn.any()):
+            break
+    return Repair(surface_map, filled, found.torn, connected)
 
 
 def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:

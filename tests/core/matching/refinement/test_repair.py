@@ -170,6 +170,16 @@ def test_each_patch_takes_the_images_that_neither_stretch_nor_shrink_it(pair) ->
         shrunk, stretched = places.copy(), places.copy()
 
 
+def test_a_jump_between_fine_edges_is_filled_in_round_by_round() -> None:
+    pair, truth, u = facing_plates()
+    rows, across = len(np.unique(u)), len(u) // len(np.unique(u))
+    row, place = np.divmod(truth.vertex, across)
+    slipped = np.where(u > 0.6, np.minimum(row + 16, rows - 1), row)  # by far more edges than one round fills in
+    images = slipped * across + place
+    found = repair(pair, zo.SurfaceMap.from_vertices(images, pair.source))
+    assert not found.torn.any()
+
+
 def test_a_patch_on_the_surface_that_faces_it_is_found_by_geodesic_distance() -> None:
     pair, truth, u = facing_plates()
     places = pair.source.vertices
