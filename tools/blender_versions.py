@@ -41,11 +41,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Test the installed extension in several versions of Blender.")
     parser.add_argument("versions", nargs="*", metavar="VERSION", help=f"of {', '.join(VERSIONS)} (default: all)")
     parser.add_argument("--ends", action="store_true", help="the oldest and the newest, as far as Python is there")
+    parser.add_argument("--prepare", action="store_true", help="only set up their environments, for later tests")
     arguments = parser.parse_args()
     if unknown := set(arguments.versions).difference(VERSIONS):
         sys.exit(f"There is no Blender {', '.join(sorted(unknown))} here: choose from {', '.join(VERSIONS)}.")
     names = list(VERSIONS)
     chosen = list(filter(has_python, [names[0], names[-1]])) if arguments.ends else arguments.versions or names
+    if arguments.prepare:
+        for name in chosen:
+            environment(name)
+        return
     (archive,) = extension.build([extension.this_platform()])
     failed = [name for name in chosen if not passes(name, archive)]
     if failed:
@@ -86,7 +91,8 @@ def environment(name: str) -> Path:
     if folder.exists():
         shutil.rmtree(folder)
     subprocess.run([interpreter(VERSIONS[name].python), "-m", "venv", folder], check=True)
-    subprocess.run([python, "-m", "pip", "install", "--quiet", "--prefer-binary", *wanted.split()], check=True)
+    install = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--prefer-binary"]
+    subprocess.run([*install, *wanted.split()], check=True)
     stamp.write_text(f"{folder}: {wanted}")
     return python
 

@@ -303,9 +303,13 @@ def register_extension() -> None:
 
 
 def pip_install(*arguments: str) -> int:
-    """Run pip in `.venv`, and return its exit status."""
+    """Run pip in `.venv`, and return its exit status.
+
+    Modules are compiled when they are first imported: compiling all 7,900 takes 35 s, half of the set-up's work, while
+    the tests import 1,700.
+    """
     pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "--no-input", "--disable-pip-version-check"]
-    return run_logged([*pip, "install", "--progress-bar", "off", *arguments])
+    return run_logged([*pip, "install", "--no-compile", "--progress-bar", "off", *arguments])
 
 
 def check_hosts() -> None:

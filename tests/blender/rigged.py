@@ -31,10 +31,10 @@ def rig(name="Rig", bones=BONES):
     return armature
 
 
-def source_and_rig(matrix=None, place_of_rig=None):
+def source_and_rig(matrix=None, place_of_rig=None, around=20, along=61):
     """A tube with weights, bound to a rig, with any transforms."""
     armature = rig()
-    surface = tube(around=20, along=61)
+    surface = tube(around, along)
     source = mesh_object("Source", surface)
     for name, column in zip(BONES, weights_of(surface.vertices).toarray().T, strict=True):
         set_weights(source, name, column)
@@ -67,12 +67,12 @@ def visible_positions(obj):
     return points
 
 
-def pose_target(source, armature, pose=None, name="Target", matrix=None):
+def pose_target(source, armature, pose=None, name="Target", matrix=None, around=15, along=47):
     """A mesh of another topology in a pose of the source, without data; and its vertices at rest.
 
     Its true match is stored.
     """
-    still = tube(around=15, along=47, turned=0.4)
+    still = tube(around, along, turned=0.4)
     twin = mesh_object("Twin", still)
     for bone, column in zip(BONES, weights_of(still.vertices).toarray().T, strict=True):
         set_weights(twin, bone, column)

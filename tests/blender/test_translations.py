@@ -12,6 +12,7 @@ import re
 import string
 import subprocess
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from shutil import which
 
@@ -84,6 +85,7 @@ def of_properties(owner):
     return found
 
 
+@cache
 def registered():
     """The add-on's registered labels, names and tooltips."""
     found = {each.bl_label for each in (*panels.CLASSES, *menus.CLASSES, *presets.CLASSES) if hasattr(each, "bl_label")}
@@ -103,11 +105,14 @@ def drawn():
     return {text.value for text in given if isinstance(text, ast.Constant)}
 
 
-def modules() -> Iterator[tuple[Path, ast.Module]]:
-    for root in (ADDON, CORE):
-        for path in sorted(root.rglob("*.py")):
-            if path.relative_to(root).parts[0] not in ELSEWHERE:
-                yield path, ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def modules() -> list[tuple[Path, ast.Module]]:
+    return [
+        (path, ast.parse(path.read_text(encoding="utf-8")))
+        for root in (ADDON, CORE)
+        for path in sorted(root.rglob("*.py"))
+        if path.relative_to(root).parts[0] not in ELSEWHERE
+    ]
 
 
 def texts_of(node: ast.AST) -> Iterator[str]:
@@ -134,6 +139,7 @@ def literals_of(node: ast.AST) -> Iterator[str]:
             yield from literals_of(child)
 
 
+@cache
 def literals() -> set[str]:
     """All texts in the code."""
     return {text for _, tree in modules() for text in literals_of(tree)}
@@ -149,6 +155,7 @@ def name_of(call: ast.Call) -> str:
     return "" if attribute == "warning" else attribute or getattr(call.func, "id", "")  # a logger's warning
 
 
+@cache
 def templates() -> set[str]:
     """Texts with fields and texts of Messages, all of which need a translation."""
     found = set()
@@ -161,6 +168,7 @@ def templates() -> set[str]:
     return {text for text in found if re.search("[a-z]{2}", words_of(text)) and " " in text}
 
 
+@cache
 def shown() -> set[str]:
     """Sentences without values that are shown as errors, notes, reasons or stages."""
     found = set()

@@ -49,6 +49,7 @@ CODE_HABITS = tuple(
         r"\bas good as none\b",
     )
 )
+HASH = re.compile("#.*")
 # Descriptions of options that still have such a habit: remove them here as they are rewritten.
 ALLOWED = (
     "A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
@@ -67,13 +68,14 @@ def _docstrings(tree: ast.Module) -> set[ast.AST]:
 
 
 def _comments(source: str) -> Iterator[tuple[int, str]]:
-    """Lines and texts of docstrings and comments, with line breaks as spaces."""
+    """Lines and texts of docstrings, with line breaks as spaces, and of comments if some in the file may be stiff."""
     for node in _docstrings(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.lineno, " ".join(node.value.split())
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
+    if any("What" in line or any(habit.search(line) for habit in CODE_HABITS) for line in HASH.findall(source)):
+        for token in tokenize.generate_tokens(io.StringIO(source).readline):  # takes longest
+            if token.type == tokenize.COMMENT:
+                yield token.start[0], token.string
 
 
 def _texts(source: str) -> Iterator[tuple[int, str]]:

@@ -52,6 +52,7 @@ def test_the_output_of_pip_goes_to_the_log_and_large_downloads_are_shown(
     command, *output = bootstrap.LOG.read_text().splitlines()
     assert command.startswith("$ ")
     assert command.endswith("--editable .[dev]")
+    assert "--no-compile" in command.split()
     assert output == lines
 
 

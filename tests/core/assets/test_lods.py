@@ -47,6 +47,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def coarse(folder: Path) -> tuple[Asset, Level]:
+    """The last level, whose few vertices are fast, and its own level."""
+    source = read_asset(folder / "levels" / "character_LOD2.glb")
+    return source, make_lods(source, [0.4])[0]
+
+
 def test_levels_have_all_data_and_the_shares_of_vertices(folder: Path) -> None:
     source = read_asset(folder / "character.glb")
     for number, ratio in enumerate((1.0, *RATIOS)):
@@ -80,11 +87,12 @@ def test_levels_move_like_the_mesh(folder: Path) -> None:
     ],
     ids=["simplified at rest only", "not fitted", "fitted at rest only", "moved along normals only"],
 )
-def test_each_part_reduces_the_error_in_poses(folder: Path, stage: Tuning, change: dict, factor: float) -> None:
-    source = read_asset(folder / "levels" / "character_LOD2.glb")  # few vertices are fast
-    error = make_lods(source, [0.4])[0].posed_error
+def test_each_part_reduces_the_error_in_poses(
+    coarse: tuple[Asset, Level], stage: Tuning, change: dict, factor: float
+) -> None:
+    source, level = coarse
     with retune(stage, **change):
-        assert make_lods(source, [0.4])[0].posed_error > factor * error
+        assert make_lods(source, [0.4])[0].posed_error > factor * level.posed_error
 
 
 def test_textures_do_not_slip(folder: Path) -> None:
@@ -105,9 +113,8 @@ def test_textures_do_not_slip(folder: Path) -> None:
         assert slip() > 1.5 * own
 
 
-def test_seams_and_borders_of_materials_stay_on_those_of_the_mesh(folder: Path) -> None:
-    source = read_asset(folder / "levels" / "character_LOD2.glb")
-    made = make_lods(source, [0.4])[0]
+def test_seams_and_borders_of_materials_stay_on_those_of_the_mesh(coarse: tuple[Asset, Level]) -> None:
+    source, made = coarse
     corners = [
         {tuple(row) for row in np.column_stack([vertex, uv])}
         for vertex, uv in (

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import Creature, true_vertex
+from creatures import Creature, creature, true_vertex
 
 from zoomout_core import (
     commutativity_error,
@@ -25,26 +25,36 @@ from zoomout_core.spectral.sampling import farthest_points
 
 
 @pytest.fixture(scope="module")
-def basis(resting: Creature) -> SpectralBasis:
-    return eigenbasis(resting.surface, 100)
+def small() -> Creature:
+    return creature(2500)
 
 
 @pytest.fixture(scope="module")
-def moved(resting: Creature) -> tuple[Surface, np.ndarray]:
+def basis(small: Creature) -> SpectralBasis:
+    return eigenbasis(small.surface, 100)
+
+
+@pytest.fixture(scope="module")
+def moved(small: Creature) -> tuple[Surface, np.ndarray]:
     """A permuted, rigidly moved and rescaled copy, and the original vertex of each of its vertices."""
     random = np.random.default_rng(3)
-    order = random.permutation(len(resting.surface.vertices))
+    order = random.permutation(len(small.surface.vertices))
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    vertices = (resting.surface.vertices @ rotation * 37 + [1, 2, 3])[order]
-    return Surface(vertices, place[resting.surface.triangles]), order
+    vertices = (small.surface.vertices @ rotation * 37 + [1, 2, 3])[order]
+    return Surface(vertices, place[small.surface.triangles]), order
 
 
 @pytest.fixture(scope="module")
 def moved_basis(moved: tuple[Surface, np.ndarray]) -> SpectralBasis:
     return eigenbasis(moved[0], 100)
+
+
+@pytest.fixture(scope="module")
+def resting_basis(resting: Creature) -> SpectralBasis:
+    return eigenbasis(resting.surface, 100)
 
 
 def test_the_functional_map_of_the_identity_is_the_identity(basis: SpectralBasis) -> None:
@@ -79,18 +89,18 @@ def test_swapping_the_shapes_inverts_a_bijection(basis, moved, moved_basis) -> N
 
 
 @pytest.mark.slow
-def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting, bent, basis) -> None:
+def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting, bent, resting_basis) -> None:
     other = eigenbasis(bent.surface, 100)
     truth = true_vertex(resting, bent)
-    C = functional_map_of(truth, basis, other, 8, 8)
+    C = functional_map_of(truth, resting_basis, other, 8, 8)
     everywhere = np.arange(len(truth))
 
     def error(vertex: np.ndarray) -> float:
         return float(geodesic_error(vertex, resting.surface, everywhere, truth).mean())
 
-    initial = error(vertex_map_of(C, basis, other))
-    full = error(zoomout(basis, other, C, k_final=100, samples=None).vertex)
-    sampled = error(zoomout(basis, other, C, k_final=100, samples=500).vertex)
+    initial = error(vertex_map_of(C, resting_basis, other))
+    full = error(zoomout(resting_basis, other, C, k_final=100, samples=None).vertex)
+    sampled = error(zoomout(resting_basis, other, C, k_final=100, samples=500).vertex)
     assert full < 0.6 * initial
     assert sampled < 1.1 * full
 
@@ -155,11 +165,11 @@ def test_both_ways_sizes_are_the_other_way_round_for_the_inverse(basis, moved, m
     assert back.functional_map.shape == (40, 30)
 
 
-def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, basis) -> None:
+def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, resting_basis) -> None:
     other, truth, random = eigenbasis(bent.surface, 60), true_vertex(resting, bent), np.random.default_rng(0)
     start = np.where(random.random(len(truth)) < 0.8, random.integers(4000, size=len(truth)), truth)
-    alone = zoomout(basis, other, start, k_final=60).vertex
-    together = zoomout_both_ways(basis, other, start, k_final=60)[0].vertex
+    alone = zoomout(resting_basis, other, start, k_final=60).vertex
+    together = zoomout_both_ways(resting_basis, other, start, k_final=60)[0].vertex
     missed = [
         np.linalg.norm(resting.surface.vertices[vertex] - resting.surface.vertices[truth], axis=1).mean()
         for vertex in (alone, together)
@@ -175,23 +185,25 @@ def half(bent: Creature) -> tuple[Surface, np.ndarray]:
     return Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)), used
 
 
-def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, basis, half) -> None:
+def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, resting_basis, half) -> None:
     part, used = half
     truth = true_vertex(resting, bent)[used]
     other = eigenbasis(part, 100).at_area(part.area / resting.surface.area)
-    sizes = slanted_sizes(basis, other, k_final=100)
-    r = int((other.eigenvalues < basis.eigenvalues[99]).sum())
+    sizes = slanted_sizes(resting_basis, other, k_final=100)
+    r = int((other.eigenvalues < resting_basis.eigenvalues[99]).sum())
     assert 40 < r < 60
     assert sizes[-1] == (r, 100)
     assert all(k_source == round(100 * k_target / r) for k_target, k_source in sizes)
-    assert slanted_sizes(other, basis, k_final=100) == [size[::-1] for size in sizes]
+    assert slanted_sizes(other, resting_basis, k_final=100) == [size[::-1] for size in sizes]
 
     def missed(vertex: np.ndarray) -> float:
         return float(np.linalg.norm(resting.surface.vertices[vertex] - resting.surface.vertices[truth], axis=1).mean())
 
-    slanted = missed(zoomout(basis, other, truth, sizes=sizes).vertex)
-    assert slanted < 0.8 * missed(zoomout(basis, other, truth, k_final=100).vertex)
-    assert slanted < 0.8 * missed(zoomout(basis, eigenbasis(part, 100), truth, sizes=sizes).vertex)  # not rescaled
+    slanted = missed(zoomout(resting_basis, other, truth, sizes=sizes).vertex)
+    assert slanted < 0.8 * missed(zoomout(resting_basis, other, truth, k_final=100).vertex)
+    assert slanted < 0.8 * missed(
+        zoomout(resting_basis, eigenbasis(part, 100), truth, sizes=sizes).vertex
+    )  # not rescaled
 
 
 def test_wholes_have_square_sizes(basis: SpectralBasis, moved_basis: SpectralBasis) -> None:
@@ -265,10 +277,10 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.eye(4), {"k_final": 101}, "bases of 100"),
         (np.eye(4), {"k_final": 50, "step": 0}, "at least one"),
         (np.eye(60), {"k_final": 50}, "larger than k_final"),
-        (np.zeros(7, int), {"k_final": 50}, "for each of 4000"),
-        (np.full(4000, 4000), {"k_final": 50}, "vertex numbers from 0 to 3999, but 4000 is not"),
-        (np.full(4000, 0.5), {"k_final": 50}, "0.5 is not"),
-        (np.full(4000, np.nan), {"k_final": 50}, "nan is not"),
+        (np.zeros(7, int), {"k_final": 50}, "for each of 2500"),
+        (np.full(2500, 2500), {"k_final": 50}, "vertex numbers from 0 to 2499, but 2500 is not"),
+        (np.full(2500, 0.5), {"k_final": 50}, "0.5 is not"),
+        (np.full(2500, np.nan), {"k_final": 50}, "nan is not"),
         (np.zeros((2, 2, 2)), {"k_final": 50}, "vector or a matrix"),
         (np.zeros((0, 4)), {"k_final": 50}, "must be a matrix"),
         (3, {"k_final": 50}, "vector or a matrix"),
@@ -291,7 +303,7 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
             "The 49 samples of the target cannot distinguish",
         ),
         (np.eye(4), {"k_final": 50, "samples": (range(60), [7] * 60)}, "cannot distinguish its 50 functions"),
-        (np.eye(4), {"k_final": 50, "samples": (range(60), [4000] * 60)}, "Samples of the target .* 4000 is not"),
+        (np.eye(4), {"k_final": 50, "samples": (range(60), [2500] * 60)}, "Samples of the target .* 2500 is not"),
         (np.eye(4), {"k_final": 50, "samples": ([-1] * 60, range(60))}, "Samples of the source .* -1 is not"),
         (np.eye(4), {"k_final": 50, "samples": ([], [])}, "The 0 samples of the source cannot distinguish"),
         (np.eye(4), {"sizes": []}, r"sizes is \[\]: give a list"),
@@ -313,8 +325,8 @@ def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, senten
 
 
 def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
-    identity = np.arange(4000.0)
-    assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(4000))
+    identity = np.arange(2500.0)
+    assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(2500))
 
 
 @pytest.mark.slow(but=1)

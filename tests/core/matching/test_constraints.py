@@ -12,6 +12,8 @@ from zoomout_core.matching.constraints import MIN_PINNING_WIDTH_RATIO, bend_to_p
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 @pytest.fixture(scope="module")
 def pair() -> tuple[Creature, Creature]:

@@ -108,8 +108,14 @@ def test_landmarks_alone_show_nearly_the_final_map(coarse: tuple[Creature, Creat
     truth = true_vertex(resting, bent)
     tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(3)])
     looks: list[Outlines] = []
-    matched(coarse, landmarks=(truth[tips], tips), progress=lambda progress: looks.append(progress.outlines))
-    vertices, images = next(filter(None, looks))[0]
+
+    def listen(progress: zo.Progress) -> None:
+        looks.append(progress.outlines)
+        cancel_at_first_look(progress)
+
+    with pytest.raises(zo.Cancelled):
+        matched(coarse, landmarks=(truth[tips], tips), progress=listen)
+    vertices, images = looks[-1][0]
     off = resting.surface.vertices[images] - resting.surface.vertices[truth[vertices]]
     assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
 

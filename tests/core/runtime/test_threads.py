@@ -15,7 +15,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import zoomout_core as zo
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
-from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side, threads
+from zoomout_core.runtime.threads import (
+    _take_over_blas,
+    for_each,
+    in_one_thread,
+    on_one_blas_thread,
+    side_by_side,
+    threads,
+)
 from zoomout_core.tuning import retune
 
 # Timeout in seconds of a test that waits for another thread.
@@ -238,18 +245,17 @@ def threads_of_blas() -> set[int]:
 def two_blas_threads() -> Iterator[None]:
     """Give BLAS two threads, whatever the environment sets.
 
-    Short-lived threads set the limit, as threadpoolctl lets only the thread that set a limit change it.
+    Since threadpoolctl 3.8 only the thread that limited BLAS last may do so, and the limit of another is ignored. If
+    BLAS kept two threads, all later tests of this process would take several times as long.
     """
-    limits: list[threadpool_limits] = []
-    in_a_thread(lambda: limits.append(threadpool_limits(2, user_api="blas")))
+    before = threads_of_blas()
+    _take_over_blas()
+    limits = threadpool_limits(2, user_api="blas")
+    assert threads_of_blas() == {2}
     yield
-    in_a_thread(limits[0].restore_original_limits)
-
-
-def in_a_thread(work: Callable[[], object]) -> None:
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
+    _take_over_blas()
+    limits.restore_original_limits()
+    assert threads_of_blas() == before
 
 
 @pytest.mark.usefixtures("two_blas_threads")

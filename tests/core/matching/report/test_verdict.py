@@ -16,6 +16,8 @@ from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, VERDICT, Fau
 from zoomout_core.mesh.named_parts import name_parts
 from zoomout_core.tuning import retune
 
+pytestmark = pytest.mark.usefixtures("few_candidates")
+
 
 @pytest.mark.parametrize(
     ("changed", "level", "reason"),
