@@ -73,7 +73,9 @@ def passes(name: str, archive: Path) -> bool:
     print(f"Blender {name}:", flush=True)
     # -P keeps this folder, which has the core's source, off the path; the scenes come from the other tests.
     options = ["-p", "no:cacheprovider", "-o", "pythonpath=tests/blender"]
-    variables = {**os.environ, "ZOOMOUT_EXTENSION": str(archive), "OPENBLAS_NUM_THREADS": "1"}
+    # Keep compiled modules even if the environment says not to: pip has not compiled any.
+    kept = {"PYTHONDONTWRITEBYTECODE": ""}
+    variables = {**os.environ, **kept, "ZOOMOUT_EXTENSION": str(archive), "OPENBLAS_NUM_THREADS": "1"}
     variables.pop("PYTHONPATH", None)
     run = [str(python), "-P", "-m", "pytest", *options, "tests/extension"]
     return subprocess.run(run, cwd=extension.ROOT, env=variables).returncode == 0
