@@ -26,7 +26,7 @@ MAP = zo.SurfaceMap.from_vertices(np.zeros(260, dtype=int), SOURCE)
 VALUES = zo.Attribute("a", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(260))
 NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
-    "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.dense_map:refine"),
+    "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.refinement.dense_map:refine"),
     "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
     "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:cached_working_mesh"),
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
@@ -49,7 +49,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
         ("match", "source.ply", "target.ply", "--initial", "nearest", "-o", "map.npz"),
         "matching.proximity:closest_points",
     ),
-    "match, reading": (("match", "source.ply", "target.ply", "-o", "map.npz"), "mesh.files:existing"),
+    "match, reading": (("match", "source.ply", "target.ply", "-o", "map.npz"), "mesh.formats.files:existing"),
     "symmetry": (("symmetry", "source.ply", "-o", "map.npz"), "symmetry.detect:rank"),
     "info": (("info", "source.ply"), "assets.files:existing"),
     "transfer": (("transfer", "source.ply", "target.ply", "-o", "out.ply"), "cli.transfer_command:match"),

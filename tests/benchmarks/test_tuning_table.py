@@ -18,7 +18,7 @@ from zoomout_core.tuning import stages
 def test_each_number_is_tried_with_less_and_with_more(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(tuning, "_error_of_pair", lambda _: seen.append(asdict(CONFIDENCE)) or CONFIDENCE.pooling)
-    rows = tuning.run(data, 1, ["matching.confidence"])
+    rows = tuning.run(data, 1, ["refinement.confidence"])
     own, *others = seen
     assert own == asdict(CONFIDENCE)
     for row, tried in zip(rows, others, strict=True):

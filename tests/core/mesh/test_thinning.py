@@ -69,6 +69,6 @@ def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
 def test_a_flat_square_stays_flat_and_whole() -> None:
     dense, triangles = plane(60)
     points, faces, _ = decimate(dense, triangles, 200)
-    np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
+    np.testing.assert_allclose(points[:, 2], 0, atol=0.1 / 60)  # a tenth of an edge, see `decimation.JITTER`
     # Thinning rounds off border corners by a fraction of the result's spacing of 0.07.
     assert 0.95 < triangle_areas(points, faces).sum() <= 1.001
