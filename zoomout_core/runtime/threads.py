@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar, copy_context
 from functools import partial, wraps
@@ -160,8 +160,8 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
         return result
 
     pool = ThreadPoolExecutor(max_workers=count)
-    futures = [pool.submit(copy_context().run, cores.run, partial(run, number)) for number in range(len(works))]
     try:
+        futures = [_submit(pool, partial(cores.run, partial(run, number))) for number in range(len(works))]
         with cores.lend():
             running = set(futures)
             while running:
@@ -176,6 +176,18 @@ def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
     finally:
         strands.stop()
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _submit(pool: ThreadPoolExecutor, work: Callable[[], Result]) -> Future[Result]:
+    """Start a function in a pool, in the present context.
+
+    Raises:
+        MemoryError: there is no memory for the thread's stack, or the system has no more threads.
+    """
+    try:
+        return pool.submit(copy_context().run, work)
+    except RuntimeError as error:
+        raise MemoryError(str(error)) from error
 
 
 class _OneBlasThread:

@@ -258,6 +258,15 @@ def two_blas_threads() -> Iterator[None]:
     assert threads_of_blas() == before
 
 
+def test_a_thread_that_cannot_start_is_a_lack_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", failing)
+    with pytest.raises(MemoryError, match="new thread"):
+        for_each(abs, [1, 2])
+
+
 @pytest.mark.usefixtures("two_blas_threads")
 def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
     begun, may_end = ([threading.Event() for _ in range(2)] for _ in range(2))
