@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from trimesh.remesh import subdivide
 
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh import decimation
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
@@ -75,6 +76,13 @@ def test_facets_of_remeshed_solids_end_up_in_the_same_places_in_every_unit(unit:
     found = [decimate(each.vertices, each.oriented_triangles, 600) for each in in_units]
     places, others = (points[merged] for points, _, merged in found)
     assert (np.linalg.norm(others - places, axis=1) < 1e-3).mean() > 0.99
+
+
+def test_round_shapes_are_not_displaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    working = creature(2500).surface.working
+    points = decimate(working.vertices, working.oriented_triangles, 600)[0]
+    monkeypatch.setattr(decimation, "JITTER", 0.2)
+    np.testing.assert_array_equal(decimate(working.vertices, working.oriented_triangles, 600)[0], points)
 
 
 def test_a_mesh_that_is_small_already_stays() -> None:
