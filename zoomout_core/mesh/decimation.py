@@ -87,9 +87,10 @@ def _progress(most: int, left: int, count: int) -> float:
 def _share_of_flat(vertices: Floats, triangles: Integers) -> float:
     """The share of the vertices whose triangles lie in a plane."""
     normals = area_normals(vertices, triangles)
-    areas = np.bincount(triangles.ravel(), np.repeat(row_norms(normals), 3), len(vertices))
-    sums = np.stack([np.bincount(triangles.ravel(), np.repeat(axis, 3), len(vertices)) for axis in normals.T], axis=1)
-    return float((row_norms(sums) >= (1 - FLAT) * areas).mean())
+    of_lengths, *of_axes = (np.repeat(values, 3) for values in (row_norms(normals), *normals.T))
+    areas = np.bincount(triangles.ravel(), of_lengths, len(vertices)).astype(np.float64)
+    sums = np.stack([np.bincount(triangles.ravel(), axis, len(vertices)) for axis in of_axes], axis=1)
+    return float((row_norms(sums.astype(np.float64)) >= (1 - FLAT) * areas).mean())
 
 
 def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
