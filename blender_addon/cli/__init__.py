@@ -128,11 +128,12 @@ def _with_warnings(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lines(entry: Mapping[str, Any]) -> list[str]:
-    """The verdict in a report, and its notes, for the user."""
+    """What a report says to the user: the verdict, what was done or not, and notes."""
     verdict = zo.Verdict(**entry["verdict"]) if entry.get("verdict") else None
     skipped = [f"{name}: skipped, {reason}" for name, reason in entry.get("skipped", {}).items()]
+    left_out = entry.get("left_out", {}).values()
     notes = note_lines(select_notes(entry.get("notes", ()), verdict))
-    return [*([verdict.line] if verdict else []), *skipped, *notes]
+    return [*([verdict.line] if verdict else []), *entry.get("done", ()), *skipped, *left_out, *notes]
 
 
 def _check_paths(options: argparse.Namespace) -> None:

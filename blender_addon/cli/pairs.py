@@ -131,7 +131,7 @@ def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
         "mean_confidence": float(match.confidence.mean()),
-        "verdict": None if isinstance(match, zo.ProximityMatch) or not match.verdict else match.verdict._asdict(),
+        "verdict": stored_match.pack_verdict(match),
         "certainty": match.certainty if isinstance(match, zo.MatchResult) else None,
         "notes": list(match.notes),
     }

@@ -142,7 +142,8 @@ def dress(
 
     Returns:
         A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
-        `left_out` has reasons for objects without copies, `notes` are sentences.
+        `left_out` has reasons for objects without copies, `verdict` is that of the match, or None, `notes` are
+        sentences.
 
     Raises:
         MeshError: none of the objects can be copied; nothing was written.
@@ -206,6 +207,7 @@ async def prepare_dress(
             "target": target_name,
             "objects": made,
             "left_out": left_out,
+            "verdict": stored_match.pack_verdict(match),
             "notes": [*fit.dressed.notes, *_notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
         }
 

@@ -310,7 +310,7 @@ def _write_report(
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
-        "verdict": _verdict_in_report(match),
+        "verdict": stored_match.pack_verdict(match),
         "stretched": None if bound is None else stored_match.pack_mask(bound.stretched),
         "bound": None if bound is None else _binding_in_report(target, bound),
     }
@@ -322,12 +322,6 @@ def _binding_in_report(target: Object, bound: Bound) -> dict[str, Any]:
     """The armature of a bound target for reports, and whether it is a copy that was moved into it."""
     moved = {"moved": True} if bound.rig is not None else {}
     return {"armature": target.parent.name, "shape": bound.shape} | moved
-
-
-def _verdict_in_report(match: stored_match.Match) -> dict[str, str] | None:
-    """The verdict on a match for reports; None if it is not known."""
-    verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
-    return None if verdict is None else verdict._asdict()
 
 
 def summary(report: dict[str, Any]) -> str:

@@ -97,7 +97,8 @@ def wrap(
 
     Returns:
         A report: `wrapped` is the name of the wrapped object, `shape` of the one whose shape it gets; `object` and
-        `key` name where the shape was written; `turned_over` is the number of folded triangles; `notes` are sentences.
+        `key` name where the shape was written; `turned_over` is the number of folded triangles; `verdict` is that of
+        the match, or None; `notes` are sentences.
 
     Raises:
         MeshError: an object cannot be wrapped; nothing was written.
@@ -161,6 +162,7 @@ async def prepare_wrap(
             "object": obj.name,
             "key": key,
             "turned_over": wrapped.turned_over,
+            "verdict": stored_match.pack_verdict(match),
             "notes": [*notes, *more],
         }
 

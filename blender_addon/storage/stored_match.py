@@ -193,6 +193,12 @@ def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
     return zo.Verdict(*map(str, verdict))
 
 
+def pack_verdict(match: Match) -> dict[str, str] | None:
+    """The verdict on a match for reports, which `verdict_of` reads; None if it is not known, as for nearest points."""
+    verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
+    return None if verdict is None else verdict._asdict()
+
+
 def _hash_of_entries(mesh: Mesh) -> str:
     """A hash of the attributes, to detect when those of another match have replaced them."""
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES))

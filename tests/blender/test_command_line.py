@@ -21,6 +21,7 @@ from scenes import (
     weights,
 )
 
+import zoomout_core as zo
 from blender_addon import cli
 from blender_addon.cli.arguments import as_in_sidebar, parse
 from blender_addon.properties.match import MatchOptions
@@ -178,7 +179,9 @@ def test_a_target_is_wrapped(pair, tmp_path, capsys):
     path, both = tmp_path / "report.json", ("--source", "Source", "--target", "Target", "--k-final", 30)
     line = "--wrap-smoothness 0.7 --wrap-detail 0.9 --wrap-result mesh --no-wrap-landmarks --no-wrap-subdivided"
     assert run("wrap", *both, *line.split(), "--report", path) == 0
-    assert json.loads(path.read_text())["targets"]["Target"]["object"] == "Target"
+    entry = json.loads(path.read_text())["targets"]["Target"]
+    assert entry["object"] == "Target"
+    assert zo.Verdict(**entry["verdict"]).line in capsys.readouterr().out
     assert run("wrap", *both, "--wrap-mask", "None") == 1
     assert "no vertex group 'None'" in capsys.readouterr().err
     assert run("wrap", *both, "--target", "Other", "--wrap-reverse") == 1
@@ -198,7 +201,9 @@ def test_a_target_is_dressed(pair, tmp_path, capsys):
     hats.objects.link(hat)
     for chosen in (("--thing", "Hat"), ("--collection", "Hats")):
         assert run("dress", *both, *chosen, "--dress-manner", "rigid", "--report", path) == 0
-        assert json.loads(path.read_text())["targets"]["Target"]["objects"] == {"Hat": "Hat on Target"}
+        entry = json.loads(path.read_text())["targets"]["Target"]
+        assert entry["objects"] == {"Hat": "Hat on Target"}
+        assert zo.Verdict(**entry["verdict"]).line in capsys.readouterr().out
     assert run("dress", *both, "--thing", "None") == 1
     assert "no object 'None'" in capsys.readouterr().err
     assert run("dress", *both) == 2
@@ -240,7 +245,9 @@ def test_a_symmetry_is_found_used_saved_and_reported(body, tmp_path, capsys):
     after = json.loads(path.read_text())["objects"]["Body"]
     assert len(after["done"]) == 2  # the symmetry is that of before
     assert before["asymmetry"]["weights"]["mean"] > 10 * after["asymmetry"]["weights"]["mean"]
-    assert "zoomout: symmetry of 'Body' done" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "zoomout: symmetry of 'Body' done" in printed
+    assert all(sentence in printed for sentence in after["done"])
     bpy.ops.wm.open_mainfile(filepath=str(out))
     body = bpy.data.objects["Body"]
     assert list(weights(body)) == ["Arm.L", "Side.L", "Side.R", "Side Middle", "Arm.R"]
