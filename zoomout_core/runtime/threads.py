@@ -199,7 +199,7 @@ class _OneBlasThread:
     def __enter__(self) -> None:
         with self._lock:
             if self._entered == 0:
-                _take_over_blas()
+                take_over_blas()
                 self._limits.enter_context(threadpool_limits(1, user_api="blas"))
             self._entered += 1
 
@@ -207,11 +207,11 @@ class _OneBlasThread:
         with self._lock:
             self._entered -= 1
             if self._entered == 0:
-                _take_over_blas()
+                take_over_blas()
                 self._limits.close()
 
 
-def _take_over_blas() -> None:
+def take_over_blas() -> None:
     """Allow the calling thread to limit BLAS; since threadpoolctl 3.8 only the first thread to do so may."""
     clear = getattr(getattr(threadpoolctl, "OpenBLASController", None), "clear_controlling_thread", None)
     if clear is not None:

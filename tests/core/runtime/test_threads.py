@@ -16,11 +16,11 @@ import zoomout_core as zo
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import (
-    _take_over_blas,
     for_each,
     in_one_thread,
     on_one_blas_thread,
     side_by_side,
+    take_over_blas,
     threads,
 )
 from zoomout_core.tuning import retune
@@ -249,11 +249,11 @@ def two_blas_threads() -> Iterator[None]:
     BLAS kept two threads, all later tests of this process would take several times as long.
     """
     before = threads_of_blas()
-    _take_over_blas()
+    take_over_blas()
     limits = threadpool_limits(2, user_api="blas")
     assert threads_of_blas() == {2}
     yield
-    _take_over_blas()
+    take_over_blas()
     limits.restore_original_limits()
     assert threads_of_blas() == before
 
