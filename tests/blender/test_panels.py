@@ -175,6 +175,8 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
     listing = stored_candidates.read(target.data)
     use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
     assert {"Most Likely", "Mirror Image"} <= buttons().keys()
+    elements = [(kind, text) for kind, text, _ in drawn()]
+    assert elements[elements.index(("operator", "Mirror Image")) + 1] != ("label", "")  # no empty line below it
     assert "Certain" in texts()
     assert ("mark", "CHECKMARK", True) not in drawn()
 

@@ -164,7 +164,10 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
         chosen = place == listing.chosen
         button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=name, translate=False, depress=chosen)
         button.candidate = place + 1
-        column.label(text="" if candidate.mirrored else _likelihood(listing, place))
+        if candidate.mirrored:
+            column.scale_y = PICTURE  # certainty does not compare mirror images, so there is no second line
+        else:
+            column.label(text=_likelihood(listing, place))
 
 
 def _beside_picture(layout: UILayout, icon: int) -> UILayout:
