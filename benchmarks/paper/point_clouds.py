@@ -21,12 +21,12 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compare, mean_curves, rows_by
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
-from benchmarks.discretisation import match
-from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
+from benchmarks.paper.compared import compare, mean_curves, rows_by
+from benchmarks.paper.discretisation import match
+from benchmarks.paper.starts import K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers

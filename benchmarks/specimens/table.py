@@ -14,8 +14,8 @@ from scipy.stats import rankdata
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.damaged_specimens import DAMAGES, Specimen, intact, mirror_image
 from benchmarks.datasets import evenly
+from benchmarks.specimens.damage import DAMAGES, Specimen, intact, mirror_image
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.cli.report import LOW

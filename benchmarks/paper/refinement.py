@@ -20,11 +20,11 @@ from benchmarks.baselines.kernel_matching import kernel_matching
 from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import mean_curves
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
-from benchmarks.flips import with_flipped_edges
-from benchmarks.starts import (
+from benchmarks.paper.compared import mean_curves
+from benchmarks.paper.flips import with_flipped_edges
+from benchmarks.paper.starts import (
     K_INITIAL,
     K_SIGNATURES,
     from_descriptors,

@@ -11,10 +11,10 @@ import numpy as np
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.compared import mean_curves
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.paper.compared import mean_curves
 from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record
 from zoomout_core.arrays import Floats

@@ -21,7 +21,7 @@ from benchmarks.baselines.lmh import GLOBAL, kernels, lmh, localized_harmonics, 
 from benchmarks.baselines.pfm import pfm
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.generate.folder import class_of
-from benchmarks.partial import RADIUS, figures
+from benchmarks.paper.partial import RADIUS, figures
 from benchmarks.pictures import View, draw_views
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers

@@ -17,9 +17,9 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compare
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, sets_in, shipped_map, shipped_pairs
+from benchmarks.paper.compared import compare
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.zoomout import SampledBasis, upsample

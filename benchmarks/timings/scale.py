@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 
 import zoomout_core as zo
-from benchmarks.speed import subdivide_triangles, time_match
+from benchmarks.timings.speed import subdivide_triangles, time_match
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface

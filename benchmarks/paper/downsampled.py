@@ -21,11 +21,11 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
-from benchmarks.compared import compare, rows_by
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_same_order
-from benchmarks.large import K_FINAL, SET, STEP
-from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks_of
+from benchmarks.paper.compared import compare, rows_by
+from benchmarks.paper.large import K_FINAL, SET, STEP
+from benchmarks.paper.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.zoomout import SampledBasis

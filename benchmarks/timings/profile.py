@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 import zoomout_core as zo
-from benchmarks.speed import sized_pairs
+from benchmarks.timings.speed import sized_pairs
 from zoomout_core.mesh.surface import Surface
 
 Record = dict[str, Any]

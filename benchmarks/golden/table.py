@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 import zoomout_core as zo
-from benchmarks.golden_cases import CASES, Case
+from benchmarks.golden.cases import CASES, Case
 from benchmarks.tables import Record, Tables
 
 THREADS = 1, 8

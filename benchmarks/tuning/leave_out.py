@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Matches with and without single parts of the method, on the shapes that each part is meant for.
 
-`benchmarks.ablation` measures the maps of candidates before the dense refinement; here each match is complete.
+`benchmarks.tuning.ablation` measures the maps of candidates before the dense refinement; here each match is complete.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks import golden_cases as made
 from benchmarks.datasets import PARTS, PairOfParts, evenly, part_names
-from benchmarks.partial import ANOTHER_UNIT
+from benchmarks.golden import cases as made
+from benchmarks.paper.partial import ANOTHER_UNIT
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes

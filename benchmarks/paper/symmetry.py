@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.ablation import vertex_map
 from benchmarks.datasets import MAX_PLACES, mirrored_places, sets_in, shapes_with_symmetry
-from benchmarks.mirroring import weight_rows
-from benchmarks.objects import draw_symmetries, object_rows, things
-from benchmarks.symmetry_refinement import records_of as refinement_records
-from benchmarks.symmetry_refinement import rows_of as refinement_rows
+from benchmarks.paper.mirroring import weight_rows
+from benchmarks.paper.objects import draw_symmetries, object_rows, things
+from benchmarks.paper.symmetry_refinement import records_of as refinement_records
+from benchmarks.paper.symmetry_refinement import rows_of as refinement_rows
 from benchmarks.tables import Record, Tables
+from benchmarks.tuning.ablation import vertex_map
 from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
@@ -46,14 +46,14 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     between places under each map (median over the shapes): a symmetry preserves distances, and if
     the truth preserves them less than a map does, it is too inexact to measure that map.
 
-    `refined`: see `benchmarks.symmetry_refinement`. Published figures are for other meshes of the same people.
+    `refined`: see `benchmarks.paper.symmetry_refinement`. Published figures are for other meshes of the same people.
 
     `criteria`: for each set the share of shapes on which a criterion alone ranks a right map first among the
     candidates that reverse the orientation; `any` is the share with a right candidate.
 
     `objects`: the number of symmetries of things, and how many of the first ones found are right, by rigid alignment.
 
-    `weights`: see `benchmarks.mirroring`.
+    `weights`: see `benchmarks.paper.mirroring`.
 
     `characters`: see `benchmarks.characters.mirrored`.
 

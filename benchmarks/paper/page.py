@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from benchmarks import (
+from benchmarks.paper import (
     clutter,
     discretisation,
     downsampled,
@@ -38,7 +38,7 @@ from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
 
 # Code that computes maps, besides the core's and that of a section.
 HERE = Path(__file__).parent
-CODE = [HERE / "baselines", HERE / "starts.py", HERE / "flips.py"]
+CODE = [HERE.parent / "baselines", HERE / "starts.py", HERE / "flips.py"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,10 @@ import zoomout_core as zo
 from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
-from benchmarks.compared import compare, rows_by
 from benchmarks.datasets import PairOfMeshes, load_same_order
+from benchmarks.paper.compared import compare, rows_by
+from benchmarks.paper.starts import K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.pictures import View, draw_views, heat, spread
-from benchmarks.starts import K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 

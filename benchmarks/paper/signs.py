@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.objects import rigid_motion, things
+from benchmarks.paper.objects import rigid_motion, things
 from benchmarks.pictures import View, draw_views
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
