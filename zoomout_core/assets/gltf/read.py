@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf import INSTANCES, PLACE, STORED_MAP, Document, morph_target_names
+from zoomout_core.assets.gltf.document import INSTANCES, PLACE, STORED_MAP, Document, morph_target_names
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors

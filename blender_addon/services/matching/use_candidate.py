@@ -11,15 +11,15 @@ import zoomout_core as zo
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
-from ..jobs import run
-from ..mesh_data import ObjectPair
-from ..scene.pair import find_mesh, writing
-from ..scene.stored_pair import read_stored_match
-from ..storage import stored_candidates, stored_match
-from ..storage.stored_candidates import CandidateList
-from ..viewport import preview
+from ...jobs import run
+from ...mesh_data import ObjectPair
+from ...scene.pair import find_mesh, writing
+from ...scene.stored_pair import read_stored_match
+from ...storage import stored_candidates, stored_match
+from ...storage.stored_candidates import CandidateList
+from ...viewport import preview
+from ..constraints import match_pair
 from . import candidates, previews
-from .constraints import match_pair
 
 # Fraction of the progress for matching again, if results are no longer in memory.
 MATCHING = 0.7

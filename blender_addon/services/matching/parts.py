@@ -11,9 +11,9 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.mesh.named_parts import NamedParts, name_parts
 
-from ..mesh_data import EvaluatedObject, ObjectPair
-from ..mesh_data.arrays import read_array
-from ..scene.pair import evaluated_sources
+from ...mesh_data import EvaluatedObject, ObjectPair
+from ...mesh_data.arrays import read_array
+from ...scene.pair import evaluated_sources
 
 
 def read_parts(context: Context, pair: ObjectPair) -> NamedParts:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any, TypeAlias
 
-from zoomout_core.assets.avatars import SPRINGS, is_row, list_at, object_at, objects_at
-from zoomout_core.assets.gltf import VRM_0, VRM_1
+from zoomout_core.assets.gltf.avatars import SPRINGS, is_row, list_at, object_at, objects_at
+from zoomout_core.assets.gltf.document import VRM_0, VRM_1
 from zoomout_core.messages import message
 
 # The JSON of a document, or a part of it.

@@ -11,12 +11,12 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.matching.report.verdict import RED, RefusedMatchError
 
-from ..mesh_data import ObjectPair
-from ..scene.pair import writing
-from ..storage.stored_match import Match
-from ..translations import translated
+from ...mesh_data import ObjectPair
+from ...scene.pair import writing
+from ...storage.stored_match import Match
+from ...translations import translated
+from ..constraints import match_pair, settings_to_store
 from .candidates import cache_made_match, last_made_match, store_match
-from .constraints import match_pair, settings_to_store
 
 # How a script uses a match all the same; other callers give a sentence of their own.
 CALL_WITH_FORCE = "To use this match all the same, call the function with force=True."

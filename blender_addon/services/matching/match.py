@@ -15,14 +15,14 @@ from zoomout_core.collection.agree import agree
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.runtime.progress import stage
 
-from ..jobs import compute, run
-from ..mesh_data import ObjectPair
-from ..scene.pair import read_pair, writing
-from ..storage import stored_match
-from ..viewport import preview
+from ...jobs import compute, run
+from ...mesh_data import ObjectPair
+from ...scene.pair import read_pair, writing
+from ...storage import stored_match
+from ...viewport import preview
+from ..constraints import match_pair, settings_to_store
 from . import previews
 from .candidates import store_match
-from .constraints import match_pair, settings_to_store
 from .redo_match import read_mask, redone_match, valid_match
 
 NOTHING_KEPT = "There was no match to keep, so the whole target was matched, not only the Redo Only group."

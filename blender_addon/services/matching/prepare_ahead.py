@@ -12,8 +12,8 @@ import zoomout_core as zo
 from zoomout_core.matching.pipeline import prepare
 from zoomout_core.matching.presets import resolve_detail
 
-from ..jobs import compute
-from ..scene.pair import read_pair
+from ...jobs import compute
+from ...scene.pair import read_pair
 
 
 async def prepare_ahead(

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, on_corners
-from zoomout_core.assets.gltf import (
+from zoomout_core.assets.gltf.document import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
     PLACE,

@@ -11,11 +11,11 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.redo import redo_shares, redone
 from zoomout_core.messages import message
 
-from .. import mesh_data
-from ..mesh_data import ObjectPair
-from ..scene.pair import target_mesh
-from ..storage import stored_match
-from ..storage.stored_match import Match, StoredMatch
+from ... import mesh_data
+from ...mesh_data import ObjectPair
+from ...scene.pair import target_mesh
+from ...storage import stored_match
+from ...storage.stored_match import Match, StoredMatch
 
 # From this share of the new match on, the new match determines whether a vertex has a partner.
 MOSTLY = 0.5

@@ -11,7 +11,7 @@ import zoomout_core as zo
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 from zoomout_core.messages import message
 
-from ..mesh_data import (
+from ...mesh_data import (
     SurfacePoint,
     evaluated_mesh,
     extent,
@@ -21,7 +21,7 @@ from ..mesh_data import (
     read_positions,
     read_weights,
 )
-from ..scene.landmarks import set_landmark
+from ...scene.landmarks import set_landmark
 from .name_matching import COPY
 
 # Maximum spread of a vertex group that marks a point: standard deviation over the square root of the mesh's area.

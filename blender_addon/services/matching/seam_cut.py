@@ -14,12 +14,12 @@ from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
-from ..jobs import compute, run
-from ..mesh_data import ObjectPair, divide, read_joined_active_uv_map, write_divided
-from ..mesh_data.arrays import hash_of
-from ..scene.pair import check_not_edited, evaluated_sources, find_mesh, fingerprint_target, writing
-from ..scene.stored_pair import stored_pair
-from ..storage import stored_candidates, stored_match
+from ...jobs import compute, run
+from ...mesh_data import ObjectPair, divide, read_joined_active_uv_map, write_divided
+from ...mesh_data.arrays import hash_of
+from ...scene.pair import check_not_edited, evaluated_sources, find_mesh, fingerprint_target, writing
+from ...scene.stored_pair import stored_pair
+from ...storage import stored_candidates, stored_match
 from . import previews
 from .candidates import store_match
 

@@ -18,11 +18,11 @@ from zoomout_core.matching.ranking.candidate_differences import differences
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.symmetry.detect import MIN_SYMMETRY_CERTAINTY
 
-from ..jobs import compute
-from ..mesh_data import ObjectPair
-from ..mesh_data.arrays import hash_of
-from ..storage import stored_candidates, stored_match
-from ..storage.stored_candidates import CandidateList, ListedCandidate
+from ...jobs import compute
+from ...mesh_data import ObjectPair
+from ...mesh_data.arrays import hash_of
+from ...storage import stored_candidates, stored_match
+from ...storage.stored_candidates import CandidateList, ListedCandidate
 
 # Maximum number of listed candidates that preserve orientation, and of those that reverse it, which rank below.
 MAX_DIRECT, MAX_MIRRORED = 6, 2

@@ -14,12 +14,12 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 
-from ..jobs import run
-from ..mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point, positions_in_object
-from ..scene.landmarks import set_landmark, surface_points_on, world_positions
-from ..scene.stored_pair import read_stored_match
-from ..storage import stored_match
-from ..storage.stored_match import StoredMatch
+from ...jobs import run
+from ...mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point, positions_in_object
+from ...scene.landmarks import set_landmark, surface_points_on, world_positions
+from ...scene.stored_pair import read_stored_match
+from ...storage import stored_match
+from ...storage.stored_match import StoredMatch
 
 
 def propose_partners(context: Context, objects: Sequence[Object], numbers: Collection[int]) -> int:

@@ -13,14 +13,14 @@ from zoomout_core.matching.constraints import bend_to_points, landmark_errors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 
-from ..jobs import compute, run
-from ..mesh_data import ObjectPair
-from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
-from ..scene.pair import find_mesh, writing
-from ..scene.stored_pair import read_stored_match
-from ..storage import stored_match
-from ..storage.stored_match import StoredMatch
-from ..viewport import preview
+from ...jobs import compute, run
+from ...mesh_data import ObjectPair
+from ...scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
+from ...scene.pair import find_mesh, writing
+from ...scene.stored_pair import read_stored_match
+from ...storage import stored_match
+from ...storage.stored_match import StoredMatch
+from ...viewport import preview
 from . import previews
 
 # Maximum distance between the match and a landmark, at unit area; beyond, the place has to be found by matching.

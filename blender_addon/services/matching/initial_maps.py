@@ -12,8 +12,8 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.messages import message
 
-from ..mesh_data import ObjectPair
-from ..storage.stored_match import StoredMatch
+from ...mesh_data import ObjectPair
+from ...storage.stored_match import StoredMatch
 
 # Meshes with the same vertex order share nearly all edges; below this fraction, the order differs.
 SHARED_EDGES = 0.5

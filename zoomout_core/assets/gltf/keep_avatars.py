@@ -12,10 +12,10 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from zoomout_core.assets.avatars import is_row, list_at, object_at, objects_at
-from zoomout_core.assets.gltf import VRM_0, VRM_1, Document, library, morph_target_names
-from zoomout_core.assets.gltf_materials import ImageFiles
-from zoomout_core.assets.gltf_meshes import Renumbering
+from zoomout_core.assets.gltf.avatars import is_row, list_at, object_at, objects_at
+from zoomout_core.assets.gltf.document import VRM_0, VRM_1, Document, library, morph_target_names
+from zoomout_core.assets.gltf.materials import ImageFiles
+from zoomout_core.assets.gltf.meshes import Renumbering
 from zoomout_core.mesh.formats.opening import shown
 
 if TYPE_CHECKING:

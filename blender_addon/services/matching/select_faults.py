@@ -17,13 +17,13 @@ from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .. import mesh_data
-from ..jobs import compute, run
-from ..mesh_data import ObjectPair
-from ..scene.pair import check_not_edited, find_mesh
-from ..scene.stored_pair import read_stored_match
-from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch, unpack_mask
-from ..storage.stored_report import transfer_report
+from ... import mesh_data
+from ...jobs import compute, run
+from ...mesh_data import ObjectPair
+from ...scene.pair import check_not_edited, find_mesh
+from ...scene.stored_pair import read_stored_match
+from ...storage.stored_match import LOW_CONFIDENCE, StoredMatch, unpack_mask
+from ...storage.stored_report import transfer_report
 
 # Kinds of faults.
 DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER = "doubtful", "flipped", "torn", "without_partner"

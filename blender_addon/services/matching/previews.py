@@ -18,15 +18,15 @@ from zoomout_core.runtime.progress import Outlines, Progress, progress, stage
 from zoomout_core.transfer import Attribute, map_target, transfer_along
 from zoomout_core.transfer.uv.seam_cut import seam_cut
 
-from ..colors import (
+from ...colors import (
     asymmetry_colors,
     blend_colors,
     pair_colors,
     side_colors,
     stretched_colors,
 )
-from ..jobs import compute, pause, run, watching
-from ..mesh_data import (
+from ...jobs import compute, pause, run, watching
+from ...mesh_data import (
     MATCH_ATTRIBUTES,
     ObjectPair,
     content_hash,
@@ -34,15 +34,15 @@ from ..mesh_data import (
     read_layer,
     read_positions,
 )
-from ..mesh_data.arrays import hash_of
-from ..scene.pair import evaluated_sources, find_mesh
-from ..scene.stored_pair import read_stored_match
-from ..storage import stored_report, stored_symmetry
-from ..storage.stored_candidates import CandidateList
-from ..storage.stored_match import Match
-from ..viewport import overlay, preview
-from ..viewport.overlay import Divided, Overlay
-from ..viewport.preview import (
+from ...mesh_data.arrays import hash_of
+from ...scene.pair import evaluated_sources, find_mesh
+from ...scene.stored_pair import read_stored_match
+from ...storage import stored_report, stored_symmetry
+from ...storage.stored_candidates import CandidateList
+from ...storage.stored_match import Match
+from ...viewport import overlay, preview
+from ...viewport.overlay import Divided, Overlay
+from ...viewport.preview import (
     ASYMMETRY,
     CHECKER,
     CONFIDENCE,

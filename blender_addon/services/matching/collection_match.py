@@ -26,10 +26,10 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
 
-from .. import mesh_data
-from ..jobs import compute, pause, run
-from ..mesh_data import Fingerprint, ObjectPair
-from ..scene.pair import (
+from ... import mesh_data
+from ...jobs import compute, pause, run
+from ...mesh_data import Fingerprint, ObjectPair
+from ...scene.pair import (
     READING,
     check_distinct,
     check_not_edited,
@@ -37,10 +37,10 @@ from ..scene.pair import (
     fingerprint_source,
     fingerprint_target,
 )
-from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from ...storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from ..targets import Write
 from .candidates import store_match
 from .name_matching import pair_by_name
-from .targets import Write
 
 # Fraction of the progress that matching takes.
 MATCHING = 0.95
