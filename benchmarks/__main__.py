@@ -9,38 +9,38 @@ from typing import Any
 
 import click
 
-from benchmarks import clutter as clutter_table
 from benchmarks import collection as collection_tables
 from benchmarks import collection_engine as collection_engine_tables
 from benchmarks import correspondence as correspondence_tables
-from benchmarks import discretisation as discretisation_table
-from benchmarks import downsampled as downsampled_table
-from benchmarks import golden as golden_tables
-from benchmarks import initial_size as initial_size_table
-from benchmarks import large as large_table
-from benchmarks import leave_out as leave_out_table
-from benchmarks import overfitting as overfitting_table
-from benchmarks import paper as paper_page
-from benchmarks import partial as partial_table
-from benchmarks import peers as peers_table
-from benchmarks import point_clouds as point_clouds_table
-from benchmarks import profile as profile_table
-from benchmarks import refinement as refinement_tables
 from benchmarks import rigs as rigs_table
-from benchmarks import scale as scale_tables
-from benchmarks import signs as signs_table
 from benchmarks import small_parts as small_parts_table
-from benchmarks import specimens as specimens_table
-from benchmarks import speed as speed_tables
-from benchmarks import step_size as step_size_table
-from benchmarks import symmetry as symmetry_tables
-from benchmarks import tuning as tuning_table
 from benchmarks import wrap as wrap_table
+from benchmarks.golden import table as golden_tables
 from benchmarks.official import lists as official_lists
 from benchmarks.official import page as results_page
 from benchmarks.official import records as official_records
 from benchmarks.official.measure import Setting
+from benchmarks.paper import clutter as clutter_table
+from benchmarks.paper import discretisation as discretisation_table
+from benchmarks.paper import downsampled as downsampled_table
+from benchmarks.paper import initial_size as initial_size_table
+from benchmarks.paper import large as large_table
+from benchmarks.paper import overfitting as overfitting_table
+from benchmarks.paper import page as paper_page
+from benchmarks.paper import partial as partial_table
+from benchmarks.paper import point_clouds as point_clouds_table
+from benchmarks.paper import refinement as refinement_tables
+from benchmarks.paper import signs as signs_table
+from benchmarks.paper import step_size as step_size_table
+from benchmarks.paper import symmetry as symmetry_tables
+from benchmarks.specimens import table as specimens_table
 from benchmarks.tables import NOT_SHOWN, Tables, as_text
+from benchmarks.timings import peers as peers_table
+from benchmarks.timings import profile as profile_table
+from benchmarks.timings import scale as scale_tables
+from benchmarks.timings import speed as speed_tables
+from benchmarks.tuning import halves_and_doubles as tuning_table
+from benchmarks.tuning import leave_out as leave_out_table
 from zoomout_core.runtime.threads import usable_cores
 
 

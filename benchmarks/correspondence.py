@@ -18,7 +18,6 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 import zoomout_core as zo
-from benchmarks.ablation import maps_without
 from benchmarks.datasets import (
     PARTS,
     PairOfMeshes,
@@ -32,6 +31,7 @@ from benchmarks.datasets import (
 )
 from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record, over
+from benchmarks.tuning.ablation import maps_without
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
 from zoomout_core.matching.report.notes import SURE_CERTAINTY
@@ -90,7 +90,7 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     share of the source's area without a partner is from the true one, on average; and the published mean errors of PFM
     and of trained methods on SHREC'16. These pairs are in `calibration`, too.
 
-    `ablation`: `rows` with a stage left out each, measured as `benchmarks.ablation` says.
+    `ablation`: `rows` with a stage left out each, measured as `benchmarks.tuning.ablation` says.
 
     Args:
         data: the folder of the sets.

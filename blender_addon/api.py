@@ -92,13 +92,13 @@ from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.bake import Baking, bake_textures
 from .services.check_motion import check_motion
-from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
 from .services.key_names import rename_shape_keys
 from .services.library import append_source, find_source
 from .services.live_link import keep_linked, update_linked
 from .services.lods import LevelChoice, make_levels
-from .services.match import match_objects
+from .services.matching.collection_match import match_collections
+from .services.matching.match import match_objects
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
 from .services.symmetry.layers import mirror_attributes

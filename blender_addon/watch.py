@@ -14,7 +14,7 @@ from bpy.types import Depsgraph, Mesh, Object, Scene
 
 from .operators import ahead
 from .scene import landmarks, mesh_facts
-from .services import candidates, previews
+from .services.matching import candidates, previews
 from .viewport import overlay, preview
 
 

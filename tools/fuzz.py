@@ -34,9 +34,9 @@ from tqdm import tqdm
 
 from meshlab_filter.project import read_project
 from meshlab_filter.script import read_script
-from zoomout_core.assets.avatars import read_avatar
-from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.gltf.avatars import read_avatar
+from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.surface import MeshError, Surface

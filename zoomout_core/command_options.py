@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from platformdirs import user_cache_dir
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.compress_gltf import METHODS
+from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.global_options import is_quiet
 from zoomout_core.matching.option_table import (
     ACCURACY,

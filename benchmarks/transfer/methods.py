@@ -18,7 +18,7 @@ from blender_addon import jobs, mesh_data
 from blender_addon.demo.baseline import KINDS, transfer_best
 from blender_addon.demo.character import PAINT
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.transfer import Attribute, Domain, Kind

@@ -17,8 +17,8 @@ from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.baseline import transfer_best
 from blender_addon.demo.picture import FAINT, INK, checker_material, ink, light, link, render, write
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
-from blender_addon.services.seam_cut import cut_seams
+from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.arrays import Booleans, Floats

@@ -18,9 +18,9 @@ from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
 from ..services.binding import hide_sources
-from ..services.collection_match import check_verdicts, match_collections_async
 from ..services.dress import Dressing, prepare_dress
-from ..services.match import prepare_match
+from ..services.matching.collection_match import check_verdicts, match_collections_async
+from ..services.matching.match import prepare_match
 from ..services.targets import Write, each_target
 from ..services.transfer import prepare_transfer
 from ..services.wrap import Wrapping, check_one_target, prepare_wrap

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.bend_match import bend_match_async
+from ..services.matching.bend_match import bend_match_async
 from .matched import MatchedOperator
 
 

@@ -10,8 +10,8 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.messages import message
 
-from ..services.candidates import side_swapped_candidate
-from ..services.use_candidate import stored_list, use_candidate_async
+from ..services.matching.candidates import side_swapped_candidate
+from ..services.matching.use_candidate import stored_list, use_candidate_async
 from ..storage import stored_match
 from ..storage.stored_candidates import CandidateList
 from .modal_operator import ModalOperator

@@ -7,7 +7,7 @@ from bpy.types import Context
 
 from ..properties.settings import SourceName
 from ..scene.selection import choose_source
-from ..services.seam_cut import cut_seams_async
+from ..services.matching.seam_cut import cut_seams_async
 from .modal_operator import ModalOperator
 
 

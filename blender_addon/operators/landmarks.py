@@ -22,8 +22,8 @@ from ..scene.landmarks import (
 )
 from ..scene.selection import participants
 from ..services.face_landmarks import set_face_landmarks
-from ..services.landmark_import import import_landmarks
-from ..services.propose_partners import propose_partners
+from ..services.matching.landmark_import import import_landmarks
+from ..services.matching.propose_partners import propose_partners
 from ..translations import reported, translated
 from . import modes
 

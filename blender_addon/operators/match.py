@@ -14,7 +14,7 @@ from zoomout_core.messages import message
 from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import sources_of_targets
-from ..services.match import agree_matches, prepare_match
+from ..services.matching.match import agree_matches, prepare_match
 from ..services.targets import Outcome, each_target
 from ..storage import stored_match
 from .modal_operator import ModalOperator

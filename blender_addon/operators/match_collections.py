@@ -8,7 +8,7 @@ from bpy.types import Context
 from zoomout_core.messages import enumeration, message
 
 from ..scene.selection import select_only
-from ..services.collection_match import match_collections_async
+from ..services.matching.collection_match import match_collections_async
 from ..services.transfer import and_others
 from ..storage import stored_match
 from ..translations import translated

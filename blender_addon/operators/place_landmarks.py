@@ -23,7 +23,7 @@ from ..scene.landmarks import (
     surface_points_on,
 )
 from ..scene.selection import participants
-from ..services.propose_partners import propose_partners
+from ..services.matching.propose_partners import propose_partners
 from ..translations import reported, translated
 from ..viewport.landmark_dots import dot_at, dots
 from . import modal, modes

@@ -11,7 +11,7 @@ from zoomout_core.messages import message
 
 from ..scene.pair import check_not_edited
 from ..scene.stored_pair import read_stored_match
-from ..services import previews
+from ..services.matching import previews
 from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.select_faults import (
+from ..services.matching.select_faults import (
     DOUBTFUL,
     FLIPPED,
     TORN,

@@ -27,7 +27,7 @@ class MatchOptions:
     __annotations__ = {option.name: option_property(option) for option in OFFERED}
 
     def match_options(self) -> dict[str, Any]:
-        """The chosen arguments of `services.match.match_objects` that the start uses."""
+        """The chosen arguments of `services.matching.match.match_objects` that the start uses."""
         chosen = {option.name: argument(option, getattr(self, option.name)) for option in OFFERED}
         return {option.name: chosen[option.name] for option in OFFERED if chosen["initial"] in option.starts}
 

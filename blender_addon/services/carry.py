@@ -19,7 +19,7 @@ from ..jobs import Work, run
 from ..scene.files import Brought, keep_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
-from .collection_match import KnownMatch, Parts, check_verdicts, prepare_parts
+from .matching.collection_match import KnownMatch, Parts, check_verdicts, prepare_parts
 from .targets import Outcome, Write, each_target
 from .transfer import prepare_transfer
 

@@ -32,9 +32,9 @@ from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
-from .half_match import HalfResult
-from .initial_maps import map_of_file, same_order
-from .parts import read_parts
+from .matching.half_match import HalfResult
+from .matching.initial_maps import map_of_file, same_order
+from .matching.parts import read_parts
 
 # Minimum weight of a member of a vertex group.
 MEMBER = 0.5

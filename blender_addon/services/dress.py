@@ -25,9 +25,9 @@ from ..scene.pair import check_not_edited, edit_error, find_mesh
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .binding import read_sources_at_rest
-from .candidates import store_match
 from .constraints import check_options
-from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
+from .matching.candidates import store_match
+from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.

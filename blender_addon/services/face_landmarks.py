@@ -12,7 +12,7 @@ import zoomout_core as zo
 
 from .. import mesh_data
 from ..scene.landmarks import set_landmark, surface_points_on
-from .propose_partners import propose_partners
+from .matching.propose_partners import propose_partners
 
 
 def set_face_landmarks(context: Context, objects: Sequence[Object]) -> tuple[int, int]:

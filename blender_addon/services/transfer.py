@@ -45,10 +45,10 @@ from ..scene.pair import (
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
 from .binding import Bound, check_binding, hide_sources, is_at_source, keep_match, prepare_binding, write_bound
-from .candidates import store_match
 from .constraints import check_options
 from .dress import take_to_rest
-from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
+from .matching.candidates import store_match
+from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.

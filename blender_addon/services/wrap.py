@@ -26,10 +26,10 @@ from ..scene.landmarks import LandmarkPairs, landmark_pairs
 from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, writing
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
-from . import previews
-from .candidates import store_match
 from .constraints import check_options
-from .made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
+from .matching import previews
+from .matching.candidates import store_match
+from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.

@@ -13,8 +13,8 @@ from conftest import write_off
 from creatures import creature, directions
 from scipy.spatial import ConvexHull, cKDTree
 
-from benchmarks import clutter
 from benchmarks.__main__ import main
+from benchmarks.paper import clutter
 from zoomout_core.mesh.surface import Surface
 
 pytestmark = pytest.mark.slow

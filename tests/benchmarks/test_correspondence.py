@@ -15,9 +15,9 @@ from click.testing import CliRunner
 
 from benchmarks import correspondence
 from benchmarks.__main__ import main
-from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
 from benchmarks.datasets import TEMPLATE, PairOfParts, load_pair, pair_names, sets_in
+from benchmarks.tuning.ablation import NEUTRAL
 from zoomout_core.matching.ranking.scores import total_score
 
 pytestmark = pytest.mark.slow

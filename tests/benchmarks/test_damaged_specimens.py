@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from specimens import hollow
 
-from benchmarks import damaged_specimens
-from benchmarks.damaged_specimens import DAMAGES, HEIGHT, HOLE, intact, mirror_image
-from benchmarks.specimens import rigid_errors
+from benchmarks.specimens import damage as damaged_specimens
+from benchmarks.specimens.damage import DAMAGES, HEIGHT, HOLE, intact, mirror_image
+from benchmarks.specimens.table import rigid_errors
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface

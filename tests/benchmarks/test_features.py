@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 from creatures import creature
 
-from benchmarks import datasets, refinement, starts
+from benchmarks import datasets
 from benchmarks.__main__ import main
+from benchmarks.paper import refinement, starts
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from creatures import creature
 
-from benchmarks.flips import with_flipped_edges
+from benchmarks.paper.flips import with_flipped_edges
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from benchmarks import golden, golden_cases
 from benchmarks.__main__ import main
+from benchmarks.golden import cases as golden_cases
+from benchmarks.golden import table as golden
 
 NAMES = "small 60", "error no axis"
 

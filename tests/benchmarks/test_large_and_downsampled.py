@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from conftest import write_off
 from creatures import creature
 
-from benchmarks import datasets, downsampled, large, starts
+from benchmarks import datasets
 from benchmarks.__main__ import main
+from benchmarks.paper import downsampled, large, starts
 
 VERTICES = 900
 

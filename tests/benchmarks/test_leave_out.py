@@ -11,8 +11,8 @@ import pytest
 from creatures import creature, true_vertex
 
 import zoomout_core as zo
-from benchmarks import leave_out
-from benchmarks.leave_out import LEFT_OUT, Case, LeftOut
+from benchmarks.tuning import leave_out
+from benchmarks.tuning.leave_out import LEFT_OUT, Case, LeftOut
 from zoomout_core.matching import pipeline, retry
 
 

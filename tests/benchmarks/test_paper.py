@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import paper
 from benchmarks.__main__ import main
+from benchmarks.paper import page as paper
 from benchmarks.tables import Tables
 
 

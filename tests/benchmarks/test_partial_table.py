@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import partial
 from benchmarks.__main__ import main
 from benchmarks.datasets import PairOfParts, part_names
+from benchmarks.paper import partial
 from zoomout_core.mesh.surface import Surface
 
 pytestmark = pytest.mark.slow

@@ -13,8 +13,8 @@ from creatures import creature, directions
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from benchmarks import discretisation, point_clouds
 from benchmarks.datasets import PairOfMeshes, load_pair
+from benchmarks.paper import discretisation, point_clouds
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import paper, readings
+from benchmarks.paper import page as paper
+from benchmarks.paper import readings
 from benchmarks.tables import Record
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -15,8 +15,9 @@ from creatures import creature, directions, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from benchmarks import datasets, refinement, starts
+from benchmarks import datasets
 from benchmarks.__main__ import main
+from benchmarks.paper import refinement, starts
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from creatures import creature, mirrored_vertex
 
-from benchmarks import overfitting, signs
-from benchmarks.signs import Ranked, distinct_rows, rows_of
+from benchmarks.paper import overfitting, signs
+from benchmarks.paper.signs import Ranked, distinct_rows, rows_of
 from zoomout_core.mesh.surface import Surface
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from specimens import WALL, grow, hollow
 
-from benchmarks import specimens
+from benchmarks.specimens import table as specimens
 from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from conftest import write_off
 from creatures import creature
 
-from benchmarks import profile, scale, speed
 from benchmarks.__main__ import main
+from benchmarks.timings import profile, scale, speed
 
 pytestmark = pytest.mark.slow
 

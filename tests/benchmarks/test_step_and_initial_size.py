@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
-from benchmarks import initial_size, step_size
 from benchmarks.datasets import load_pair, shipped_map, shipped_pairs
+from benchmarks.paper import initial_size, step_size
 
 SET = "creatures"
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import datasets, paper, refinement
+from benchmarks import datasets
+from benchmarks.paper import page as paper
+from benchmarks.paper import refinement
 from benchmarks.stored import read, read_or_compute, storing
 from benchmarks.tables import Record, Tables
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from benchmarks import symmetry, symmetry_refinement
-from benchmarks.mirroring import by_position, in_order_of
+from benchmarks.paper import symmetry, symmetry_refinement
+from benchmarks.paper.mirroring import by_position, in_order_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import tuning
 from benchmarks.__main__ import main
+from benchmarks.tuning import halves_and_doubles as tuning
 from zoomout_core.matching.refinement.confidence import CONFIDENCE
 from zoomout_core.tuning import stages
 

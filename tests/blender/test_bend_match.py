@@ -12,7 +12,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.landmarks import landmark_pairs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.bend_match import bend_match
+from blender_addon.services.matching.bend_match import bend_match
 from blender_addon.services.preflight import find_outdated
 from blender_addon.storage import stored_match
 

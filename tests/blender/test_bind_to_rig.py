@@ -29,8 +29,8 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, cli, jobs, mesh_data
 from blender_addon.scene.pair import read_pair
-from blender_addon.services import previews
-from blender_addon.services.select_faults import select_stretched, stretched_vertices
+from blender_addon.services.matching import previews
+from blender_addon.services.matching.select_faults import select_stretched, stretched_vertices
 from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.viewport import preview

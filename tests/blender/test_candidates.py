@@ -12,11 +12,11 @@ from scenes import activate, from_pydata, positions, snapshot_file, values
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services import candidates
-from blender_addon.services.match import match_objects
-from blender_addon.services.seam_cut import cut_seams
+from blender_addon.services.matching import candidates
+from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.seam_cut import cut_seams
+from blender_addon.services.matching.use_candidate import use_candidate
 from blender_addon.services.transfer import transfer_objects
-from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match
 from blender_addon.ui import thumbnails
 

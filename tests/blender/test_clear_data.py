@@ -10,7 +10,7 @@ import zoomout_core as zo
 from blender_addon import api
 from blender_addon.scene.landmarks import surface_points_on
 from blender_addon.services.clear_data import clear_match_data
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match, stored_symmetry
 from blender_addon.viewport import preview

@@ -24,7 +24,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.scene.selection import own_sources
-from blender_addon.services.collection_match import match_collections
+from blender_addon.services.matching.collection_match import match_collections
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points

@@ -24,7 +24,7 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.seam_cut import cut_seams
+from blender_addon.services.matching.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview

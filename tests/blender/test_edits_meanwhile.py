@@ -14,9 +14,9 @@ from turns import finish, turns
 import zoomout_core as zo
 from blender_addon.adapters import USUAL_DATA
 from blender_addon.jobs import Job
-from blender_addon.services.collection_match import match_collections_async
-from blender_addon.services.match import match
-from blender_addon.services.seam_cut import cut_seams_async
+from blender_addon.services.matching.collection_match import match_collections_async
+from blender_addon.services.matching.match import match
+from blender_addon.services.matching.seam_cut import cut_seams_async
 from blender_addon.services.transfer import transfer
 
 

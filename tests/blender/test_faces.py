@@ -12,7 +12,7 @@ from scenes import decimate, ellipsoid, link, positions
 from blender_addon import cli
 from blender_addon.mesh_data import read_full_offsets, text_triangles
 from blender_addon.services.expressions import find_stretched
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from zoomout_core import drawing
 from zoomout_core.expression_sheet import GAP, HEIGHT, LINE, WIDTH
 

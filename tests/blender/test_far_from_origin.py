@@ -13,7 +13,7 @@ from blender_addon.mesh_data.matrices import world_matrix
 from blender_addon.mesh_data.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import landmark_pairs, set_landmark
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 
 # A place, in single precision as Blender keeps it, where numbers are 0.06 or 1 apart.
 FAR = {"a million units away": (1e6, -3e5, 5e5), "ten millions": (1e7, -3e6, 5e6)}

@@ -13,7 +13,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.jobs import Job, watching
 from blender_addon.operators.modal_operator import ModalOperator
-from blender_addon.services.match import prepare_match
+from blender_addon.services.matching.match import prepare_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import place_colors
 from zoomout_core.runtime.progress import advance, show_outlines

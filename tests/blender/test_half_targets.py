@@ -9,9 +9,9 @@ from character import POSE, character
 from scenes import activate, link, positions
 
 from blender_addon import mesh_data
-from blender_addon.services.half_match import HalfResult
-from blender_addon.services.match import match_objects
-from blender_addon.services.use_candidate import use_candidate
+from blender_addon.services.matching.half_match import HalfResult
+from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match
 
 

@@ -9,7 +9,7 @@ from scenes import activate, link, positions, values
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.storage import stored_match
 
 

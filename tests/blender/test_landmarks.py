@@ -22,7 +22,7 @@ from blender_addon.scene.landmarks import (
     surface_points_on,
     world_positions,
 )
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import landmark_dots
 

@@ -25,7 +25,7 @@ from blender_addon import jobs
 from blender_addon.jobs import Job
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.constraints import shared_regions
-from blender_addon.services.match import match, match_objects
+from blender_addon.services.matching.match import match, match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.matching.presets import DETAIL

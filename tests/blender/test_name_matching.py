@@ -3,7 +3,7 @@
 
 import pytest
 
-from blender_addon.services.name_matching import Words, pair_by_name
+from blender_addon.services.matching.name_matching import Words, pair_by_name
 
 
 def pairs(sources, targets):

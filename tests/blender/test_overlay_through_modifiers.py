@@ -7,7 +7,7 @@ import pytest
 from scenes import activate, add_uv_map, positions, snapshot_file
 from test_target_modifiers import add_modifier
 
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.viewport import carried, overlay, preview
 
 

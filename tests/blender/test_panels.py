@@ -19,9 +19,9 @@ from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import activity
 from blender_addon.scene import mesh_facts
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.use_candidate import use_candidate
 from blender_addon.services.transfer import transfer_objects
-from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels

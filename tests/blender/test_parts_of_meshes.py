@@ -27,7 +27,7 @@ from blender_addon import jobs
 from blender_addon.adapters import Settings
 from blender_addon.operators.match import _summary
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.targets import Outcome
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match

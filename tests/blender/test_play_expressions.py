@@ -11,7 +11,7 @@ from test_faces import add_expressions
 from blender_addon.mesh_data import HeldKeys
 from blender_addon.operators import modal, play
 from blender_addon.operators.play_expressions import ZOOMOUT_OT_play_expressions
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.viewport import overlay
 
 

@@ -14,7 +14,7 @@ from blender_addon.mesh_data import content_hash
 from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
 from blender_addon.services import preflight
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 
 
 def found():

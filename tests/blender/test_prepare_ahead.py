@@ -13,8 +13,8 @@ from blender_addon.jobs import run
 from blender_addon.operators import activity, ahead
 from blender_addon.operators.match import ZOOMOUT_OT_match
 from blender_addon.properties.preferences import EXTENSION, prepares_ahead
-from blender_addon.services import prepare_ahead as service
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching import prepare_ahead as service
+from blender_addon.services.matching.match import match_objects
 from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.runtime.progress import Progress
 

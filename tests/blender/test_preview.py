@@ -12,9 +12,9 @@ import zoomout_core as zo
 from blender_addon import jobs, watch
 from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
-from blender_addon.services import previews
-from blender_addon.services.match import match_objects
-from blender_addon.services.use_candidate import use_candidate, use_candidate_async
+from blender_addon.services.matching import previews
+from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.use_candidate import use_candidate, use_candidate_async
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import confidence_colors, place_colors

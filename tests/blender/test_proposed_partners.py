@@ -16,7 +16,7 @@ from blender_addon.operators import modal
 from blender_addon.scene.landmarks import landmark_pairs, landmarks_fingerprint, surface_points_on, world_positions
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.clear_data import clear_match_data
-from blender_addon.services.propose_partners import propose_partners
+from blender_addon.services.matching.propose_partners import propose_partners
 from blender_addon.storage import stored_match
 from blender_addon.viewport import landmark_dots
 

@@ -10,7 +10,7 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.storage import stored_candidates, stored_match
 
 NEAREST = {"initial": "proximity", "k_final": 30}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from drawing import Context, Layout
 
-from benchmarks import session
+from benchmarks.timings import session
 from blender_addon.ui.panels import ZOOMOUT_PT_binding, ZOOMOUT_PT_transfer
 
 

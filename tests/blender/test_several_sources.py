@@ -25,8 +25,9 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.scene.stored_pair import read_stored_match
-from blender_addon.services import preflight, previews
-from blender_addon.services.seam_cut import cut_seams
+from blender_addon.services import preflight
+from blender_addon.services.matching import previews
+from blender_addon.services.matching.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview

@@ -11,7 +11,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.stored_pair import read_stored_match
 from blender_addon.services import preflight
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 

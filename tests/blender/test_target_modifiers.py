@@ -9,7 +9,7 @@ from scenes import activate, positions, set_weights, snapshot_file, visible_posi
 import zoomout_core as zo
 from blender_addon import mesh_data
 from blender_addon.services import preflight
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 

@@ -10,7 +10,7 @@ from turns import turns
 import zoomout_core as zo
 from blender_addon.jobs import Job, pause
 from blender_addon.scene.selection import chosen_targets
-from blender_addon.services.match import prepare_match
+from blender_addon.services.matching.match import prepare_match
 from blender_addon.services.targets import each_target
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
@@ -119,7 +119,7 @@ def test_linked_duplicates_are_done_once(source, targets):
 def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkeypatch):
     from dataclasses import replace
 
-    from blender_addon.services import match as service
+    from blender_addon.services.matching import match as service
 
     asked = {}
 
@@ -136,7 +136,7 @@ def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkey
 
 
 def test_a_single_target_asks_nobody(source, targets, monkeypatch):
-    from blender_addon.services import match as service
+    from blender_addon.services.matching import match as service
 
     monkeypatch.setattr(service, "agree", lambda *_: pytest.fail("asked"))
     activate(targets[0])

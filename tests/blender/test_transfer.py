@@ -39,7 +39,7 @@ from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources
 from blender_addon.services import transfer as service
-from blender_addon.services.match import match_objects
+from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import prepare_transfer, transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report

@@ -258,7 +258,7 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monke
     copy = ellipsoid("Copy", 4)
     prepare = partial(prepare_wrap, bpy.context, "Source", "Copy", initial="same_order")
     jobs.run(prepare(api.Wrapping()))  # as if it had been undone
-    monkeypatch.setattr("blender_addon.services.made_match.match_pair", None)
+    monkeypatch.setattr("blender_addon.services.matching.made_match.match_pair", None)
     jobs.run(prepare(api.Wrapping(detail=0.5), adjusted=True))()
     assert copy.data.shape_keys is not None
 

@@ -147,7 +147,7 @@ def linked_values(target, name):
 
 def test_a_match_that_is_cancelled_leaves_the_file_as_it_was(pair):
     before = snapshot_file()
-    services = importlib.import_module(f"{EXTENSION}.services.match")
+    services = importlib.import_module(f"{EXTENSION}.services.matching.match")
     jobs = importlib.import_module(f"{EXTENSION}.jobs")
     job = jobs.Job(services.match(bpy.context, "Source", "Target"))
     assert not any(job.advance(0) for _ in range(5))

@@ -18,7 +18,7 @@ from zoomout_core.transfer.rigging.skinning import blend_matrices
 from zoomout_core.transfer.rigging.unpose import inverse_skinning
 
 if TYPE_CHECKING:
-    from zoomout_core.assets.gltf import Document
+    from zoomout_core.assets.gltf.document import Document
     from zoomout_core.assets.stored_map import StoredMap
 
 # Names of kinds with one attribute each. Texture coordinates and colours are numbered, as there may be several.

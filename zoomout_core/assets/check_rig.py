@@ -9,9 +9,9 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import Asset, Skin
-from zoomout_core.assets.gltf import Document
-from zoomout_core.assets.move_skin import UP
-from zoomout_core.assets.play_gltf import length_of, play
+from zoomout_core.assets.gltf.document import Document
+from zoomout_core.assets.gltf.move_skin import UP
+from zoomout_core.assets.gltf.play import length_of, play
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.transfer.rigging.motion import MotionCheck, PlayedMotion, SkinnedBody, check_motions
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from zoomout_core.assets.asset import Asset, one_line
-from zoomout_core.assets.avatars import is_avatar
-from zoomout_core.assets.compress_gltf import METHODS, compress_gltf
+from zoomout_core.assets.gltf.avatars import is_avatar
+from zoomout_core.assets.gltf.compress import METHODS, compress_gltf
+from zoomout_core.assets.gltf.read import read_gltf
+from zoomout_core.assets.gltf.write import write_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
-from zoomout_core.assets.read_gltf import read_gltf
-from zoomout_core.assets.write_gltf import write_gltf
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.draco import library
 from zoomout_core.mesh.formats.files import read_surface

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.assets.check_rig import check_rig
-from zoomout_core.assets.move_skin import move_skin
+from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface

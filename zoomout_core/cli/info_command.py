@@ -10,8 +10,8 @@ import click
 import numpy as np
 
 from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
-from zoomout_core.assets.avatars import read_avatar
 from zoomout_core.assets.files import read_asset
+from zoomout_core.assets.gltf.avatars import read_avatar
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import folders_option
 from zoomout_core.mesh.triangles import border_edges

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.append_gltf import append_to_gltf
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.compress_gltf import compress_gltf
 from zoomout_core.assets.files import AVATAR, inputs_of, read_asset
-from zoomout_core.assets.gltf import VRM_0
+from zoomout_core.assets.gltf.append import append_to_gltf
+from zoomout_core.assets.gltf.compress import compress_gltf
+from zoomout_core.assets.gltf.document import VRM_0
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName

@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.append_gltf import NewJoint
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
+from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.outfits.skeleton import Fit, bind_clothes

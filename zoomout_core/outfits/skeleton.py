@@ -15,9 +15,9 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.assets.append_gltf import NewJoint
 from zoomout_core.assets.asset import Asset, Skin, to_rest
-from zoomout_core.assets.avatars import read_avatar
+from zoomout_core.assets.gltf.append import NewJoint
+from zoomout_core.assets.gltf.avatars import read_avatar
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.surface import Surface

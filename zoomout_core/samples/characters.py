@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import COLOR, UV, Asset, Material, Skin, material_numbers
 from zoomout_core.assets.files import write_asset
-from zoomout_core.assets.gltf import Buffer, Document, library
+from zoomout_core.assets.gltf.document import Buffer, Document, library
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
 from zoomout_core.mesh.decimation import decimate

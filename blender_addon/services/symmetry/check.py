@@ -24,7 +24,7 @@ from ...colors import RED_LENGTH, RED_WEIGHT
 from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from ...viewport import preview
-from .. import previews
+from ..matching import previews
 from .mesh_access import READ, READING, find_not_edited, own_mesh, writable_mesh
 from .shape_keys import read_key
 

@@ -16,7 +16,7 @@ from zoomout_core.runtime.progress import stage
 from ...jobs import compute, pause, run
 from ...properties.symmetry import AXES
 from ...storage import stored_symmetry
-from .. import previews
+from ..matching import previews
 from ..targets import WRITING
 from .mesh_access import writable_mesh, writing
 

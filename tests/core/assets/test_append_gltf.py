@@ -13,10 +13,10 @@ from skinned_tubes import PNG
 from vrm_files import BONES, FACE, HAIR, replace_tree, tree_of, write_avatar
 from vrm_validator import faults
 
-from zoomout_core.assets.append_gltf import NewJoint, append_to_gltf
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
 from zoomout_core.assets.files import read_asset
-from zoomout_core.assets.gltf import Document
+from zoomout_core.assets.gltf.append import NewJoint, append_to_gltf
+from zoomout_core.assets.gltf.document import Document
 from zoomout_core.outfits.parts import keep_faces
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -32,9 +32,9 @@ from vrm_files import (
 from vrm_validator import faults
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material, material_numbers
-from zoomout_core.assets.avatars import read_avatar
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
-from zoomout_core.assets.gltf import Document
+from zoomout_core.assets.gltf.avatars import read_avatar
+from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points

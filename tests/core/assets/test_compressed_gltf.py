@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from skinned_tubes import write_tube
 
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
-from zoomout_core.assets.compress_gltf import METHODS
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.cli import main
 from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT
 from zoomout_core.mesh.formats.draco import decode_draco

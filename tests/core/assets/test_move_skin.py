@@ -16,8 +16,8 @@ from test_transfer_asset import bent, finer_tube, matched
 from zoomout_core.assets.asset import WEIGHTS, Asset
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.gltf import VRM_0, Document
-from zoomout_core.assets.move_skin import CUBIC
+from zoomout_core.assets.gltf.document import VRM_0, Document
+from zoomout_core.assets.gltf.move_skin import CUBIC
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from dolls import CHAIN, KEY
 
-from zoomout_core.assets.append_gltf import append_to_gltf
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
+from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
 from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
 from zoomout_core.outfits.parts import AvatarParts, split_avatar

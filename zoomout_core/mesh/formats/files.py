@@ -259,7 +259,7 @@ def _read_with_extra(path: Path) -> Polygons:
 def _read_gltf(path: Path) -> Polygons:
     """The posed shape of a file, whose vertices have the same numbers as in its asset."""
     # The package of assets, which poses skins and joins vertices that were split, is higher than this one.
-    surface = import_module("zoomout_core.assets.read_gltf").read_gltf_surface(path)
+    surface = import_module("zoomout_core.assets.gltf.read").read_gltf_surface(path)
     return _read_gltf_points(path) if surface is None else (surface.vertices, surface.corner_vertex, surface.face_start)
 
 
