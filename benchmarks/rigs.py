@@ -63,9 +63,9 @@ def run(data: Path, pairs: int | None) -> Tables:
     `rows`: for each kind of builds and each method medians and 95th percentiles of the distances of joints (heads of
     bones) from the truth, over all pairs, in percent of the target's height. `posed`: the mean distance of surface
     vertices from the truth over all poses, with the weights of the match, and the same with the true joints; `ratio` is
-    of the two. `feet`: how far the lowest vertex is from its true height. Kinds `as found` count for each target only the
-    source with the smaller misfit, which a search in a library ranks first. `each`: the figures of the product for each
-    pair.
+    of the two. `feet`: how far the lowest vertex is from its true height. Kinds `as found` count for each target only
+    the source with the smaller misfit, which a search in a library ranks first. `each`: the figures of the product for
+    each pair.
 
     Args:
         data: a folder with the set `clothes`.
