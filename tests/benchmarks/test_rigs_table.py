@@ -24,6 +24,16 @@ def test_rows_join_the_errors_of_all_pairs() -> None:
     assert row["posed"] == 2.0
 
 
+def test_the_source_that_fits_best_is_the_one_found() -> None:
+    pairs = (("woman", "child", 0.05), ("man", "child", 0.06), ("woman", "elder", 0.09), ("man", "elder", 0.07))
+    records = [
+        {"kind": rigs.JUDGED, "source": source, "target": target, "misfit": misfit} for source, target, misfit in pairs
+    ]
+    found = rigs._as_found(records)
+    assert [(record["source"], record["target"]) for record in found] == [("woman", "child"), ("man", "elder")]
+    assert {record["kind"] for record in found} == {f"{rigs.JUDGED}, {rigs.AS_FOUND}"}
+
+
 @pytest.mark.slow
 def test_every_method_is_measured(wardrobe: Path) -> None:
     tables = rigs.run(wardrobe, 1)

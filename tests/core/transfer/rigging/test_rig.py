@@ -179,6 +179,18 @@ def test_an_asymmetric_body_keeps_its_asymmetry() -> None:
     np.testing.assert_allclose(moved.positions, joints + np.outer(joints[:, 0] > 0, [0, 0, 1.0]), atol=0.05)
 
 
+def test_a_map_that_slides_along_one_leg_of_a_symmetric_body_is_averaged_with_the_other() -> None:
+    body, joints = legs(), twin(CHAIN[:3])
+    parents = np.concatenate([PARENTS[:3], np.array([-1, 3, 4])])
+    right = body.vertices[:, 0] > 0
+    slid = np.where(right[:, None], bulge(body.vertices, 3, 0.4), body.vertices)
+    moved = place_joints(body, slid, joints, parents).positions
+    np.testing.assert_allclose(moved[3:], moved[:3] * [-1, 1, 1], atol=0.05)
+    thicker = np.where(right[:, None], (slid - [3, 0, 0]) * [2.0, 2, 1] + [3, 0, 0], slid)
+    apart = place_joints(body, thicker, joints, parents).positions
+    assert abs(apart[4, 2] - apart[1, 2]) > abs(moved[4, 2] - moved[1, 2]) + 0.1
+
+
 def test_a_chain_along_a_line_is_not_mirrored_end_to_end() -> None:
     joints, parents = np.array([[0, 0, z] for z in (1.0, 3.0, 5.0)]), np.array([-1, 0, 1])
     moved = place_joints(LEG, bulge(LEG.vertices, 5, 0.1), joints, parents)
