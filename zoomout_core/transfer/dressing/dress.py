@@ -58,13 +58,14 @@ class DressTuning(Tuning, set_by="outfits"):
         softest: length over which they keep their form at stiffness zero.
         stiffest: the same at stiffness one.
         near: distance from the skin at which they follow it half as much.
-        layer: minimum area of a connected part that is a layer of its own.
+        layer: minimum area of a connected part that is a layer of its own; strands of a braid, which pass over and
+            under each other, are smaller.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
     stiffest: float = tuned(0.1, "at unit area", 1e-6, 10)
     near: float = tuned(0.03, "at unit area", 1e-6, 1)
-    layer: float = tuned(0.01, "at unit area", 0, 1)
+    layer: float = tuned(0.03, "at unit area", 0, 1)
 
 
 DRESS = DressTuning()
