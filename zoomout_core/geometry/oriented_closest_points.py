@@ -66,6 +66,7 @@ class OrientedSurface:
         flipped: (m,) which triangles wind inwards.
         normal_weight: the distance that counts as much as a unit difference of normals.
         group: (m,) integers from 0, to search closest points only within a group of triangles.
+        points: number of samples; by the tuning, when not given.
     """
 
     def __init__(
@@ -75,24 +76,26 @@ class OrientedSurface:
         flipped: Booleans,
         normal_weight: float,
         group: Integers | None = None,
+        points: int | None = None,
     ) -> None:
         self._vertices, self._triangles, self._weight = vertices, triangles, normal_weight
         of_group = np.zeros(len(triangles), dtype=np.int64) if group is None else group
         self._boxes = _bounding_boxes(vertices[triangles], of_group)
         area = np.bincount(of_group, triangle_areas(vertices, triangles))
         members = np.split(np.argsort(of_group, kind="stable"), np.cumsum(np.bincount(of_group))[:-1])
-        points, on = [], []
+        samples, on = ORIENTED_SEARCH.points if points is None else points, list[Integers]()
+        places = list[Floats]()
         for chosen, share in zip(members, area / max(area.sum(), 1e-300), strict=True):
             if len(chosen):
-                count = ORIENTED_SEARCH.min_points + int(ORIENTED_SEARCH.points * share)
+                count = ORIENTED_SEARCH.min_points + int(samples * share)
                 place, at = surface_samples(vertices, triangles[chosen], count)
-                points.append(place)
+                places.append(place)
                 on.append(chosen[at])
         self._on = np.concatenate(on)
         normals = unit_vectors(area_normals(vertices, triangles[self._on]))
         normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
-        rows = self._rows(np.concatenate(points), normals, of_group[self._on])
+        rows = self._rows(np.concatenate(places), normals, of_group[self._on])
         self._tree = cKDTree(rows, balanced_tree=False, compact_nodes=False)
 
     def has_group(self, group: Integers) -> Booleans:

@@ -133,14 +133,17 @@ def test_the_skin_does_not_come_through_large_faces() -> None:
     assert (shirt.vertices[corner[0]] - peak) @ normal < -0.02
 
 
-def test_layers_stay_in_their_order() -> None:
+@pytest.mark.parametrize("in_one_object", [False, True])
+def test_layers_stay_in_their_order(in_one_object: bool) -> None:
     shirt, jacket = shell(1.02), ball(1.04, count=500, seed=9)
     jacket = Surface(jacket.vertices, jacket.triangles[jacket.vertices[jacket.triangles][:, :, 2].min(axis=1) > 0.2])
     worn = np.unique(jacket.triangles)
 
     def between() -> float:
         """Smallest distance (2nd percentile) of the jacket from the shirt, by their radii."""
-        under, over = carry(BODY, noisy(0.1), EGG, [shirt, jacket]).vertices
+        worn_things = [Surface.joined([shirt, jacket])] if in_one_object else [shirt, jacket]
+        every = np.concatenate(carry(BODY, noisy(0.1), EGG, worn_things).vertices)
+        under, over = np.split(every, [len(shirt.vertices)])
         middles = under[shirt.triangles].mean(axis=1)
         near = nearest(over[worn], middles)
         return float(np.quantile(off_egg(over[worn]) - off_egg(middles[near]), 0.02))
@@ -148,6 +151,21 @@ def test_layers_stay_in_their_order() -> None:
     with retune(CONTACT, layer_reach=0.0):
         without = between()
     assert between() > max(without, 0)
+
+
+def test_outfits_that_cross_each_other_do_not_displace_each_other() -> None:
+    shirt, other = shell(1.04), shell(1.04, count=700)
+    other = other.with_vertices(other.vertices * (1 + 0.015 * np.sin(8 * other.vertices[:, :1])))
+
+    def displaced() -> float:
+        """Greatest displacement of either by the other one, relative to the size."""
+        together = carry(BODY, EGG.vertices, EGG, [shirt, other]).vertices
+        alone = [carry(BODY, EGG.vertices, EGG, [each]).vertices[0] for each in (shirt, other)]
+        return max(float(np.abs(a - b).max()) / SIZE for a, b in zip(together, alone, strict=True))
+
+    assert displaced() == 0
+    with retune(CONTACT, over=0.0):
+        assert displaced() > 0
 
 
 def test_solid_parts_keep_their_form() -> None:

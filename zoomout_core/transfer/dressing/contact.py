@@ -12,12 +12,12 @@ from scipy.sparse import csc_array, csr_array, diags_array, vstack
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.oriented_closest_points import ORIENTED_SEARCH, OrientedSurface
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
+from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.tuning import Tuning, tuned
 
@@ -29,6 +29,8 @@ class ContactTuning(Tuning, set_by="outfits"):
     Attributes:
         reach: maximum distance from the skin at which a place is tested.
         layer_reach: the same for a layer beneath.
+        over: minimum share of the places of a connected part near a layer that are above it; else both cross each other
+            and have no order.
         max_margin: maximum distance from the skin that is kept.
         min_margin: minimum distance from the skin that is kept.
         mended: maximum original depth in the skin at which a place of a soft object is pushed out.
@@ -43,6 +45,7 @@ class ContactTuning(Tuning, set_by="outfits"):
 
     reach: float = tuned(0.08, "at unit area", 0, 1)
     layer_reach: float = tuned(0.02, "at unit area", 0, 1)
+    over: float = tuned(0.8, "1", 0, 1)
     max_margin: float = tuned(0.01, "at unit area", 0, 1)
     min_margin: float = tuned(0.001, "at unit area", 0, 1)
     mended: float = tuned(0.01, "at unit area", 0, 1)
@@ -58,17 +61,30 @@ class ContactTuning(Tuning, set_by="outfits"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
+# Minimum mean number of samples of a triangle of a worn object.
+SAMPLES = 8
 # The smallest and the largest distance from the skin that is kept; places between them keep their own.
 Margins: TypeAlias = tuple[float, float]
 
 
 class SidedSurface:
-    """A surface with two sides: vertices (n, 3), and triangles (m, 3) wound so that normals point outwards."""
+    """A surface with two sides, wound so that its normals point outwards.
 
-    def __init__(self, vertices: Floats, triangles: Integers) -> None:
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) their triangles.
+        is_part: whether it is a worn object at unit area of the body, whose samples need not be denser than the body's.
+    """
+
+    def __init__(self, vertices: Floats, triangles: Integers, *, is_part: bool = False) -> None:
         self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
-        self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
+        points = ORIENTED_SEARCH.points
+        if is_part:
+            share = float(triangle_areas(vertices, triangles).sum())
+            points = min(points, max(int(share * points), SAMPLES * len(triangles)))
+        upright = np.zeros(len(triangles), dtype=bool)
+        self._search = OrientedSurface(vertices, triangles, upright, 0.0, points=points)
 
     @classmethod
     def of(cls, surface: Surface, unit: float) -> SidedSurface:
@@ -81,6 +97,13 @@ class SidedSurface:
     def with_vertices(self, vertices: Floats) -> SidedSurface:
         """The same triangles on other vertices (n, 3)."""
         return SidedSurface(vertices, self._triangles)
+
+    def beside(self, points: Floats, reach: float) -> Integers:
+        """(b,) which of points (p, 3) may be within reach: those in the widened bounding box."""
+        corners = self.vertices[np.unique(self._triangles)]
+        return np.flatnonzero(
+            ((points > corners.min(axis=0) - reach) & (points < corners.max(axis=0) + reach)).all(axis=1)
+        )
 
     def closest(self, points: Floats) -> tuple[Integers, Floats, Floats]:
         """Triangles, barycentric coordinates and distances of the points closest to points (p, 3).
@@ -221,7 +244,9 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
 
     There the skin's detail may penetrate a coarser triangle.
     """
-    triangle, barycentric, distance = SidedSurface(positions, triangles).closest(skin.vertices)
+    surface = SidedSurface(positions, triangles, is_part=True)
+    beside = skin.vertices[surface.beside(skin.vertices, CONTACT.looked_at)]
+    triangle, barycentric, distance = surface.closest(beside)
     near = np.flatnonzero(distance < CONTACT.looked_at)
     rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
     return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))
@@ -232,13 +257,22 @@ def _bounds(
 ) -> list[_Bounds]:
     """Bounds of the places that were originally near each barrier, and may now change sides."""
     before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
+    part = form.component[probes.indices[probes.indptr[:-1]]]
     bounds = []
     for barrier in barriers:
-        off, _, known = barrier.before.sides(before)
-        lowest, highest = (0.0, CONTACT.layer_reach) if barrier.is_layer else (-CONTACT.mended, CONTACT.reach)
-        which = np.flatnonzero(known & (off > lowest) & (off < highest))
+        reach = CONTACT.layer_reach if barrier.is_layer else CONTACT.reach
+        beside = barrier.before.beside(before, reach)
+        off, _, known = barrier.before.sides(before[beside])
+        if barrier.is_layer:
+            near = known & (np.abs(off) < reach)
+            above, of = near & (off > 0), part[beside]
+            stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
+            chosen = above & stacked[of]
+        else:
+            chosen = known & (off > -CONTACT.mended) & (off < reach)
+        which, off = beside[chosen], off[chosen]
         smallest, largest = (0.0, CONTACT.max_margin) if barrier.is_layer else margins
-        margin = np.clip(off[which] * growth[which], smallest, largest)
+        margin = np.clip(off * growth[which], smallest, largest)
         bounds.append(_Bounds(barrier, which, margin, now[which]))
     return bounds
 

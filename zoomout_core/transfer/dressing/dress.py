@@ -58,11 +58,14 @@ class DressTuning(Tuning, set_by="outfits"):
         softest: length over which they keep their form at stiffness zero.
         stiffest: the same at stiffness one.
         near: distance from the skin at which they follow it half as much.
+        layer: minimum area of a connected part that is a layer of its own; strands of a braid, which pass over and
+            under each other, are smaller.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
     stiffest: float = tuned(0.1, "at unit area", 1e-6, 10)
     near: float = tuned(0.03, "at unit area", 1e-6, 1)
+    layer: float = tuned(0.03, "at unit area", 0, 1)
 
 
 DRESS = DressTuning()
@@ -160,7 +163,6 @@ def carry(
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
     fits, stuck = list[_Fit](), 0
-    found: dict[int, tuple[Floats, Floats, Booleans]] = {}
     with stage("Dressing"):
         following = Following(body, shape)
         advance(0.1)
@@ -171,23 +173,19 @@ def carry(
             advance(0.2 + 0.3 * number / len(carried))
         margins = margins_with(gap / following.unit_after)
         # From the skin outwards: each layer is a barrier for those above it.
-        order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
-        for done, number in enumerate(order, start=1):
-            fit = fits[number]
-            positions, wrong = fit.push_out(barriers, margins)
-            stuck += wrong
-            found[number] = fit.of_vertices(positions, following)
-            if done < len(order) and fit.is_layer:
-                triangles = fit.facing_away(barriers[0].before)
-                before, after = (SidedSurface(places, triangles) for places in (fit.form.rest, positions))
-                barriers.append(Barrier(before, after, is_layer=True))
-            advance(0.5 + 0.5 * done / len(order))
-    vertices, turns, stretched = zip(*(found[number] for number in range(len(fits))), strict=True)
+        layers = sorted((layer for fit in fits for layer in fit.layers()), key=lambda layer: layer.height)
+        for done, layer in enumerate(layers, start=1):
+            stuck += layer.push_out(barriers, margins)
+            if done < len(layers) and layer.is_barrier:
+                barriers.append(layer.as_barrier(barriers[0].before))
+            advance(0.5 + 0.5 * done / len(layers))
+        found = [fit.of_vertices(following) for fit in fits]
+    vertices, turns, stretched = zip(*found, strict=True)
     notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
     return Dressed(vertices, turns, stretched, notes)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Fit:
     """A form moved with the body."""
 
@@ -211,37 +209,27 @@ class _Fit:
         return cls(form, motion, moved, solid_parts(form) if manner == "automatic" else [], False)
 
     @property
-    def is_layer(self) -> bool:
-        """Whether it is a barrier for other objects."""
-        return not self.is_rigid and len(self.form.triangles) > 0 and len(self.soft) > len(self.form.rest) / 2
-
-    @property
     def soft(self) -> Integers:
         """Points that belong to no solid part."""
         return np.setdiff1d(np.arange(len(self.form.rest)), np.concatenate([[], *self.parts]))
 
-    def facing_away(self, skin: SidedSurface) -> Integers:
-        """(m, 3) its triangles, wound so that each connected component faces away from the skin."""
-        corners, first = self.form.triangles.copy(), self.form.triangles[:, 0]
-        middles = self.form.rest[corners].mean(axis=1)
-        facing = np.einsum("mx,mx->m", area_normals(self.form.rest, corners), skin.sides(middles)[1])
-        inward = (np.bincount(self.form.component[first], facing) < 0)[self.form.component[first]]
-        corners[inward] = corners[inward, ::-1]
-        return corners
-
-    def push_out(self, barriers: Sequence[Barrier], margins: Margins) -> tuple[Floats, int]:
-        """(n, 3) positions out of the skin, and how many places are still in it."""
+    def layers(self) -> list[_Layer]:
+        """Its large connected parts, such as a jacket and a belt, and the rest of it; a rigid form is one layer."""
         if self.is_rigid:
-            return push_out_rigidly(self.form, self.positions, self.motion.growth, barriers, margins)
+            return [_Layer(self, np.arange(len(self.form.rest)))]
         soft = self.soft
-        positions, wrong = push_out(self.form, self.positions, self.motion.growth, barriers, margins, soft)
-        return with_solid_parts(self.form, self.parts, soft, self.motion.images, positions), wrong
+        component = self.form.component[soft]
+        area = np.bincount(component, self.form.areas[soft]) if len(self.form.triangles) else np.zeros(0)
+        large = np.flatnonzero(area >= DRESS.layer)
+        parts = [soft[component == number] for number in large] + [soft[~np.isin(component, large)]]
+        return [_Layer(self, points) for points in parts if len(points)]
 
-    def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats, Booleans]:
+    def of_vertices(self, following: Following) -> tuple[Floats, Floats, Booleans]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
 
         And (n_v,) which of them are stretched. Unconnected vertices only follow the body.
         """
+        positions = with_solid_parts(self.form, self.parts, self.soft, self.motion.images, self.positions)
         number = self.form.number
         found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
         stretched = _stretched_points(self.form, self.motion, positions)[number] & (number >= 0)
@@ -249,6 +237,46 @@ class _Fit:
             motion = following.motion(self.form.places[alone])
             found[alone], turns[alone] = motion.images, motion.turns
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """A part of a fit that is kept above the skin and above the layers beneath it."""
+
+    fit: _Fit  # the object
+    points: Integers  # numbers of its points
+
+    @property
+    def height(self) -> float:
+        """The median distance from the skin."""
+        return float(np.median(self.fit.motion.distance[self.points]))
+
+    @property
+    def is_barrier(self) -> bool:
+        """Whether it is a barrier for the layers above it."""
+        fit = self.fit
+        is_soft = not fit.is_rigid and 2 * len(fit.soft) > len(fit.form.rest)
+        return is_soft and len(fit.form.between(self.points)) > 0
+
+    def push_out(self, barriers: Sequence[Barrier], margins: Margins) -> int:
+        """Push it out of barriers that it was outside of; returns how many places are still in the skin."""
+        fit, form = self.fit, self.fit.form
+        if fit.is_rigid:
+            fit.positions, stuck = push_out_rigidly(form, fit.positions, fit.motion.growth, barriers, margins)
+        else:
+            fit.positions, stuck = push_out(form, fit.positions, fit.motion.growth, barriers, margins, self.points)
+        return stuck
+
+    def as_barrier(self, skin: SidedSurface) -> Barrier:
+        """Its surface, wound so that each connected component faces away from the skin."""
+        form = self.fit.form
+        corners = form.between(self.points)
+        first, middles = corners[:, 0], form.rest[corners].mean(axis=1)
+        facing = np.einsum("mx,mx->m", area_normals(form.rest, corners), skin.sides(middles)[1])
+        inward = (np.bincount(form.component[first], facing) < 0)[form.component[first]]
+        corners[inward] = corners[inward, ::-1]
+        before, after = (SidedSurface(places, corners, is_part=True) for places in (form.rest, self.fit.positions))
+        return Barrier(before, after, is_layer=True)
 
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:
