@@ -183,6 +183,14 @@ def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
     return np.asarray((far - near > OPENING * most) & (far > STRETCH * near))
 
 
+def find_expressions(keys: Attribute) -> list[Floats] | None:
+    """What each expression of `KEYS` adds to the vertices, (n, 3); None if one is missing: the shape is no head."""
+    try:
+        return [find_offsets(keys, names) for names in KEYS.values()]
+    except MeshError:
+        return None
+
+
 def find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:
     """(n, 3) what the first key among some, each a convention and a name, adds to the vertices."""
     offsets = np.asarray(keys.values, dtype=np.float64)
