@@ -172,7 +172,7 @@ class Frames:
         Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis
         of 3D faces, 1999; Li et al., Learning a model of facial shape and expression from 4D scans, 2017). But an
         enlarged copy of a head needs longer offsets to close its eyes, and a head of quite another size is in another
-        unit, or no person's.
+        unit, or is a creature's.
         """
         differs = (self._whole[1][0] / FRAMES.same_shape - 1) / (OTHER_SHAPE - 1)
         similar = (OTHER_SIZE - abs(np.log(self.growth)) / np.log(FRAMES.same_size)) / (OTHER_SIZE - 1)
