@@ -43,6 +43,10 @@ class FrameTuning(Tuning, set_by="transfer"):
             bodies.
         same_direction: rotation between two shapes up to which they face the same way, see `without_small_turn`. Shapes
             of heads that do differ by .5 to 9.2 degrees.
+        same_size: ratio of sizes up to which two shapes are of similar size, see `Frames.otherness`. Those of 66
+            pairs of persons' heads differ by a factor of 1.18 at most.
+        same_shape: deviation of a map from a similarity, as a share of the size, up to which the target is a copy of
+            the source. It is at most .006 on retopologised copies of heads, and at least .05 on heads of other persons.
     """
 
     smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)
@@ -50,6 +54,8 @@ class FrameTuning(Tuning, set_by="transfer"):
     excess: float = tuned(1.5, "1", 0.1, 10)
     deviation: float = tuned(0.2, "1", 1e-6, 1)
     same_direction: float = tuned(12.0, "degrees", 0, 90)
+    same_size: float = tuned(1.2, "1", 1, 10)
+    same_shape: float = tuned(0.02, "1", 1e-6, 1)
 
 
 FRAMES = FrameTuning()
@@ -63,8 +69,10 @@ MIN_TRUST = 1e-6
 DOUBTED_WEIGHT = 1e-3
 # Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
-# Multiple of the angle up to which shapes face the same way, from which on they do not.
-OTHER_DIRECTION = 1.5
+# Multiple of the angle up to which shapes face the same way, from which on they do not; the same of the logarithm of a
+# ratio up to which they are of similar size, and of the deviation up to which one is a copy of the other.
+OTHER_DIRECTION = OTHER_SIZE = 1.5
+OTHER_SHAPE = 2.0
 # A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
 FULL_SHARE = 2 / 3
 
@@ -132,27 +140,60 @@ class Frames:
         a small turn.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
-        own = self.mapped.target.working.vertices[self.number]
-        images = self.points[self.number] / np.sqrt(self.mapped.source.area)
-        moments = np.column_stack([products(images, own), (own**2).sum(axis=1), np.ones(len(own))])
-        side = self._handedness
+        moments, side = self._moments, self._handedness
         wide = ScreenedSmoothing.of(self.smoothing.weights, self.stiffness, WIDE * FRAMES.smoothing_length)
         _, deviation = _similarities(self.smoothing.smooth(moments), side)
         noise = wide.smooth(deviation[:, None])[:, 0]
 
-        blend, share = size * self.turns, np.ones(len(own))
-        most = np.array([1.0 if self.smoothing.weights @ side >= 0 else -1.0])
+        blend, share = size * self.turns, np.ones(len(side))
         around, deviation = _similarities(wide.smooth(moments), side)
-        whole, deviation_of_whole = _similarities(self.smoothing.weights[None] @ moments, most)
+        whole, deviation_of_whole = self._whole
         for linear, sides, missed in (
             (around, side, deviation),
-            (without_small_turn(whole[0])[None], most, deviation_of_whole),
+            (without_small_turn(whole[0])[None], self._side_of_most, deviation_of_whole),
         ):
             share = share * (side == sides) * _fitting(missed, noise)
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
         return lengths[:, None, None] / size * nearest_rotations(blend, side)
+
+    @property
+    def growth(self) -> float:
+        """How much larger the target is than the source, in their units."""
+        size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
+        growth = np.cbrt(abs(np.linalg.det(self._whole[0][0]))) / size
+        return float(np.clip(growth, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH))
+
+    @property
+    def otherness(self) -> float:
+        """Whether source and target seem to be two persons, in [0, 1], whose expressions are equally long.
+
+        Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis
+        of 3D faces, 1999; Li et al., Learning a model of facial shape and expression from 4D scans, 2017). But an
+        enlarged copy of a head needs longer offsets to close its eyes, and a head of quite another size is in another
+        unit, or is a creature's.
+        """
+        differs = (self._whole[1][0] / FRAMES.same_shape - 1) / (OTHER_SHAPE - 1)
+        similar = (OTHER_SIZE - abs(np.log(self.growth)) / np.log(FRAMES.same_size)) / (OTHER_SIZE - 1)
+        return float(np.clip(differs, 0, 1) * np.clip(similar, 0, 1))
+
+    @cached_property
+    def _moments(self) -> Floats:
+        """(n, 18) see `_similarities`; both surfaces are of unit area."""
+        own = self.mapped.target.working.vertices[self.number]
+        images = self.points[self.number] / np.sqrt(self.mapped.source.area)
+        return np.column_stack([products(images, own), (own**2).sum(axis=1), np.ones(len(own))])
+
+    @cached_property
+    def _whole(self) -> tuple[Floats, Floats]:
+        """(1, 3, 3) the best similarity of all vertices, and (1,) how far the map is from it; see `_similarities`."""
+        return _similarities(self.smoothing.weights[None] @ self._moments, self._side_of_most)
+
+    @cached_property
+    def _side_of_most(self) -> Floats:
+        """(1,) -1 if most of the target is mapped as a mirror image, else 1."""
+        return np.array([1.0 if self.smoothing.weights @ self._handedness >= 0 else -1.0])
 
     @cached_property
     def _differential(self) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -90,14 +91,15 @@ class _Skin:
 
     def find_slit(self, closed: Floats, opened: Floats) -> _Slit:
         """The vertices that touch in one shape (n, 3) of the skin, and are apart in another one."""
-        visible = np.flatnonzero(self._is_visible())
+        visible = np.flatnonzero(self.visible)
         pairs = visible[cKDTree(closed[visible]).query_pairs(TOUCHING * self.size, output_type="ndarray")]
         near, far = (row_norms(shape[pairs[:, 0]] - shape[pairs[:, 1]]) for shape in (closed, opened))
         pairs = pairs[are_parted(near, far, float((far - near).max(initial=0)))]
         above = np.einsum("px,x->p", opened[pairs[:, 0]] - opened[pairs[:, 1]], self.up) > 0
         return _Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
 
-    def _is_visible(self) -> Booleans:
+    @cached_property
+    def visible(self) -> Booleans:
         """(n,) which vertices face forward, without much in front of them."""
         plane = np.column_stack([self.vertices @ self.left, self.vertices @ self.up])
         depth, facing = self.vertices @ self.forward, self.normals @ self.forward > 0
@@ -181,6 +183,14 @@ def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
     `most` is how far the slit opens at most.
     """
     return np.asarray((far - near > OPENING * most) & (far > STRETCH * near))
+
+
+def find_expressions(keys: Attribute) -> list[Floats] | None:
+    """Offsets (n, 3) of the vertices by each expression of `KEYS`; None if the keys lack one of them."""
+    try:
+        return [find_offsets(keys, names) for names in KEYS.values()]
+    except MeshError:
+        return None
 
 
 def find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:

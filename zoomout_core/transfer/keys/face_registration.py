@@ -28,13 +28,10 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import on_working_mesh
-from zoomout_core.transfer.keys.face_landmarks import KEYS, find_offsets
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -73,17 +70,13 @@ MIN_VERTICES, NEAR, MAX_CHANGE = 500, 0.01, 0.1
 MIN_REGISTERED = 0.8
 
 
-def register_face(keys: Attribute, mapped: MappedTarget) -> MappedTarget:
-    """The target with a map that is more exact on the face; unchanged if the keys are no expressions of a head.
+def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> MappedTarget:
+    """The target with a map that is more exact on the face.
 
-    A head is recognised by the keys that close its eyes and open its mouth. Where the registration fails, and outside
-    of the face, the map remains.
+    Takes the offsets (n_s, keys, 3) of all keys of a head, and those of its `find_expressions`. Where the registration
+    fails, and outside of the face, the map remains.
     """
-    try:
-        expressions = [find_offsets(keys, names) for names in KEYS.values()]
-    except MeshError:
-        return mapped
-    face = _Face.of(np.asarray(keys.values), expressions, mapped)
+    face = _Face.of(offsets, expressions, mapped)
     if face is None:
         return mapped
     triangle, barycentric, found = face.locate(face.register())

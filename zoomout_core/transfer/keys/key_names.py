@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple, TypeAlias
 
@@ -32,6 +32,7 @@ NODE = re.compile(r"^.*[.:|](?=.)")
 # Names are of a convention if they have at least this many of its names, and either half of the names are of it, or
 # half of its names are there: fewer may be chance, such as VRM's "a".
 MIN_NAMES, MIN_SHARE = 3, 0.5
+MANY_NAMES = 4096  # whose forms are kept: the names of the keys of one head are recognised several times
 # Missing names that are listed in a sentence.
 LISTED = 12
 
@@ -340,13 +341,13 @@ def _known(convention: str) -> Mapping[str, str]:
     return known
 
 
-def _forms(name: str) -> Iterator[str]:
+@lru_cache(MANY_NAMES)
+def _forms(name: str) -> tuple[str, ...]:
     """The forms of a name to compare: its words with a single side at the end, its letters, and both without a node."""
     name = COPY.sub("", name)
     bare = NODE.sub("", name)
-    for text in (name, bare if bare.lower() not in SIDES else name):
-        yield _join(words_of(text))
-        yield "".join(WORD.findall(text)).lower()
+    texts = (name, bare if bare.lower() not in SIDES else name)
+    return tuple(form for text in texts for form in (_join(words_of(text)), "".join(WORD.findall(text)).lower()))
 
 
 def _join(words: Sequence[str]) -> str:

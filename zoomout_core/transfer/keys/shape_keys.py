@@ -33,6 +33,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
     without_sums,
 )
+from zoomout_core.transfer.keys.face_landmarks import find_expressions
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.keys.joined_lips import has_joined_lips
 from zoomout_core.transfer.keys.rigid_keys import move_rigid_parts
@@ -77,7 +78,9 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     rigidly.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
-    mapped = register_face(attribute, mapped)
+    expressions = find_expressions(attribute)
+    if expressions is not None:
+        mapped = register_face(offsets, expressions, mapped)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
     doubtful = mapped.confidence < FULL_CONFIDENCE
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
@@ -85,13 +88,15 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         return replace(attribute, values=carried)
     frames = frames_on(mapped, moved | doubtful)
     carrier = _Carrier.of(frames)
+    otherness = 0.0 if expressions is None else frames.otherness
+    growth = frames.growth**otherness
 
     def carry(first: int) -> None:
         some = slice(first, first + KEYS_AT_ONCE)
-        carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64))
+        carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
-    move_rigid_parts(carried, offsets, frames)
+    move_rigid_parts(carried, offsets, frames, otherness)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:

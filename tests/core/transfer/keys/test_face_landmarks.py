@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from face_masks import ARKIT, BOTTOM, CHIN, GAP, MOUTH, NOSE, STEP, make_face
+from scipy.spatial import cKDTree
 
 import zoomout_core as zo
+from zoomout_core.transfer.keys import face_landmarks
 from zoomout_core.transfer.keys.face_landmarks import FACE_LANDMARKS
 
 FACE = make_face()
@@ -33,6 +35,19 @@ def test_nose_chin_lips_and_sides_are_extreme_points() -> None:
         assert lowest <= y <= highest
     assert vertices[FOUND["Left Ear"], 0] == vertices[:, 0].max()
     assert vertices[FOUND["Right Ear"], 0] == vertices[:, 0].min()
+
+
+def test_which_vertices_are_visible_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    searches = []
+
+    class Counted(cKDTree):
+        def query_ball_point(self, *arguments, **options):  # type: ignore[no-untyped-def]
+            searches.append(arguments)
+            return super().query_ball_point(*arguments, **options)
+
+    monkeypatch.setattr(face_landmarks, "cKDTree", Counted)
+    assert zo.propose_face_landmarks(FACE.surface, FACE.keys) == FOUND
+    assert len(searches) == 1
 
 
 def test_neither_unit_nor_pose_nor_spelling_makes_a_difference() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
+from zoomout_core.transfer.keys import key_names
 from zoomout_core.transfer.keys.key_names import _expressions, describe
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
@@ -168,3 +169,10 @@ def test_offsets_are_renamed_and_added_up() -> None:
 def test_an_unknown_convention_is_refused(call) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match="There is no convention 'ARKit': choose from arkit, unified"):
         call("ARKit")
+
+
+def test_names_that_were_recognised_are_not_parsed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = list(zo.key_names("arkit"))
+    found = zo.recognise_key_names(names)
+    monkeypatch.setattr(key_names, "_join", None)
+    assert zo.recognise_key_names(names) == found
