@@ -40,7 +40,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
     # Number of maps at each scale by which the part is registered coarsely. The right map is among the first four by
-    # promise on 17 of 17 pairs (people and cats), but only if scales do not compete: smaller parts promise more.
+    # promise on 16 of 16 pairs (people and cats), but only if scales do not compete: smaller parts promise more.
     registered: int = tuned(4, "maps", 1, 1000)
     compared: int = tuned(3, "scales", 1, 100)  # number of scales, fitted to their first maps, that are compared
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
