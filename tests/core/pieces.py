@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from creatures import Creature, creature, true_vertex
 
-from zoomout_core.arrays import Booleans, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
@@ -73,3 +74,10 @@ def lower_half(count: int = 1100) -> tuple[Creature, Creature]:
     """The legs, tail and one arm of a lopsided creature with bent limbs, and the whole creature at rest."""
     bent = creature(count, seed=1, bend=0.5, asymmetry=0.3)
     return piece_of(bent, in_lower_half(bent)), creature(1000, seed=0, asymmetry=0.3)
+
+
+def extend_landmarks(
+    landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
+) -> Integers:
+    """(d_t,) the source's place for each place of the target, by landmarks (m,), placed on the source (m,)."""
+    return place_all(place_few(landmarks, placed, unlike, target, source), unlike, target, source)

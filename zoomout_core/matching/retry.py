@@ -21,6 +21,7 @@ from zoomout_core.matching.partial.part_match import (
     match_part,
     may_be_part,
     part_of,
+    places_of,
     sizes_differ,
     too_coarse,
     units_differ,
@@ -73,7 +74,8 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     if not other_units:
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
-            candidates = match_part(pair, known.disagreement(pair), _maps_of_fragments(whole))
+            given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
+            candidates = match_part(pair, known.disagreement(pair), given)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     if best.candidates[0].certainty >= UNKNOWN_SCALE.likely or (best is not whole and are_fragments(whole.pair)):
         return best

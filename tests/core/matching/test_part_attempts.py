@@ -100,6 +100,7 @@ def gone_on_with(
     monkeypatch.setattr(retry_module, "in_one_unit", lambda _: in_one_unit)
     monkeypatch.setattr(retry_module, "are_fragments", lambda _: fragments)
     monkeypatch.setattr(retry_module, "match_part", placed)
+    monkeypatch.setattr(retry_module, "places_of", lambda candidate, _pair: candidate)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     found = attempt_part(whole, cast(Constraints, Evidence()))
     assert found.coverage == 0.9

@@ -24,7 +24,7 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
     max_cost: float = tuned(1.5, "tolerances", 0.1, 100)  # maximum cost of a difference, in tolerances
     unlikeness: float = tuned(0.3, "1", 0, 10)  # of places, against the mean cost of differences, at first
     later_unlikeness: float = tuned(0.15, "1", 0, 10)  # the same weight in the following rounds
-    rounds: int = tuned(3, "rounds", 0, 100)  # number of rounds in which mapped places are landmarks for the others
+    rounds: int = tuned(2, "rounds", 1, 100)  # number of rounds in which mapped places are landmarks for the others
     landmarks: int = tuned(40, "places", 3, 1000)  # number of landmarks in these rounds
 
 
@@ -33,16 +33,22 @@ LANDMARK_MAPS = LandmarkMapTuning()
 BLOCK = 8
 
 
-def extend_landmarks(
+def place_few(
     landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
 ) -> Integers:
-    """(d_t,) the source's place for each place of the target, by distances to landmarks (m,), placed on the source."""
+    """(f,) the source's place for the first few places of the target, by landmarks (m,), placed on the source (m,)."""
     few = np.arange(min(LANDMARK_MAPS.landmarks, len(unlike)))
     weight = LANDMARK_MAPS.unlikeness
     for _ in range(LANDMARK_MAPS.rounds):
         placed = _by_landmarks(few, landmarks, placed, weight * unlike[few], target, source)
         landmarks, weight = few, LANDMARK_MAPS.later_unlikeness
-    return _by_landmarks(np.arange(len(unlike)), landmarks, placed, weight * unlike, target, source)
+    return placed
+
+
+def place_all(placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape) -> Integers:
+    """(d_t,) the source's place for each place of the target, by those of the first few places (f,)."""
+    few, every = np.arange(len(placed)), np.arange(len(unlike))
+    return _by_landmarks(every, few, placed, LANDMARK_MAPS.later_unlikeness * unlike, target, source)
 
 
 def _by_landmarks(

@@ -13,7 +13,7 @@ import numpy as np
 from zoomout_core.arrays import Integers
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
-from zoomout_core.matching.partial.landmark_maps import extend_landmarks
+from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
@@ -30,6 +30,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     regions: int = tuned(4, "regions", 0, 100)  # number of regions of the part that are searched for separately
     regions_of_small: int = tuned(1, "regions", 0, 100)  # the same for a small part, as the whole has regions, too
     landmarks_in_region: int = tuned(6, "landmarks", 3, 100)  # number of landmarks in each region
+    extended: int = tuned(6, "assignments", 1, 1000)  # most promising assignments, which are extended to all places
     same_map: float = tuned(0.05, "length", 0, 10)  # mean distance of images below which two maps are the same
     registered: int = tuned(12, "maps", 1, 1000)  # most promising maps, by which the part is registered coarsely
     compared: int = tuned(4, "maps", 1, 1000)  # number of these by which it is registered finely
@@ -78,7 +79,7 @@ def part_candidates(regions: Sequence[Region], given: Sequence[Integers] = ()) -
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
     sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
     if is_small or not (part.is_fragment and whole.is_fragment):
-        return _fine_candidates(regions, sets)
+        return _fine_candidates(regions, sets, given=() if is_small else given)
     with portion(0.0, 0.4):
         there = _fine_candidates(regions, sets, given=given)
     with portion(0.4, 0.8):
@@ -110,11 +111,13 @@ def rough_candidates(
     sets: Sequence[Integers],
     backwards: bool = False,
     given: Sequence[Integers] = (),
+    registered: int | None = None,
 ) -> list[PartCandidate]:
     """Maps of a part to a whole, with coarse registration only, the most likely first.
 
     Regions compete; they are of the same part, at one scale or at several. The sets are those of landmarks by which it
-    is searched for; backwards, they are landmarks of the whole. Maps (d_p,) to the first region may be given, too.
+    is searched for; backwards, they are landmarks of the whole. Maps (d_p,) to the first region may be given, too. The
+    part is `registered` by that many of the most promising maps; by the tuned number if not given.
     """
     for region in regions:  # computed once, before several threads need it
         _ = region.unlike, region.part.unaffected, region.whole.unaffected
@@ -127,7 +130,8 @@ def rough_candidates(
     with portion(0.0, 0.5):
         found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
     others = [_Found(_promise(places, regions[0]), regions[0], places) for places in given]
-    ahead = _differing([*others, *_differing(found, PART_CANDIDATES.registered)], len(found) + len(others))
+    most = PART_CANDIDATES.registered if registered is None else registered
+    ahead = _differing([*others, *_differing(found, most)], len(found) + len(others))
     with portion(0.5, 1.0):
         sifted = for_each(_register, ahead)
     return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
@@ -159,9 +163,12 @@ def _search(landmarks: Integers, region: Region, backwards: bool) -> list[Intege
     part, whole, unlike = region.part, region.whole, region.unlike
     if backwards:
         placed = assignments(landmarks, unlike.T, whole, part)
-        return [extend_landmarks(placed[i], landmarks, unlike, part, whole) for i in distinct(placed, part)]
-    placed = assignments(landmarks, unlike, part, whole)
-    return [extend_landmarks(landmarks, placed[i], unlike, part, whole) for i in distinct(placed, whole)]
+        pairs = [(placed[i], landmarks) for i in distinct(placed, part)]
+    else:
+        placed = assignments(landmarks, unlike, part, whole)
+        pairs = [(landmarks, placed[i]) for i in distinct(placed, whole)]
+    few = sorted((place_few(*pair, unlike, part, whole) for pair in pairs), key=lambda places: _promise(places, region))
+    return [place_all(places, unlike, part, whole) for places in few[: PART_CANDIDATES.extended]]
 
 
 def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> float:
@@ -180,26 +187,27 @@ def _promise(places: Integers, region: Region) -> float:
     """
     part, whole = region.part, region.whole
     here, there = part.shape, whole.shape
-    at, images = (shape.search.samples for shape in (here, there))
-    at, images = at[: len(places)], images[places]
+    count = len(places)
+    between, unaffected = part.between[:count, :count], part.unaffected[:count, :count]
+    at, images = here.search.samples[:count], there.search.samples[places]
     points, goals = here.mesh.vertices[at], there.mesh.vertices[images]
     is_within = whole.cut_distance[places] > PART_CANDIDATES.near_cut
-    around = np.exp(-((part.between / PART_CANDIDATES.surroundings) ** 2)) * is_within
+    around = np.exp(-((between / PART_CANDIDATES.surroundings) ** 2)) * is_within
     around /= np.maximum(around.sum(axis=1, keepdims=True), 1e-9)
     rotations = Moments.of_products(around @ products(points, goals)).rotations()
     normals = np.einsum("nij,nj->ni", rotations, here.mesh.vertex_normals[at])
     facing = 1 - np.einsum("ni,ni->n", normals, there.mesh.vertex_normals[images])
     bent = np.einsum("nij,nj->ni", rotations, points - around @ points) - (goals - around @ goals)
-    weights = part.areas / part.areas.sum() * is_within
+    weights = part.areas[:count] / part.areas[:count].sum() * is_within
     share = max(float(weights.sum()), 1e-3)
     among = whole.between[np.ix_(places, places)]
-    change = np.abs(part.between - among)
-    change[~part.unaffected & (part.between > among)] *= SEARCH.doubt
+    change = np.abs(between - among)
+    change[~unaffected & (between > among)] *= SEARCH.doubt
     means = {
         "facing": (weights @ facing / share, 0.01),
         "bend": (weights @ np.linalg.norm(bent, axis=1) / share, 0.003),
         "distance": (weights @ change @ weights / share**2, 0.003),
-        "unlikeness": (weights @ region.unlike[np.arange(len(places)), places] / share, 0.01),
+        "unlikeness": (weights @ region.unlike[np.arange(count), places] / share, 0.01),
     }
     total = sum(getattr(PART_CANDIDATES, name) * np.log(mean + floor) for name, (mean, floor) in means.items())
     return float(total - PART_CANDIDATES.within * np.log(share))
@@ -216,6 +224,11 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
     return PartCandidate(one.region, places, registered, scores | _fit(registered, part))
+
+
+def register_places(places: Integers, region: Region) -> PartCandidate:
+    """A map of places of a part (d_p,), after the part is registered by it, coarsely and then finely."""
+    return _register(_register(_Found(_promise(places, region), region, places)))
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:

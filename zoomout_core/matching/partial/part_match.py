@@ -115,9 +115,9 @@ def are_fragments(pair: Pair) -> bool:
 
 
 def match_part(
-    pair: Pair, disagreement: Disagreement = no_disagreement, as_wholes: Sequence[Candidate] = ()
+    pair: Pair, disagreement: Disagreement = no_disagreement, given: Sequence[Integers] = ()
 ) -> list[Candidate]:
-    """Candidates for a pair in one unit, the most likely first; maps of two fragments as wholes compete."""
+    """Candidates for a pair in one unit, the most likely first; given maps (d_p,) of the part's places compete."""
     part, whole = part_of(pair)
     regions: list[Region] = []
     if is_small(part, whole):
@@ -126,13 +126,13 @@ def match_part(
     if not regions:  # faces of a soup reach across all regions
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
     with portion(0.2, 1.0):
-        found = part_candidates(regions, [_places_of(one, pair) for one in as_wholes])
+        found = part_candidates(regions, given)
     candidates = [_candidate(one, pair, disagreement) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
     return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
 
 
-def _places_of(candidate: Candidate, pair: Pair) -> Integers:
+def places_of(candidate: Candidate, pair: Pair) -> Integers:
     """(d_p,) the whole's place for each place of the part, by a map of both shapes of a pair as wholes."""
     part, whole = part_of(pair)
     image = candidate.sample_map if part is pair.target_shape else _reverse(candidate.sample_map, pair.source_shape)

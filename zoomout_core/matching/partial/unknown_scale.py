@@ -11,15 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from zoomout_core.arrays import Integers
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates
+from zoomout_core.matching.partial.part_candidates import (
+    PartCandidate,
+    landmark_sets,
+    register_places,
+    rough_candidates,
+)
 from zoomout_core.matching.partial.part_match import certainty_of_fit, match_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -28,10 +35,14 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     """The scales at which a part is searched for, and its certainty; lengths are those of the whole at unit area."""
 
     # Tried for a part of unit area. Cuts of cats, horses, men and wolves are found at 0.8 to 1.25 times the true one.
-    scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.25, 1.05, 6).round(3).tolist()), "1", 1e-3, 10)
+    scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.27, 0.98, 5).round(3).tolist()), "1", 1e-3, 10)
     # The same for hands (true scales 0.1 to 0.15) and feet (0.15 to 0.22), which are searched for in regions.
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
+    # Number of maps at each scale by which the part is registered coarsely. The right map is among the first four by
+    # promise on 16 of 16 pairs (people and cats), but only if scales do not compete: smaller parts promise more.
+    registered: int = tuned(4, "maps", 1, 1000)
+    compared: int = tuned(3, "scales", 1, 100)  # number of scales, fitted to their first maps, that are compared
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
     # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
@@ -58,24 +69,25 @@ def match_at_unknown_scale(
     if not parts:
         return None
 
-    def place_at_scale(part: int, scale: float) -> tuple[Pair, list[Candidate]]:
+    def place_at_scale(part: int, scale: float, given: Sequence[Integers] = ()) -> tuple[Pair, list[Candidate]]:
         unit, factors = max(scale, 1.0), [1.0, 1.0]
         factors[part] = scale
         source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, factors, strict=True))
         in_unit = replace(pair, source_shape=source, target_shape=target)
-        return in_unit, match_part(in_unit, disagreement(in_unit))
+        return in_unit, match_part(in_unit, disagreement(in_unit), given)
 
     min_scale = UNKNOWN_SCALE.of_fragments if len(parts) > 1 else 0.0
     scales = [scale for scale in UNKNOWN_SCALE.scales if scale >= min_scale]
     found = []
     for step, part in enumerate(parts):
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
-            found.append((*_rough_scale(shapes[part], shapes[1 - part], scales), part))
-    certainty, scale, part = max(found)
-    if len(parts) > 1 and certainty < UNKNOWN_SCALE.min_of_fragments:
+            found.append((rough_place(shapes[part], shapes[1 - part], scales), part))
+    rough, part = max(found, key=lambda one: one[0].certainty)
+    if len(parts) > 1 and rough.certainty < UNKNOWN_SCALE.min_of_fragments:
         return None
     with portion(0.4, 0.55):
-        best = place_at_scale(part, scale)
+        # A larger part is the whole of the other shape, to which the map does not apply.
+        best = place_at_scale(part, rough.scale, [rough.places] if rough.scale < 1 else [])
     if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
         return best
     for step, scale in enumerate(UNKNOWN_SCALE.small_scales):
@@ -85,14 +97,44 @@ def match_at_unknown_scale(
     return best
 
 
-def _rough_scale(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> tuple[float, float]:
-    """The certainty of a part's rough place at the best of some scales, and that; both shapes have unit area."""
-    there = IncompleteShape(whole)
-    regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in scales]
-    sets = landmark_sets(regions[0].part, UNKNOWN_SCALE.regions)
-    best = rough_candidates(regions, sets)[0]
-    scale = next(scale for scale, region in zip(scales, regions, strict=True) if region is best.region)
-    return certainty_of_fit(best.scores), scale * stretch(best)
+@dataclass(frozen=True, eq=False)
+class RoughPlace:
+    """A part's rough place on a whole of unit area."""
+
+    certainty: float  # probability that it is right
+    scale: float  # of the part, at which it fits best there
+    places: Integers  # (d_p,) for each place of the part that of the whole
+
+
+def rough_place(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> RoughPlace:
+    """The most certain place of a part of unit area on a whole of unit area, searched for at some scales.
+
+    The scales do not compete at first: in a smaller unit every map seems better. Those whose best maps are the most
+    certain are fitted to these maps, and compared once the part is finely registered.
+    """
+    there, sets = IncompleteShape(whole), landmark_sets(_incomplete(part, scales[0]), UNKNOWN_SCALE.regions)
+    _ = there.unaffected  # computed once, before several threads need it
+
+    def place_at(scale: float) -> RoughPlace:
+        region = Region.everywhere(_incomplete(part, scale), there)
+        first = rough_candidates([region], sets, registered=UNKNOWN_SCALE.registered)[0]
+        return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places)
+
+    def fit_scale(rough: RoughPlace) -> RoughPlace:
+        region = Region.everywhere(_incomplete(part, rough.scale), there)
+        fine = register_places(rough.places, region)
+        return RoughPlace(certainty_of_fit(fine.scores), rough.scale * stretch(fine), fine.places)
+
+    with portion(0.0, 0.8):
+        found = sorted(for_each(place_at, scales), key=lambda rough: rough.certainty, reverse=True)
+    with portion(0.8, 1.0):
+        fitted = for_each(fit_scale, found[: UNKNOWN_SCALE.compared])
+    return max(fitted, key=lambda rough: rough.certainty)
+
+
+def _incomplete(part: ShapeAnalysis, scale: float) -> IncompleteShape:
+    """A part at a scale, as a shape that may lack pieces."""
+    return IncompleteShape(at_scale(part, scale))
 
 
 def stretch(candidate: PartCandidate) -> float:

@@ -17,7 +17,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates as candidates_module
 from zoomout_core.matching.partial import part_match
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
-from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extend_landmarks
+from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair, distinct, landmarks_of
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
@@ -26,6 +26,7 @@ from zoomout_core.matching.partial.part_candidates import (
     _Found,
     _promise,
     _register,
+    _search,
     part_candidates,
     rough_candidates,
 )
@@ -34,9 +35,9 @@ from zoomout_core.matching.partial.part_match import (
     _candidate,
     _certainty,
     _on_part,
-    _places_of,
     fit_part,
     match_part,
+    places_of,
     units_differ,
 )
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
@@ -57,8 +58,8 @@ def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
     placed[-3:] = np.argmax(whole.between[chosen[-3:]], axis=1)
     right = []
     for max_cost in (LANDMARK_MAPS.max_cost, 100.0):
-        with retune(LANDMARK_MAPS, rounds=0, max_cost=max_cost):
-            right.append(np.mean(extend_landmarks(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
+        with retune(LANDMARK_MAPS, rounds=1, landmarks=len(nothing), max_cost=max_cost):
+            right.append(np.mean(place_few(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
     assert right[0] > 0.98
     assert right[1] < 0.8
 
@@ -90,7 +91,7 @@ def test_assignments_differ_by_a_mean_distance_and_so_many_are_kept() -> None:
     # The second differs from the first by 0.08, the third by 0.16 on average.
     placed = np.array([[0, 50], [0, 52], [1, 53], [2, 52], [100, 150], [100, 151]])
     assert distinct(placed, whole) == [0, 2, 4]
-    many = np.column_stack([4 * np.arange(40)] * 2)
+    many = np.column_stack([2 * np.arange(80)] * 2)
     assert distinct(many, whole) == list(range(SEARCH.kept))
 
 
@@ -202,6 +203,25 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_most_promising_assignments_are_extended_whatever_their_cost(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, backwards: bool
+) -> None:
+    few = LANDMARK_MAPS.landmarks
+    worst = [np.full(few, number) for number in range(6)]
+    right = lower.true_places()[:few]
+    starts = [*worst, right]
+    placed = np.arange(len(starts))[:, None]
+    monkeypatch.setattr(candidates_module, "assignments", lambda *_: placed)
+    monkeypatch.setattr(candidates_module, "distinct", lambda *_: list(range(len(starts))))
+    monkeypatch.setattr(
+        candidates_module, "place_few", lambda here, there, *_: starts[int((here if backwards else there)[0])]
+    )
+    with retune(PART_CANDIDATES, extended=1):
+        (found,) = _search(np.zeros(1, dtype=int), lower.everywhere, backwards)
+    assert lower.whole.between[found, lower.true_places()].mean() < 0.1
+
+
 def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = [np.roll(lower.true_places(), shift) for shift in (0, 40, 80, 120)]
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[:3])
@@ -267,7 +287,7 @@ def test_a_map_of_wholes_gives_each_place_of_a_part_its_place(lower: PartAndWhol
     true, whole = lower.true_places(), lower.whole
     of_whole = np.argmin(whole.shape.distances_between[true], axis=0)
     as_wholes: Any = SimpleNamespace(sample_map=true if part_is_target else of_whole)
-    places = _places_of(as_wholes, surface_and_shapes(lower, part_is_target))
+    places = places_of(as_wholes, surface_and_shapes(lower, part_is_target))
     assert whole.between[places, true].mean() < 0.05
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from pieces import PartAndWhole
 
 import zoomout_core as zo
+from zoomout_core.arrays import Integers
 from zoomout_core.matching import retry
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.constraints import Constraints
@@ -21,7 +23,9 @@ from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.unknown_scale import (
     UNKNOWN_SCALE,
+    RoughPlace,
     match_at_unknown_scale,
+    rough_place,
     stretch,
     times_as_large,
 )
@@ -48,7 +52,7 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     part, whole = lower.made_part.surface, lower.made_whole.surface
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, unsure=1.0, misfit=2.0, another_map=2.0),
         retune(PART_CANDIDATES, **FEWER_SEARCHES),
         retune(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
     ):
@@ -79,6 +83,28 @@ def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> Non
     assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: no_disagreement) is None
 
 
+def test_scales_do_not_compete_before_each_has_its_place(monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole) -> None:
+    """Maps at the smallest scale promise the most, and yet the right one is found, and its scale is fitted."""
+    true, sizes = lower.true_places(), []
+    at_true = true_scale(lower)
+
+    def rough(regions: Sequence[Any], _sets: object, *, registered: int) -> list[Any]:
+        (region,) = regions
+        sizes.append(registered)
+        scale = float(np.sqrt(region.part.shape.basis.areas.sum()))
+        off = abs(np.log(scale / at_true))
+        places = true if off < 0.3 else np.roll(true, 40)
+        extent = float(region.part.shape.basis.areas.sum())
+        return [SimpleNamespace(region=region, places=places, scores={"fit": -5.0 + 4 * off, "extent": extent})]
+
+    monkeypatch.setattr(unknown_scale, "rough_candidates", rough)
+    part = at_scale(lower.part.shape, 1 / at_true)
+    found = rough_place(part, lower.whole.shape, [0.2, 0.9 * at_true])
+    assert sizes == [UNKNOWN_SCALE.registered] * 2
+    assert found.scale == pytest.approx(at_true, rel=0.08)
+    assert lower.whole.between[found.places, true].mean() < 0.1
+
+
 def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
     true = lower.true_places()
     for scale in (0.8, 1.0, 1.3):
@@ -96,13 +122,13 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
 ) -> None:
     seen: list[float] = []
 
-    def placed(pair: Pair, _: object) -> list[Any]:
+    def placed(pair: Pair, _: object, given: Sequence[Integers] = ()) -> list[Any]:
         seen.append(float(np.sqrt(pair.target_shape.basis.areas.sum())))
         certain = certain_at is not None and seen[-1] == pytest.approx(certain_at)
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
     monkeypatch.setattr(unknown_scale, "match_part", placed)
-    monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (0.1, 0.5))
+    monkeypatch.setattr(unknown_scale, "rough_place", lambda *_: RoughPlace(0.1, 0.5, np.arange(4)))
     source = lower.part if fragments == 2 else lower.whole
     found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement)
     assert found is not None
@@ -119,16 +145,16 @@ def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
 ) -> None:
     seen: list[Pair] = []
 
-    def placed(pair: Pair, _: object) -> list[Any]:
+    def placed(pair: Pair, _: object, given: Sequence[Integers] = ()) -> list[Any]:
         seen.append(pair)
         return [SimpleNamespace(certainty=0.9)]
 
-    def roughly(_part: object, _whole: object, scales: list[float]) -> tuple[float, float]:
+    def roughly(_part: object, _whole: object, scales: list[float]) -> RoughPlace:
         tried.append(min(scales))
-        return 0.04, 0.5
+        return RoughPlace(0.04, 0.5, np.arange(4))
 
     tried: list[float] = []
-    monkeypatch.setattr(unknown_scale, "_rough_scale", roughly)
+    monkeypatch.setattr(unknown_scale, "rough_place", roughly)
     monkeypatch.setattr(unknown_scale, "match_part", placed)
     assert match_at_unknown_scale(pair_of(lower.part, lower.part), lambda _: no_disagreement) is None
     assert not seen
