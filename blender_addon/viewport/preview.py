@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The preview of an object by colours in the 3D views; `services.previews` computes the colours.
+"""The preview of an object by colours in the 3D views; `services.matching.previews` computes the colours.
 
 There is one preview at a time. It belongs to one object, may colour others as well, and does not change the file. A
 caption in the views names and explains it.
