@@ -303,7 +303,7 @@ def production(json_file: Path | None) -> None:
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def session(json_file: Path | None) -> None:
     """Clicks, seconds and error of several ways from a fresh scene to a target that an animation poses."""
-    from benchmarks import session as session_table  # it starts Blender
+    from benchmarks.timings import session as session_table  # it starts Blender
 
     report(session_table.run(), None, json_file)
 
