@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each stage and each tuned number of the match is worth."""
+"""The effect of each stage and of each tuned number on the match."""

@@ -128,7 +128,7 @@ def _with_warnings(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lines(entry: Mapping[str, Any]) -> list[str]:
-    """What a report says to the user: the verdict, what was done or not, and notes."""
+    """The lines of a report for the user: the verdict, what was done or skipped, and notes."""
     verdict = zo.Verdict(**entry["verdict"]) if entry.get("verdict") else None
     skipped = [f"{name}: skipped, {reason}" for name, reason in entry.get("skipped", {}).items()]
     left_out = entry.get("left_out", {}).values()
