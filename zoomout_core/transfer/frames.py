@@ -43,7 +43,7 @@ class FrameTuning(Tuning, set_by="transfer"):
             bodies.
         same_direction: rotation between two shapes up to which they face the same way, see `without_small_turn`. Shapes
             of heads that do differ by .5 to 9.2 degrees.
-        same_size: ratio of sizes up to which two shapes are of similar size, see `Frames.otherness`. Those of 66
+        same_size: ratio of sizes up to which two shapes are of similar size, see `Frames.other_person`. Those of 66
             pairs of persons' heads differ by a factor of 1.18 at most.
         same_shape: deviation of a map from a similarity, as a share of the size, up to which the target is a copy of
             the source. It is at most .006 on retopologised copies of heads, and at least .05 on heads of other persons.
@@ -166,7 +166,7 @@ class Frames:
         return float(np.clip(growth, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH))
 
     @property
-    def otherness(self) -> float:
+    def other_person(self) -> float:
         """Whether source and target seem to be two persons, in [0, 1], whose expressions are equally long.
 
         Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis

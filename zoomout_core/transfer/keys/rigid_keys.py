@@ -38,12 +38,12 @@ class _RigidParts:
     components: list[int]  # the parts' numbers
 
 
-def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, otherness: float) -> None:
+def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_person: float) -> None:
     """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
     Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like all parts together, if these
     are one rigid frame, else like the body beside them: the map of a round part, such as an eyeball, does not tell how
-    it is rotated. The motions do not grow if source and target are two persons, see `Frames.otherness`.
+    it is rotated. The motions do not grow if source and target are two persons, see `Frames.other_person`.
     """
     target = frames.mapped.target
     partner = _partners(frames)
@@ -60,7 +60,7 @@ def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, otherness
         centre = places.mean(axis=0)
         beside = body[np.linalg.norm(places_of_body - centre, axis=1).argmin()]
         turn = frames.steady_turns[beside] if frame is None else frame
-        turn = turn / np.cbrt(abs(np.linalg.det(turn))) ** otherness
+        turn = turn / np.cbrt(abs(np.linalg.det(turn))) ** other_person
         before = frames.mapped.points[vertices].mean(axis=0) + (places - centre) @ np.linalg.inv(turn).T
         moved = rigid.moved[:, None, None] * (rigid.motions(before) - before) @ turn.T
         carried[vertices] = np.moveaxis(moved, 0, 1)

@@ -88,15 +88,15 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         return replace(attribute, values=carried)
     frames = frames_on(mapped, moved | doubtful)
     carrier = _Carrier.of(frames)
-    otherness = 0.0 if expressions is None else frames.otherness
-    growth = frames.growth**otherness
+    other_person = 0.0 if expressions is None else frames.other_person
+    growth = frames.growth**other_person
 
     def carry(first: int) -> None:
         some = slice(first, first + KEYS_AT_ONCE)
         carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
-    move_rigid_parts(carried, offsets, frames, otherness)
+    move_rigid_parts(carried, offsets, frames, other_person)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:
