@@ -209,6 +209,10 @@ def test_a_target_is_dressed(pair, tmp_path, capsys):
     assert run("dress", *both) == 2
 
 
+def test_reasons_why_objects_were_left_out_are_printed():
+    assert cli._lines({"left_out": {"Hat": "'Hat' has no vertices."}, "notes": []}) == ["'Hat' has no vertices."]
+
+
 @pytest.mark.slow
 def test_collections_are_matched_part_by_part(pair, tmp_path):
     for name, obj in zip(("Hero", "Scan"), pair, strict=True):
