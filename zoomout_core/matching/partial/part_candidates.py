@@ -99,7 +99,7 @@ def _fine_candidates(
 ) -> list[PartCandidate]:
     """The best of `rough_candidates`, registered finely."""
     with portion(0.0, 0.8):
-        rough = rough_candidates(regions, sets, backwards, given)
+        rough = rough_candidates(regions, sets, PART_CANDIDATES.registered, backwards, given)
     ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
         compared = for_each(_register, ahead)
@@ -109,15 +109,14 @@ def _fine_candidates(
 def rough_candidates(
     regions: Sequence[Region],
     sets: Sequence[Integers],
+    most: int,
     backwards: bool = False,
     given: Sequence[Integers] = (),
-    registered: int | None = None,
 ) -> list[PartCandidate]:
-    """Maps of a part to a whole, with coarse registration only, the most likely first.
+    """Maps of a part to a whole, with coarse registration by the `most` promising only, the most likely first.
 
-    Regions compete; they are of the same part, at one scale or at several. The sets are those of landmarks by which it
-    is searched for; backwards, they are landmarks of the whole. Maps (d_p,) to the first region may be given, too. The
-    part is `registered` by that many of the most promising maps; by the tuned number if not given.
+    Regions compete. The sets are those of landmarks by which the part is searched for; backwards, they are landmarks of
+    the whole. Maps (d_p,) to the first region may be given, too.
     """
     for region in regions:  # computed once, before several threads need it
         _ = region.unlike, region.part.unaffected, region.whole.unaffected
@@ -130,7 +129,6 @@ def rough_candidates(
     with portion(0.0, 0.5):
         found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
     others = [_Found(_promise(places, regions[0]), regions[0], places) for places in given]
-    most = PART_CANDIDATES.registered if registered is None else registered
     ahead = _differing([*others, *_differing(found, most)], len(found) + len(others))
     with portion(0.5, 1.0):
         sifted = for_each(_register, ahead)

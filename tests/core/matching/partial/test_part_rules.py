@@ -231,8 +231,7 @@ def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, mon
     monkeypatch.setattr(
         candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.promise})
     )
-    with retune(PART_CANDIDATES, registered=2):
-        found = rough_candidates([lower.everywhere], [np.arange(3)], given=[maps[3]])
+    found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
 
 
