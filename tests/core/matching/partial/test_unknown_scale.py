@@ -140,7 +140,7 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
     monkeypatch.setattr(unknown_scale, "match_part", placed)
-    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.1, 0.5, np.arange(4))])
+    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.2, 0.5, np.arange(4))])
     source = lower.part if fragments == 2 else lower.whole
     found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement, known)
     assert found is not None
@@ -178,7 +178,7 @@ def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
 
     def roughly(_part: object, _whole: object, scales: list[float]) -> list[RoughPlace]:
         tried.append(min(scales))
-        return [RoughPlace(0.04, 0.5, np.arange(4))]
+        return [RoughPlace(0.12, 0.5, np.arange(4))]
 
     tried: list[float] = []
     monkeypatch.setattr(unknown_scale, "rough_places", roughly)
