@@ -55,7 +55,7 @@ class ContactTuning(Tuning, set_by="outfits"):
     firmness: float = tuned(30.0, "1", 0, 1e6)
     rounds: int = tuned(8, "rounds", 0, 100)
     settled: float = tuned(3e-4, "at unit area", 0, 1)
-    fine: float = tuned(0.01, "at unit area", 0, 1)
+    fine: float = tuned(0.02, "at unit area", 0, 1)
     looked_at: float = tuned(0.02, "at unit area", 0, 1)
 
 
