@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.memory import memory_in_words
@@ -94,9 +95,14 @@ def follow_keys(
 
 def _follow(patches: Patches, places: Floats, keys: Floats) -> Floats:
     """(q, keys, 3) mean offsets of the patches of skin around places (q, 3), from those (n, keys, 3) of the skin."""
-    apart = np.maximum(patches.distances(places) - BODY_KEYS.close, 0)
-    means = patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
+    means = means_of_skin(patches, places)
     return np.asarray(means @ keys.reshape(len(keys), -1)).reshape(len(places), *keys.shape[1:])
+
+
+def means_of_skin(patches: Patches, places: Floats) -> csr_array:
+    """(q, n) matrix of the means of values of the skin's vertices over the patches that move places (q, 3)."""
+    apart = np.maximum(patches.distances(places) - BODY_KEYS.close, 0)
+    return patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
 
 
 def _pushes(form: Form, offsets: Floats, skin: SidedSurface, keyed: Sequence[SidedSurface]) -> Floats:
