@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines
@@ -52,6 +53,7 @@ class WeightedBody(NamedTuple):
     weights: csr_array  # (n, b)
 
 
+@memory_in_words
 def follow_weights(
     before: WeightedBody,
     after: WeightedBody,
