@@ -40,6 +40,8 @@ AT_ONCE = 50_000
 # Samples of all parts, the nearest ones to a vertex among which another part may cover it, as a shirt covers a body,
 # and the cosine of the angle to its normal below which a sample is beside it, not above.
 COVERING_POINTS, COVERING_NEIGHBOURS, STRAIGHT_ABOVE = 40_000, 32, 0.7
+# Tolerance of the distance of a surface from the moved target, at unit area: a part of `ShellTuning.half_distance`.
+APART_TOLERANCE = 0.01
 # Share of a surface's area that clothes make up at least: the plates of robots, which slide over each other, are less.
 COVERING_AREA = 0.1
 
@@ -64,6 +66,9 @@ class ShellTuning(Tuning, set_by="characters"):
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
     # Vertices in place that are nearer to a triangle lie on it, whichever side of it is outside.
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
+    # Where the fit of the hulls is rejected, but their map has less confidence, the fit moves shells all the same: it
+    # goes along with its surroundings, while the map may have exchanged the toes of a foot.
+    unsure: float = tuned(0.3, "1", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
     flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its counterpart if half of it is nearer
     # Vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of robots of
@@ -147,7 +152,8 @@ def _find_counterparts(
     `distance` (n,) is that from there to the images on the source. If the hulls move the target, vertices near a place
     of a hull without a counterpart, by `of_hulls`, have none either.
     """
-    nearest = SurfaceMap(*closest_points(source.points, points, target.mesh.triangles), target.mesh.triangles)
+    on_target = closest_points(source.points, points, target.mesh.triangles, APART_TOLERANCE)
+    nearest = SurfaceMap(*on_target, target.mesh.triangles)
     apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
     near = Counterparts(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
     if of_hulls is None:
@@ -183,7 +189,8 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
-    images = np.where(fit.fits[:, None], bent, fit.surface_map.interpolate(source.vertices))
+    moves = fit.fits | ((confidence < SHELLS.unsure) & fit.fits.any())
+    images = np.where(moves[:, None], bent, fit.surface_map.interpolate(source.vertices))
     places = overlapping(pair)
     basis = pair.target_shape.basis
     if pair.source is pair.target or places is None or not leaves_in_place(images, places, basis.areas):

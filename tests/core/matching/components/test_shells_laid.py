@@ -19,6 +19,7 @@ from zoomout_core.matching.components.shell_registration import Similarities
 from zoomout_core.matching.components.shells import (
     ShellMap,
     _beneath,
+    _motion,
     _onto_counterpart,
     _outside,
     _pair_shells,
@@ -312,6 +313,22 @@ def test_what_lies_over_each_other_stays_but_for_a_surface_on_itself(itself: boo
     source = Surface.joined([TRUNK, HORN, KNOB])
     target = source if itself else Surface.joined([TRUNK, HORN, KNOB])
     assert map_of(source, target).in_place is not itself
+
+
+@pytest.mark.parametrize(("confidence", "by_fit"), [(0.1, True), (0.6, False)])
+def test_shells_go_with_a_rejected_fit_where_the_map_has_less_confidence(confidence: float, by_fit: bool) -> None:
+    source, target = TRUNK, turned(TRUNK)
+    shapes = [skin_of(surface) for surface in (source, target)]
+    pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
+    exchanged = identity(shapes[1])
+    tip = shapes[1].mesh.vertices[:, 2] > 0.8 * shapes[1].mesh.vertices[:, 2].max()
+    exchanged.triangle[tip] = exchanged.triangle[np.argmin(shapes[1].mesh.vertices[:, 2])]
+    fit = Fit(exchanged, shapes[0].mesh.vertices, np.zeros((len(tip), 3, 3)), ~tip)
+    motion, _ = _motion(pair, fit, np.where(tip, confidence, 0.9))
+    right = np.linalg.norm(motion.images - shapes[0].proxy.vertices, axis=1) < 1e-6
+    assert tip.any()
+    assert right[~tip].all()
+    assert (right[tip] == by_fit).all()
 
 
 # --- landmarks ------------------------------------------------------------------------------------------------------
