@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 from collections import Counter, OrderedDict
@@ -43,6 +44,17 @@ def pytest_configure(config: pytest.Config) -> None:
         "slow(but=0): run only with --slow, as in `make test-all`, or if the test is named with `::`; a quicker test "
         "covers the essentials. The first `but` sets of parameters always run.",
     )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Do not look for garbage among what is imported and collected: it stays, and the search takes up to a fifth."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -115,20 +127,24 @@ def few_candidates() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick_search(few_candidates: None) -> Iterator[None]:
-    """Matches search among fewer candidates and refine in fewer rounds, which takes half the time.
+    """Matches search among fewer candidates, and matches, wraps and poses are refined in fewer rounds.
 
-    For modules that use a match: the search and the refinement themselves are tested in `core/matching`.
+    For modules that use them: these computations themselves are tested in `core/matching` and `core/transfer`.
     """
     from zoomout_core.matching.ranking.finished_maps import FINISHED_MAPS
     from zoomout_core.matching.refinement.refine import REFINEMENT, Schedule
     from zoomout_core.matching.registration import nonrigid_icp
     from zoomout_core.matching.registration.nonrigid_icp import Level
+    from zoomout_core.transfer.rigging.rest_pose import REST
+    from zoomout_core.transfer.wrapping.fit import FIT
     from zoomout_core.tuning import retune
 
     few_levels = Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 3), Level(100, 0.02, 0.3, 1), Level(200, 0.02, 0.1, 1)
     with (
         retune(FINISHED_MAPS, most=2),
         retune(REFINEMENT, between_shapes=Schedule(((30, 0.08), (60, 0.06), (120, 0.04)), (90, 120))),
+        retune(FIT, stages=3, rounds=3, last_rounds=2),
+        retune(REST, rounds=2, iterations=4),
         pytest.MonkeyPatch.context() as patch,
     ):
         patch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", few_levels)

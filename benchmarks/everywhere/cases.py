@@ -168,7 +168,8 @@ def outer_part(skin: Body, body: Body, part: Integers, voxel: float) -> Integers
     triangle, _ = closest_points(skin.vertices, body.vertices, body.triangles)
     shown = part[body.triangles[triangle, 0]]
     edges, _ = unique_edges(skin.triangles)
-    border = np.unique(edges[shown[edges[:, 0]] != shown[edges[:, 1]]])
+    part_of_end = shown[edges]
+    border = np.unique(edges[part_of_end[:, 0] != part_of_end[:, 1]])
     if len(border):
         width = voxel * np.ptp(body.vertices, axis=0).max()
         shown = np.where(cKDTree(skin.vertices[border]).query(skin.vertices)[0] <= width, -1, shown)

@@ -499,7 +499,7 @@ def attributes(surface: zo.Surface) -> list[zo.Attribute]:
         domain.FACE: middles,
         domain.CORNER: corners,
     }
-    values: dict[zo.Kind, Callable[[Floats], Any]] = {
+    values: dict[zo.Kind, Callable[[Any], Any]] = {
         kind.SCALAR: lambda p: np.sin(2 * p[:, 0]) + p[:, 2],
         kind.VECTOR: lambda p: np.cos(p[:, :2]),
         kind.DIRECTION: lambda p: unit_vectors(p + np.array([0, 0, 0.1])),

@@ -123,11 +123,12 @@ class _Measure:
             record |= self._expected[name].figures(found) | self._layers[name].figures(found)
             if case.body is not None:
                 garment = case.garments[name]
+                weights = fitted.weights[number] if fitted.weights else garment.weights
                 in_poses = [
-                    expected[name].figures(case.body.in_pose(pose, found, garment.weights))
+                    expected[name].figures(case.body.in_pose(pose, found, weights))
                     for pose, expected in enumerate(self._expected_in_poses)
                 ]
-                for figure in ("in skin", "stretched", "torn"):
+                for figure in ("in skin", "all in skin", "was in", "stretched", "torn"):
                     record[f"posed {figure}"] = max(figures[figure] for figures in in_poses)
             if fitted.keys:
                 record |= key_figures(fitted.keys[number], case.garments[name].keys, self._strict_keys)
@@ -244,10 +245,10 @@ class Expected:
 
         `error`: mean distance from the truth, in centimetres. `in skin`: percentage of places (vertices and centroids
         of triangles) that are in the target's skin but not so in the truth or, if that is unknown, on the source; `was
-        in`: that are so there. `thickness`: median change of the distance from the skin, in centimetres, at equal body
-        size. `spread`: standard deviation of the logarithm of the ratio of edge lengths. `stretched`: percentage of
-        edges that grow by more than twice the body's growth. `torn`: faces with an edge that grows by far more.
-        `folds`: edges at which faces fold over.
+        in`: that are so there; `all in skin`: that are in the target's skin. `thickness`: median change of the distance
+        from the skin, in centimetres, at equal body size. `spread`: standard deviation of the logarithm of the ratio of
+        edge lengths. `stretched`: percentage of edges that grow by more than twice the body's growth. `torn`: faces
+        with an edge that grows by far more. `folds`: edges at which faces fold over.
         """
         thing, truth, growth = self._thing, self._truth, self._growth
         off, near = self._distances(found), (self._was > 0) & (self._was < NEAR)
@@ -262,6 +263,7 @@ class Expected:
             else float(np.linalg.norm(found - truth, axis=1).mean() / self._centimetre),
             "in skin": 100 * float(((off < -DEEP) & (self._off >= -DEEP)).mean()),
             "was in": 100 * float((self._off < -DEEP).mean()),
+            "all in skin": 100 * float((off < -DEEP).mean()),
             "thickness": float(np.median(np.abs(off - self._was)[near])) if near.any() else np.nan,
             "spread": float(np.log(stretch).std()),
             "stretched": 100 * float((stretch > STRETCHED * growth).mean()),

@@ -44,6 +44,7 @@ class Case:
         truth: (n, 3) the known positions of worn objects on the target.
         true_shape: (n_s, 3) the source's vertices on the target, if known.
         body: the target with its keys and poses, if known.
+        weights: (n_s, b) skin weights of the source, if the body is known.
         garments: keys, weights and bones of the things, if known.
     """
 
@@ -56,6 +57,7 @@ class Case:
     truth: dict[str, Floats] = field(default_factory=dict)
     true_shape: Floats | None = None
     body: Body | None = None
+    weights: Floats | None = None
     garments: dict[str, Garment] = field(default_factory=dict)
 
 
@@ -125,6 +127,7 @@ def _refit(wardrobe: Wardrobe, kind: str, made_for: str, build: str, topology: s
         {name: garment.refitted for name, garment in garments.items()},
         wardrobe.body(build).surface.vertices,
         body,
+        source.weights,
         garments,
     )
 

@@ -10,6 +10,7 @@ from functools import partial
 import bpy
 import numpy as np
 from bpy.types import Object
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.outfits.cases import Case
@@ -18,7 +19,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.transfer import carry
+from zoomout_core.transfer import WeightedBody, carry, follow_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +30,13 @@ class Fitted:
         vertices: (n, 3) positions of each.
         keys: for each thing (n, 3) offsets of the target's keys by name; none from a method without keys.
         joints: (j, 3) heads of each thing's own bones; none from a method that does not move them.
+        weights: (n, b) skin weights of each; none from a method that keeps them.
     """
 
     vertices: list[Floats]
     keys: list[dict[str, Floats]] = field(default_factory=list)
     joints: list[Floats] = field(default_factory=list)
+    weights: list[Floats] = field(default_factory=list)
 
 
 # Fits the things of a case, given the source's vertices (n_s, 3) in the target's shape.
@@ -54,7 +57,14 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
         zo.move_joints(thing, points, garment.joints).positions
         for thing, points, garment in zip(things, vertices, case.garments.values(), strict=True)
     ]
-    return Fitted(vertices, keys, joints)
+    assert case.weights is not None
+    before, after = (
+        WeightedBody(surface, csr_array(weights))
+        for surface, weights in ((case.source, case.weights), (case.target, case.body.weights))
+    )
+    given = [csr_array(garment.weights) for garment in case.garments.values()]
+    weights = [each.toarray() for each in follow_weights(before, after, things, vertices, given)]
+    return Fitted(vertices, keys, joints, weights)
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:

@@ -29,6 +29,7 @@ from .constraints import check_options
 from .matching.candidates import store_match
 from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
 from .targets import Write
+from .worn_weights import Change, GroupWeights, follow_groups, read_group_weights
 
 # Fractions of the progress for a new match, and for giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
@@ -85,6 +86,7 @@ class _Fitting:
         worn: the worn objects.
         keys: the shape keys of the target that the copies follow; None for none.
         rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
+        weights: the vertex groups of both and of the worn objects, if the copies are to be bound to it.
         notes: sentences for the user.
     """
 
@@ -94,6 +96,7 @@ class _Fitting:
     worn: list[Worn]
     keys: BodyKeys | None
     rigs: _Rigs | None
+    weights: GroupWeights | None
     notes: list[str]
 
 
@@ -107,6 +110,7 @@ class _Fit:
         keys: (n, keys, 3) offsets of each object that follow the target's keys; zero for those without shape keys.
         outfit: the outfit's own bones in their new places, if they are to be copied.
         pairs: names of the target's bones by those of the source's.
+        weights: how the weights of each copy change; None where they stay.
     """
 
     dressed: Dressed
@@ -114,6 +118,7 @@ class _Fit:
     keys: list[Floats]
     outfit: OutfitBones | None = None
     pairs: dict[str, str] = field(default_factory=dict)
+    weights: list[Change | None] = field(default_factory=list)
 
 
 def dress(
@@ -338,9 +343,10 @@ async def _read_fitting(
                 target=target.name,
             )
         )
+    weights = None if rigs is None else read_group_weights(context, pair, worn)
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
-    return _Fitting(surface, onto, is_body, worn, keys, rigs, notes)
+    return _Fitting(surface, onto, is_body, worn, keys, rigs, weights, notes)
 
 
 def _read(context: Context, name: str, at_rest: bool) -> Worn:
@@ -373,8 +379,9 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
     fit = _Fit(dressed, moved, [])
-    if fitting.rigs is not None:
+    if fitting.rigs is not None and fitting.weights is not None:
         fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
+        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body)
     if fitting.keys is None:
         return fit
     with portion(FITTED, 1):
@@ -400,6 +407,22 @@ def _move_bones(fit: _Fit, fitting: _Fitting, rigs: _Rigs, body: zo.Surface, sha
     bones = Skeleton(rigs.body.names, rigs.body.parents, heads)
     pairs = pair_bones(bones, Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads), size)
     return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
+
+
+def _follow_weights(fit: _Fit, fitting: _Fitting, rigs: _Rigs, weights: GroupWeights, body: zo.Surface) -> _Fit:
+    """Change the weights of the copies as those of the body below them change."""
+    whole = len(body.vertices) == len(fitting.source.vertices)
+    changes = follow_groups(
+        weights,
+        {name: fit.pairs.get(name, name) for name in rigs.body.names},
+        rigs.outfit.names,
+        rigs.others.names,
+        (body, np.ones_like(fitting.is_body) if whole else fitting.is_body),
+        fitting.target,
+        fitting.worn,
+        fit.dressed.vertices,
+    )
+    return replace(fit, weights=changes)
 
 
 def _follow_keys(fitting: _Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
@@ -467,6 +490,9 @@ def _write(
                 context.scene.objects[name] for name in (fitting.rigs.source, fitting.rigs.target)
             )
             mesh_data.bind_to_other(copy, source_rig, target_rig, fit.pairs, worn.place(fit.moved))
+            change = fit.weights[number]
+            if change is not None:
+                mesh_data.update_weights(copy, *change)
         made[worn.name] = copy.name
         notes.extend(more)
     context.view_layer.update()

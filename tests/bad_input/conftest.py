@@ -23,6 +23,11 @@ from creatures import creature
 from doors import Limit
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _each_match_quick(quick_search: None) -> None:
+    """Matches are computed by the core, and tested there."""
+
+
 @pytest.fixture
 def meshes(tmp_path: Path) -> tuple[Path, Path]:
     """Two small meshes in their own folder."""

@@ -15,8 +15,6 @@ import blender_addon
 import zoomout_core as zo
 from blender_addon import api
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 Object = bpy.types.Object
 # How objects are matched: by shape, where the place is another one, and by place, which takes less time.
 HOW, NEAREST = {"detail": "fast", "partial": "off"}, {"initial": "nearest"}

@@ -16,8 +16,6 @@ from PIL import Image
 from meshlab_filter.commands import main
 from meshlab_filter.files import save_beside, texture_files
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 NOTHING = "<!DOCTYPE FilterScript><FilterScript></FilterScript>"
 
 

@@ -23,8 +23,6 @@ from blender_addon.ui.panels.result import ZOOMOUT_PT_result
 from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
 from zoomout_core.mesh.surface import MeshError
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 
 @pytest.fixture
 def pair(meshes: tuple[Path, Path]) -> Iterator[tuple[bpy.types.Object, bpy.types.Object]]:

@@ -11,8 +11,6 @@ from doors import add_colors, run
 
 from zoomout_core.cli import main as zoomout
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 FAST = ("--detail", "fast")
 
 

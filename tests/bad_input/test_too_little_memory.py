@@ -14,15 +14,18 @@ import numpy as np
 import pytest
 from creatures import creature
 from doors import add_colors, assert_refused, contents, run
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core import __main__ as entry
 from zoomout_core.cli import main
 from zoomout_core.matching.preparation import memory_need
 from zoomout_core.messages import NO_MEMORY
+from zoomout_core.transfer import WeightedBody, follow_weights
 
 SOURCE, TARGET = (creature(260, seed=seed).surface for seed in (0, 1))
 MAP = zo.SurfaceMap.from_vertices(np.zeros(260, dtype=int), SOURCE)
+WORN = WeightedBody(SOURCE, csr_array(np.ones((260, 1))))
 VALUES = zo.Attribute("a", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(260))
 NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
@@ -38,6 +41,10 @@ CORE: dict[str, tuple[Callable[[], object], str]] = {
     "keys of clothes": (
         lambda: zo.follow_keys(SOURCE, np.zeros((260, 1, 3)), [SOURCE]),
         "transfer.dressing.body_keys:Patches",
+    ),
+    "weights of clothes": (
+        lambda: follow_weights(WORN, WORN, [SOURCE], [SOURCE.vertices], [WORN.weights]),
+        "transfer.dressing.body_weights:Patches",
     ),
 }
 COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {

@@ -118,7 +118,7 @@ def as_in_a_window(coroutine: Work[Any]) -> Any:
 def scene(monkeypatch):
     """A matched source and target with all kinds of data, each in its own collection."""
     monkeypatch.setattr(modal_operator, "run", as_in_a_window)
-    source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
+    source, target = ellipsoid("Source", 3), ellipsoid("Target", 3)
     for obj in (source, target):
         x, count = positions(obj.data)[:, 0], len(obj.data.vertices)
         set_weights(obj, "Arm.L", (x > 0.3).astype(float))
@@ -155,7 +155,7 @@ def match_again() -> None:
 
 
 def match_several() -> None:
-    activate(bpy.data.objects["Target"], ellipsoid("Other", 4))
+    activate(bpy.data.objects["Target"], ellipsoid("Other", 3))
     bpy.ops.zoomout.match()
 
 
@@ -195,9 +195,9 @@ def dress() -> None:
 
 
 def bind() -> None:
-    source, armature = source_and_rig()
+    source, armature = source_and_rig(around=8, along=25)
     source.name = "Rigged"
-    target, _ = pose_target(source, armature)
+    target, _ = pose_target(source, armature, around=7, along=20)
     bpy.context.scene.zoomout.source = source
     activate(target)
     bpy.ops.zoomout.bind_to_rig(initial="NEAREST")

@@ -11,7 +11,7 @@ from test_dress_objects import ring, side, sleeve
 
 import zoomout_core as zo
 from blender_addon import api
-from blender_addon.mesh_data import outfit_bones
+from blender_addon.mesh_data import outfit_bones, read_weights
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
 
@@ -50,11 +50,11 @@ def tail_and_chain(armature):
     return tail
 
 
-def own_target(body, armature):
-    """A target in rest pose, bound to an armature of its own with other names of bones."""
+def own_target(body, armature, joints=0.0):
+    """A target in rest pose, bound to an armature of its own with other names of bones; its skin bends above these."""
     target, _ = pose_target(body, armature, {})
     other = rig("Other Rig", OTHER_NAMES)
-    for name, column in zip(OTHER_NAMES, weights_of(positions(target.data)).toarray().T, strict=True):
+    for name, column in zip(OTHER_NAMES, raised_weights(positions(target.data), joints).T, strict=True):
         set_weights(target, name, column)
     target.parent = other
     target.modifiers.new("Skeleton", "ARMATURE").object = other
@@ -81,6 +81,27 @@ def test_clothes_are_bound_to_the_targets_own_armature():
     for pose in ({}, {"Bone.001": (0.4, 0, 0), "Upper": (0, 0.3, 0)}):
         set_pose(other, pose)
         assert (side(visible_positions(copy), target) < 0).mean() < 0.02
+
+
+def test_the_weights_follow_those_of_the_target():
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    cloth.vertex_groups.new(name="Pinned").add([0, 1, 2], 0.5, "REPLACE")
+    target, _ = own_target(body, armature, joints=0.5)
+    report = api.dress(bpy.context, body, target, [cloth])
+    copy = bpy.data.objects[report["objects"]["Sleeve"]]
+    found = read_weights(copy, copy.data)
+    groups = dict(zip(found.labels, found.values.toarray().T, strict=True))
+    weights = np.column_stack([groups[name] for name in OTHER_NAMES])
+    wanted, before = raised_weights(positions(cloth.data), 0.5), weights_of(positions(cloth.data)).toarray()
+    assert np.abs(weights - wanted).mean() < 0.2 * np.abs(before - wanted).mean()
+    assert np.flatnonzero(groups["Pinned"]).tolist() == [0, 1, 2]
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-5)
+
+
+def raised_weights(points, height):
+    """(n, 3) weights of a tube that bends at a height above its joints."""
+    return weights_of(points - [0, 0, height]).toarray()
 
 
 def test_the_outfits_own_bones_come_along():

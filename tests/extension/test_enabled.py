@@ -25,6 +25,9 @@ from scenes import (
     weight_array,
 )
 
+# `test_installed.py` has a match as users run it.
+pytestmark = pytest.mark.usefixtures("installed", "quick_search")
+
 zoomout = bpy.ops.zoomout
 
 

@@ -144,7 +144,7 @@ def _search(found: _Closest, queries: Integers, group: _Group) -> None:
     """Search more and more triangles of about one size, until no other can be closer to some queries."""
     members, radius = group.members, group.radius
     reach = float(radius.max())
-    count = min(4, len(members))
+    count = min(8, len(members))
     while len(queries):
         unresolved = []
         for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):

@@ -125,8 +125,9 @@ class OrientedSurface:
         return triangle, barycentric, distance
 
     def _rows(self, points: Floats, normals: Floats, group: Integers) -> Floats:
-        """(q, 7) coordinates of points in the tree."""
-        return np.hstack([points, self._weight * normals, self._apart * group[:, None]])
+        """(q, d) coordinates of points in the tree: those of normals and groups only if they count."""
+        of_normals, of_groups = self._weight * normals[:, : 3 * (self._weight > 0)], self._apart * group[:, None]
+        return np.hstack([points, of_normals, of_groups[:, : self._apart > 0]])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
         workers = threads() if len(rows) > MANY_QUERIES else 1

@@ -22,7 +22,7 @@ from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.rank import Candidate, is_closed
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
@@ -103,7 +103,8 @@ class MatchResult(Summary):
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
 
-        It refers to the whole target, and decreases with the part that has no counterpart, or no known place.
+        It refers to the whole target, and decreases with the part that has no counterpart, or no known place. No map
+        that tears closed shapes is certain.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -298,6 +299,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     lost = _on_lost_parts(pair.target, whole.confidence)
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
     placed *= 1 - pair.target.share_of_area(cut_off & ~lost)
+    candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn))
     doubts = notes_on_map(candidates, chosen, placed, dense.folded)
     return MatchResult(
         surface_map=repaired.surface_map,
@@ -313,6 +315,14 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         filled=repaired.filled,
         torn=repaired.torn | cut_off,
     )
+
+
+def _doubt_torn(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float) -> tuple[Candidate, ...]:
+    """Candidates, of which the chosen one is not certain if its result tears too large a part of closed shapes."""
+    certainty = min(candidates[chosen].certainty, VERDICT.torn_certainty)
+    if torn <= VERDICT.torn or not (is_closed(pair.source_shape) and is_closed(pair.target_shape)):
+        return candidates
+    return (*candidates[:chosen], replace(candidates[chosen], certainty=certainty), *candidates[chosen + 1 :])
 
 
 def _on_lost_parts(surface: Surface, confidence: Floats) -> Booleans:

@@ -77,10 +77,12 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
             given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
             candidates = match_part(pair, known.disagreement(pair), given)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
-    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely or (best is not whole and are_fragments(whole.pair)):
+    certainty = best.candidates[0].certainty
+    enough = UNKNOWN_SCALE.sure if best is whole else UNKNOWN_SCALE.likely
+    if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
-        found = match_at_unknown_scale(whole.pair, known.disagreement)
+        found = match_at_unknown_scale(whole.pair, known.disagreement, certainty)
     if found is None:
         return best
     pair, candidates = found

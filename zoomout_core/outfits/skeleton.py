@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
@@ -22,6 +22,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
+from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
@@ -91,7 +92,8 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
                 joint=lost[0],
             )
         )
-    skin = _make_skin(clothes, target, joints, numbers, anchors, _columns(clothes.skin, target.skin, pairs, numbers))
+    columns = _columns(clothes.skin, target.skin, pairs, numbers)
+    skin = _make_skin(clothes, fit, target, joints, numbers, anchors, columns)
     nodes = {int(clothes.skin.nodes[joint]): int(target.skin.nodes[other]) for joint, other in pairs.items()}
     return BoundClothes(replace(clothes, skin=skin), joints, nodes, tuple(notes))
 
@@ -245,8 +247,16 @@ def _columns(skin: Skin, of_target: Skin, pairs: Mapping[int, int], numbers: Map
     return columns
 
 
+def _move_columns(weights: csr_array, columns: Integers, count: int) -> csr_array:
+    """(n, count) normalised weights (n, b) with new numbers of their columns, which may be equal."""
+    given = weights.tocoo()
+    shape = given.shape[0], count
+    return normalise(csr_array(coo_array((given.data, (given.row, columns[given.col])), shape=shape)))
+
+
 def _make_skin(
     clothes: Asset,
+    fit: Fit,
     target: Asset,
     joints: Sequence[NewJoint],
     numbers: Mapping[int, int],
@@ -254,9 +264,10 @@ def _make_skin(
     columns: Integers,
 ) -> Skin:
     """The skin of clothes: the avatar's joints, and then the new ones."""
-    of_target, skin, document = target.skin, clothes.skin, target.document
+    of_target, skin, of_body, document = target.skin, clothes.skin, fit.body.skin, target.document
     assert of_target is not None
     assert skin is not None
+    assert of_body is not None
     assert document is not None
     count, first = len(of_target.names), len(document.gltf.nodes)
     worlds = list(document.worlds()[0])
@@ -267,9 +278,18 @@ def _make_skin(
         parents.append(count + joint.parent - first if joint.parent >= first else anchor)
         transforms.append(of_target.transforms[anchor])
         inverse_bind.append(np.linalg.solve(worlds[-1], of_target.transforms[anchor]))
-    given = skin.weights.tocoo()
-    shape = given.shape[0], count + len(joints)
-    weights = normalise(csr_array(coo_array((given.data, (given.row, columns[given.col])), shape=shape)))
+    every = count + len(joints)
+    weights, before = (_move_columns(each.weights, columns, every) for each in (skin, of_body))
+    after = _move_columns(of_target.weights, np.arange(count), every)
+    ends = np.cumsum([0, *(len(each.vertices) for each in fit.objects)])
+    followed = follow_weights(
+        WeightedBody(fit.body.surface, before),
+        WeightedBody(target.surface, after),
+        fit.objects,
+        fit.fitted,
+        [weights[start:stop] for start, stop in pairwise(ends)],
+    )
+    weights = csr_array(vstack(followed, format="csr"))
     rest, linear = to_rest(clothes.surface.vertices, weights, np.array(transforms))
     return Skin(
         np.concatenate([of_target.nodes, np.arange(first, first + len(numbers))]).astype(np.int64),

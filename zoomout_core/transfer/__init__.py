@@ -4,6 +4,7 @@
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.dressing.body_keys import follow_keys
+from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
@@ -26,12 +27,14 @@ __all__ = [
     "MovedJoints",
     "Rule",
     "Skeleton",
+    "WeightedBody",
     "Wrapped",
     "blend",
     "carry",
     "conform",
     "dress",
     "follow_keys",
+    "follow_weights",
     "map_target",
     "move_joints",
     "move_rig",

@@ -23,6 +23,8 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 def shape_of(surface: Surface, proxy_vertices: int | None = None) -> ShapeAnalysis:
     part, _ = surface.working.part(0)

@@ -156,6 +156,16 @@ def test_no_scale_of_two_fragments_is_tried_if_a_map_in_their_unit_is_likely(
     assert bool(tried) != fragments
 
 
+@pytest.mark.parametrize(("by_whole", "by_part", "tried"), [(0.8, 0.3, True), (0.92, 0.3, False), (0.3, 0.6, False)])
+def test_other_units_are_tried_unless_a_part_is_likely_or_the_map_of_wholes_is_certain(
+    monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, tried: bool
+) -> None:
+    known: list[float] = []
+    monkeypatch.setitem(globals(), "without_fragment", lambda *given: known.append(given[2]))
+    gone_on_with(monkeypatch, by_whole, by_part)
+    assert known == ([by_whole] if tried else [])
+
+
 @pytest.mark.parametrize(
     ("unsure", "options", "has_cuts", "tried", "factor"),
     [

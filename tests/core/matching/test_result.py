@@ -15,6 +15,7 @@ import zoomout_core as zo
 from zoomout_core.matching.components.lift import LiftedMap
 from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.refinement.repair import Repair
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.runtime.array_files import read_arrays
 
 pytestmark = pytest.mark.usefixtures("few_candidates")
@@ -70,6 +71,24 @@ def test_a_part_that_tears_cut_off_is_not_trusted_and_reported_as_torn(
     np.testing.assert_array_equal(found.torn, upper)
     assert found.faults.torn == pytest.approx(share)
     assert found.certainty == pytest.approx(result.certainty * (1 - share))
+
+
+@pytest.mark.parametrize(
+    ("closed", "share", "doubted"), [(True, 0.03, True), (True, 0.01, False), (False, 0.03, False)]
+)
+def test_a_torn_map_of_closed_shapes_is_never_certain(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch, closed: bool, share: float, doubted: bool
+) -> None:
+    sure = replace(result, candidates=(replace(result.candidates[0], certainty=0.99), *result.candidates[1:]))
+    areas = result.target.vertex_areas
+    torn = np.cumsum(areas) <= share * areas.sum()
+    repaired = Repair(result.surface_map, np.zeros_like(torn), torn, np.ones(len(torn)))
+    monkeypatch.setattr("zoomout_core.matching.result.repair", lambda *_: repaired)
+    monkeypatch.setattr("zoomout_core.matching.result.is_closed", lambda _: closed)
+    found = sure.use(0)
+    assert found.faults.torn == pytest.approx(share, abs=0.005)
+    assert found.certainty == pytest.approx(VERDICT.torn_certainty if doubted else 0.99)
+    assert found.candidates[1:] == sure.candidates[1:]
 
 
 @pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, False)])

@@ -9,7 +9,7 @@ import pytest
 import zoomout_core as zo
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.body_keys import BODY_KEYS
-from zoomout_core.transfer.dressing.contact import CONTACT
+from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
 from zoomout_core.tuning import retune
 
 BODY = ball(1, count=2500, seed=3)
@@ -104,3 +104,17 @@ def test_lines_and_loose_vertices_follow() -> None:
 def test_offsets_that_do_not_fit_are_refused(offsets: np.ndarray) -> None:
     with pytest.raises(ValueError, match="give finite ones"):
         zo.follow_keys(BODY, offsets, [BODY])
+
+
+def test_the_distance_without_a_key_is_measured_once_for_all_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    shirt, measured = shell(1.02), list[bool]()
+    sides = SidedSurface.sides
+
+    def counted(self: SidedSurface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        measured.append(np.allclose(self.vertices, BODY.vertices / np.sqrt(BODY.area)))
+        return sides(self, points)
+
+    monkeypatch.setattr(SidedSurface, "sides", counted)
+    zo.follow_keys(BODY, np.stack([bump(0.1), bump(0.2), bump(0.1, 0.5)], axis=1), [shirt])
+    assert measured.count(True) == 1
+    assert measured.count(False) >= 3

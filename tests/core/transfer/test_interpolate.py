@@ -9,7 +9,7 @@ from transfer_meshes import Sheet, identity, permute, sheet, split_at_faces, tor
 
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
-GRID = (120, 80)
+GRID = (60, 40)
 NUMBERS = {Kind.SCALAR: (), Kind.VECTOR: (2,), Kind.COLOR: (4,)}
 
 
@@ -20,7 +20,7 @@ def source() -> Sheet:
 
 @pytest.fixture(scope="module")
 def target() -> Sheet:
-    return sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
+    return sheet(torus, 49, 31, jitter=0.2, twist=0.05, sides=3, seed=1)
 
 
 @pytest.fixture(scope="module")

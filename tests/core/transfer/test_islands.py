@@ -14,7 +14,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.potts import Candidates
 
-GRID = (120, 80)
+GRID = (60, 40)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def source() -> Sheet:
 
 @pytest.fixture(scope="module")
 def target() -> Sheet:
-    return sheet(torus, 131, 89, jitter=0.2, twist=0.05, seed=1)
+    return sheet(torus, 66, 45, jitter=0.2, twist=0.05, seed=1)
 
 
 def rough_map(source: Sheet, target: Sheet, amount: float) -> SurfaceMap:

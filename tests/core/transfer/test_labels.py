@@ -14,7 +14,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind, potts, transfer
 from zoomout_core.transfer.cut_mesh import adjacent_edges
 from zoomout_core.transfer.potts import Candidates, elect, tally
 
-GRID = (120, 80)
+GRID = (60, 40)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def source() -> Sheet:
 
 @pytest.fixture(scope="module")
 def target() -> Sheet:
-    return sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
+    return sheet(torus, 49, 31, jitter=0.2, twist=0.05, sides=3, seed=1)
 
 
 def labelled(source: Sheet, target: Sheet, domain: Domain, values: np.ndarray, kind: Kind = Kind.LABEL) -> np.ndarray:

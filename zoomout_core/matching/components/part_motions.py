@@ -26,8 +26,10 @@ from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.tuning import Tuning, tuned
 
-# Vertices by which a part is registered: at most, and at least; and the rounds.
-MAX_SAMPLES, MIN_SAMPLES, ROUNDS = 64, 20, 12
+# Vertices by which a part is registered: at most, and at least.
+MAX_SAMPLES, MIN_SAMPLES = 64, 20
+# Rounds of a registration, at most, and the motion, at unit area, below which most samples have converged.
+ROUNDS, CONVERGED_MOTION = 12, 3e-4
 # Vertices of a part that bends, at most: with half as many, pieces of a suit are too few to be registered.
 BENDING_SAMPLES = 400
 # The distance, at unit area, that counts as much as a unit difference of rotations, and the largest distance between
@@ -184,7 +186,11 @@ def _register(
         if number == 1 and len(piece):
             typical = float(np.median(similarities.scale[piece[distance <= np.median(distance)]]))
             scales = typical / SAME_SCALE, typical * SAME_SCALE
+        before = places
         places, turned = _carry(target, similarities, vertex, piece)
+        motion = np.linalg.norm(places - before, axis=1)
+        if number > 1 and 2 * np.count_nonzero(motion < CONVERGED_MOTION) > len(motion):
+            break
     _, distance = closest(places, turned, part)
     return _Registration(similarities, np.array([np.quantile(distance[some], 0.9) for some in ranges]), scales)
 

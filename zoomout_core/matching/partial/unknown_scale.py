@@ -41,15 +41,23 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
     # Number of maps at each scale by which the part is registered coarsely. The right map is among the first four by
     # promise on 16 of 16 pairs (people and cats), but only if scales do not compete: smaller parts promise more.
-    registered: int = tuned(4, "maps", 1, 1000)
+    maps_per_scale: int = tuned(4, "maps", 1, 1000)
     compared: int = tuned(3, "scales", 1, 100)  # number of scales, fitted to their first maps, that are compared
+    # A place at another scale is matched, too, if its certainty is at least this part of that of the best one: of a
+    # person with missing pieces two scales have .60 and .61, and the first is right.
+    nearly: float = tuned(0.9, "1", 0, 1)
+    another_scale: float = tuned(1.1, "1", 1, 100)  # scales are different from this factor between them on
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
+    # Certainty of the map of two wholes from which no other unit is tried: with a piece missing, those of .57 and .88
+    # are off by 147 and 69 (x 1000), where the part in its own unit is off by 23 at .94 and .96.
+    sure: float = tuned(0.9, "probability", 0, 1)
     # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
     # of animals reaches in the same unit.
     of_fragments: float = tuned(0.4, "1", 0, 1)
     # Certainty of the rough place of one of two fragments below which no scale is fitted: a smaller part fits anywhere.
-    min_of_fragments: float = tuned(0.05, "probability", 0, 1)
+    # On seven pairs of animals three maps were likely, from 0.36, 0.91 and 0.95 on; lost pairs have at most 0.12.
+    min_of_fragments: float = tuned(0.15, "probability", 0, 1)
     one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
 
 
@@ -57,11 +65,12 @@ UNKNOWN_SCALE = UnknownScaleTuning()
 
 
 def match_at_unknown_scale(
-    pair: Pair, disagreement: Callable[[Pair], Disagreement]
+    pair: Pair, disagreement: Callable[[Pair], Disagreement], certainty: float = 0.0
 ) -> tuple[Pair, list[Candidate]] | None:
     """A pair in the unit in which one of two shapes, each in a unit of its own, fits best on the other as a part of it.
 
-    Returns the pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;
+    Parts as small as hands are only searched for if neither a larger part nor the map found before, by its `certainty`,
+    is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty;
     None if neither shape is a fragment, or if both are, but fit nowhere on so much area that their map may be likely.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
@@ -81,14 +90,18 @@ def match_at_unknown_scale(
     found = []
     for step, part in enumerate(parts):
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
-            found.append((rough_place(shapes[part], shapes[1 - part], scales), part))
-    rough, part = max(found, key=lambda one: one[0].certainty)
-    if len(parts) > 1 and rough.certainty < UNKNOWN_SCALE.min_of_fragments:
+            found.append((rough_places(shapes[part], shapes[1 - part], scales), part))
+    places, part = max(found, key=lambda one: one[0][0].certainty)
+    if len(parts) > 1 and places[0].certainty < UNKNOWN_SCALE.min_of_fragments:
         return None
-    with portion(0.4, 0.55):
-        # A larger part is the whole of the other shape, to which the map does not apply.
-        best = place_at_scale(part, rough.scale, [rough.places] if rough.scale < 1 else [])
-    if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
+    matched = []
+    chosen = nearly_best(places)
+    for step, rough in enumerate(chosen):
+        with portion(0.4 + 0.15 * step / len(chosen), 0.4 + 0.15 * (step + 1) / len(chosen)):
+            # A larger part is the whole of the other shape, to which the map does not apply.
+            matched.append(place_at_scale(part, rough.scale, [rough.places] if rough.scale < 1 else []))
+    best = max(matched, key=lambda one: one[1][0].certainty)
+    if len(parts) > 1 or max(certainty, best[1][0].certainty) >= UNKNOWN_SCALE.likely:
         return best
     for step, scale in enumerate(UNKNOWN_SCALE.small_scales):
         with portion(0.55 + 0.15 * step, 0.7 + 0.15 * step):
@@ -106,8 +119,8 @@ class RoughPlace:
     places: Integers  # (d_p,) for each place of the part that of the whole
 
 
-def rough_place(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> RoughPlace:
-    """The most certain place of a part of unit area on a whole of unit area, searched for at some scales.
+def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> list[RoughPlace]:
+    """Places of a part of unit area on a whole of unit area, the most certain first, searched for at some scales.
 
     The scales do not compete at first: in a smaller unit every map seems better. Those whose best maps are the most
     certain are fitted to these maps, and compared once the part is finely registered.
@@ -117,7 +130,7 @@ def rough_place(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[floa
 
     def place_at(scale: float) -> RoughPlace:
         region = Region.everywhere(_incomplete(part, scale), there)
-        first = rough_candidates([region], sets, registered=UNKNOWN_SCALE.registered)[0]
+        first = rough_candidates([region], sets, UNKNOWN_SCALE.maps_per_scale)[0]
         return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places)
 
     def fit_scale(rough: RoughPlace) -> RoughPlace:
@@ -129,7 +142,18 @@ def rough_place(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[floa
         found = sorted(for_each(place_at, scales), key=lambda rough: rough.certainty, reverse=True)
     with portion(0.8, 1.0):
         fitted = for_each(fit_scale, found[: UNKNOWN_SCALE.compared])
-    return max(fitted, key=lambda rough: rough.certainty)
+    return sorted(fitted, key=lambda rough: rough.certainty, reverse=True)
+
+
+def nearly_best(places: Sequence[RoughPlace]) -> list[RoughPlace]:
+    """The first of places by certainty, and those at another scale that are nearly as certain."""
+    best, *others = places
+    tried = [best]
+    for one in others:
+        apart = min(abs(np.log(one.scale / other.scale)) for other in tried)
+        if one.certainty >= UNKNOWN_SCALE.nearly * best.certainty and apart > np.log(UNKNOWN_SCALE.another_scale):
+            tried.append(one)
+    return tried
 
 
 def _incomplete(part: ShapeAnalysis, scale: float) -> IncompleteShape:

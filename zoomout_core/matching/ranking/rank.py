@@ -198,7 +198,7 @@ def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAn
 
 
 @once_per_argument
-def _is_closed(shape: ShapeAnalysis) -> bool:
+def is_closed(shape: ShapeAnalysis) -> bool:
     """Whether nothing can be missing; a hull is closed whatever it is around."""
     return not shape.proxy.full.is_hull and not len(border_edges(shape.mesh.triangles))
 
@@ -263,7 +263,7 @@ def _certainty(
         if are_rivals(candidate, other, source, target):
             lead = _lead(candidate, other, total - totals[number], source, target)
             rivals += np.exp(-CERTAINTY.rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
-    doubt = _odds_against(candidate.scores, _is_closed(source) and _is_closed(target))
+    doubt = _odds_against(candidate.scores, is_closed(source) and is_closed(target))
     return float(1 / (1 + rivals) / (1 + doubt))
 
 

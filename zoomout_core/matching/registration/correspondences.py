@@ -14,6 +14,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT
 from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.runtime.once import once_per_argument
 
 # Scale s of the weight 1 / (1 + (r / s)^2)^2 of a residual r, at unit area (Geman and McClure 1987), and the smallest
 # weight of a correspondence.
@@ -53,9 +54,11 @@ class Surroundings:
     tree: cKDTree  # k-d tree of these
     surface: EmbeddedSurface  # its triangles
 
-    @classmethod
-    def of(cls, source: ShapeAnalysis) -> Surroundings:
-        return cls.deform(source, source.mesh.vertices, source.mesh.vertex_normals)
+    @staticmethod
+    @once_per_argument
+    def of(source: ShapeAnalysis) -> Surroundings:
+        """Those of a shape as it is."""
+        return Surroundings.deform(source, source.mesh.vertices, source.mesh.vertex_normals)
 
     @classmethod
     def deform(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
@@ -102,7 +105,9 @@ def residuals(
     """
     mesh = around.source.mesh
     found = around.closest(positions[here.vertex], normals[here.vertex])
-    back = cKDTree(_with_normals(positions, normals)).query(around.places[there.vertex])[1]
+    back = there.vertex
+    if len(back):  # nothing of a whole is projected to its part
+        back = np.asarray(cKDTree(_with_normals(positions, normals)).query(around.places[back])[1])
     vertex = np.concatenate([here.vertex, back])
     counterpart = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
     counterpart_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])

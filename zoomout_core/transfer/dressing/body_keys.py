@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
-from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, SidedSurface, push_out
+from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, Contact, SidedSurface
 from zoomout_core.transfer.dressing.form import Form, Lines
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.keys.shape_keys import without_noise
@@ -79,39 +80,45 @@ def follow_keys(
         raise ValueError(
             f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."
         )
+    followed = list[Floats]()
     with listening(progress), stage("Following the keys"):
         patches = Patches(body.vertices / unit, body.triangles)
         skin = SidedSurface.of(body, unit)
-        forms = [Form.of(each, unit) for each in worn]
-        followed = [without_noise(_follow(patches, form.places, keys), body.area) for form in forms]
-        for number in range(keys.shape[1]):
-            advance(number / keys.shape[1])
-            moved = [each for each in range(len(forms)) if followed[each][:, number].any()]
-            if moved:
-                barrier = Barrier(skin, skin.with_vertices((body.vertices + keys[:, number]) / unit))
-                for each in moved:
-                    followed[each][:, number] += unit * _push(forms[each], followed[each][:, number] / unit, barrier)
+        keyed = [skin.with_vertices((body.vertices + offsets) / unit) for offsets in keys.transpose(1, 0, 2)]
+        for number, each in enumerate(worn):
+            advance(number / len(worn))
+            form = Form.of(each, unit)
+            offsets = without_noise(_follow(patches, form.places, keys), body.area)
+            followed.append(offsets + unit * _pushes(form, offsets / unit, skin, keyed))
     return tuple(followed)
 
 
 def _follow(patches: Patches, places: Floats, keys: Floats) -> Floats:
     """(q, keys, 3) mean offsets of the patches of skin around places (q, 3), from those (n, keys, 3) of the skin."""
-    apart = np.maximum(patches.distances(places) - BODY_KEYS.close, 0)
-    means = patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
+    means = means_of_skin(patches, places)
     return np.asarray(means @ keys.reshape(len(keys), -1)).reshape(len(places), *keys.shape[1:])
 
 
-def _push(form: Form, offsets: Floats, barrier: Barrier) -> Floats:
-    """(n_v, 3) pushes out of the skin for the vertices of a form with offsets (n_v, 3), at unit area."""
-    number = form.number
+def means_of_skin(patches: Patches, places: Floats) -> csr_array:
+    """(q, n) matrix of the means of values of the skin's vertices over the patches that move places (q, 3)."""
+    apart = np.maximum(patches.distances(places) - BODY_KEYS.close, 0)
+    return patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
+
+
+def _pushes(form: Form, offsets: Floats, skin: SidedSurface, keyed: Sequence[SidedSurface]) -> Floats:
+    """(n_v, keys, 3) pushes out of the skin for the vertices of a form with offsets (n_v, keys, 3), at unit area."""
+    number, pushes = form.number, np.zeros_like(offsets)
     first = np.empty(len(form.rest), dtype=np.int64)
     used = np.flatnonzero(number >= 0)[::-1]
     first[number[used]] = used
-    moved = form.rest + offsets[first]
-    soft = np.flatnonzero(np.linalg.norm(offsets[first], axis=1) > CONTACT.settled)
-    if not len(soft):
-        return np.zeros_like(offsets)
+    moves = np.linalg.norm(offsets[first], axis=2) > CONTACT.settled
+    if not moves.any():
+        return pushes
+    contact = Contact(form, form.rest, [Barrier(skin, skin)], np.flatnonzero(moves.any(axis=1)))
     # No place needs to be farther from the skin than without the key.
-    margins = -np.inf, CONTACT.min_margin
-    pushed, _ = push_out(form, moved, np.ones(len(moved)), [barrier], margins, soft)
-    return np.where((number >= 0)[:, None], (pushed - moved)[number], 0.0)
+    margins, growth = (-np.inf, CONTACT.min_margin), np.ones(len(form.rest))
+    for key in np.flatnonzero(moves.any(axis=0)):
+        moved = form.rest + offsets[first, key]
+        pushed, _ = contact.push_out(moved, growth, [keyed[key]], margins, moves[:, key])
+        pushes[:, key] = np.where((number >= 0)[:, None], (pushed - moved)[number], 0.0)
+    return pushes

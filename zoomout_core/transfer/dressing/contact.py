@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -54,7 +55,7 @@ class ContactTuning(Tuning, set_by="outfits"):
     firmness: float = tuned(30.0, "1", 0, 1e6)
     rounds: int = tuned(8, "rounds", 0, 100)
     settled: float = tuned(3e-4, "at unit area", 0, 1)
-    fine: float = tuned(0.01, "at unit area", 0, 1)
+    fine: float = tuned(0.02, "at unit area", 0, 1)
     looked_at: float = tuned(0.02, "at unit area", 0, 1)
 
 
@@ -77,14 +78,22 @@ class SidedSurface:
     """
 
     def __init__(self, vertices: Floats, triangles: Integers, *, is_part: bool = False) -> None:
-        self.vertices, self._triangles = vertices, triangles
-        self._normals = vertex_normals(vertices, triangles)
-        points = ORIENTED_SEARCH.points
-        if is_part:
-            share = float(triangle_areas(vertices, triangles).sum())
+        self.vertices, self._triangles, self._is_part = vertices, triangles, is_part
+
+    @cached_property
+    def _normals(self) -> Floats:
+        """(n, 3) unit normals of the vertices."""
+        return vertex_normals(self.vertices, self._triangles)
+
+    @cached_property
+    def _search(self) -> OrientedSurface:
+        """The search for closest points, made on demand: nothing comes near most layers."""
+        points, triangles = ORIENTED_SEARCH.points, self._triangles
+        if self._is_part:
+            share = float(triangle_areas(self.vertices, triangles).sum())
             points = min(points, max(int(share * points), SAMPLES * len(triangles)))
         upright = np.zeros(len(triangles), dtype=bool)
-        self._search = OrientedSurface(vertices, triangles, upright, 0.0, points=points)
+        return OrientedSurface(self.vertices, triangles, upright, 0.0, points=points)
 
     @classmethod
     def of(cls, surface: Surface, unit: float) -> SidedSurface:
@@ -137,17 +146,18 @@ class _Bounds:
     """Places that must stay on their side of a barrier, which are tested again only if they may have come too close.
 
     Args:
-        barrier: the barrier.
+        barrier: the barrier after the change of shape.
+        is_layer: whether it is another worn object.
         which: (b,) numbers of the places.
         margin: (b,) the distance that they must keep.
         at: (b, 3) where they are.
     """
 
-    def __init__(self, barrier: Barrier, which: Integers, margin: Floats, at: Floats) -> None:
-        off, normals, known = barrier.after.sides(at)
+    def __init__(self, barrier: SidedSurface, is_layer: bool, which: Integers, margin: Floats, at: Floats) -> None:
+        off, normals, known = barrier.sides(at)
         some = off < margin + CONTACT.looked_at
         # Layers are open: a place may change sides without coming close, around a border.
-        self._skin, self._flips = barrier.after, barrier.is_layer
+        self._skin, self._flips = barrier, is_layer
         self._which, self._margin = which[some], margin[some]
         self._at, self._off, self._normals, self._known = at[some], off[some], normals[some], known[some]
 
@@ -173,46 +183,104 @@ class _Bounds:
             self._off[again], self._normals[again], self._known[again] = self._skin.sides(at[again])
 
 
+class _Side(NamedTuple):
+    """Places that were originally near a barrier, and may change sides."""
+
+    which: Integers  # (b,) numbers of the places
+    off: Floats  # (b,) their original distances from it
+    is_layer: bool  # whether the barrier is another worn object
+
+    @classmethod
+    def of(cls, barrier: Barrier, probes: csr_array, form: Form) -> _Side:
+        """Those of the places that a matrix (p, n) interpolates from a form at rest."""
+        places, part = probes @ form.rest, form.component[probes.indices[probes.indptr[:-1]]]
+        reach = CONTACT.layer_reach if barrier.is_layer else CONTACT.reach
+        beside = barrier.before.beside(places, reach)
+        off, _, known = barrier.before.sides(places[beside])
+        if barrier.is_layer:
+            near = known & (np.abs(off) < reach)
+            above, of = near & (off > 0), part[beside]
+            stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
+            chosen = above & stacked[of]
+        else:
+            chosen = known & (off > -CONTACT.mended) & (off < reach)
+        return cls(beside[chosen], off[chosen], barrier.is_layer)
+
+    def only(self, chosen: Booleans) -> _Side:
+        """Those of the chosen places (p,)."""
+        some = chosen[self.which]
+        return self._replace(which=self.which[some], off=self.off[some])
+
+    def bounds(self, barrier: SidedSurface, growth: Floats, margins: Margins, now: Floats) -> _Bounds:
+        """Their bounds beside the barrier after the change, where all places (p, 3) have some growth (p,)."""
+        smallest, largest = (0.0, CONTACT.max_margin) if self.is_layer else margins
+        margin = np.clip(self.off * growth[self.which], smallest, largest)
+        return _Bounds(barrier, self.is_layer, self.which, margin, now[self.which])
+
+
 def margins_with(gap: float) -> Margins:
     """Margins of at least a gap."""
     smallest = max(CONTACT.min_margin, gap)
     return smallest, max(CONTACT.max_margin, smallest)
 
 
-def push_out(
-    form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], margins: Margins, soft: Integers
-) -> tuple[Floats, int]:
-    """Push a soft form smoothly out of barriers that it was outside of.
+class Contact:
+    """The places of a soft form at which it keeps its distance from barriers, prepared for changes of shape.
 
     Args:
         form: the form at rest.
-        positions: (n, 3) its current positions.
-        growth: (n,) growth of its surroundings.
+        positions: (n, 3) its positions after the change.
         barriers: surfaces that it must not enter; the first is the skin.
-        margins: bounds of the distance from the skin that is kept.
         soft: the points that may be pushed.
-
-    Returns:
-        (n, 3) positions, and how many places are still in the skin.
     """
-    probes = form.probes(soft, CONTACT.fine)
-    if len(form.between(soft)):
-        probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
-    bounds = _bounds(barriers, probes, form, positions, growth, margins)
-    areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
-    staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
-    positions = positions.copy()
-    for _ in range(CONTACT.rounds):
-        which, pushes = _pushes(bounds, probes @ positions)
-        if not len(which):
-            break
-        touched, weights = csr_array(probes[which]), CONTACT.firmness * areas[which]
-        free = _around(form.rest, np.unique(touched.indices))
-        there = touched[:, free]
-        matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
-        loads = there.T @ (weights[:, None] * pushes)
-        positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
-    return positions, bounds[0].count_inside(probes @ positions)
+
+    def __init__(self, form: Form, positions: Floats, barriers: Sequence[Barrier], soft: Integers) -> None:
+        probes = form.probes(soft, CONTACT.fine)
+        if len(form.between(soft)):
+            probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
+        self._form, self._probes = form, probes
+        self._sides = [_Side.of(barrier, probes, form) for barrier in barriers]
+        self._areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
+        self._staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
+
+    def push_out(
+        self,
+        positions: Floats,
+        growth: Floats,
+        barriers: Sequence[SidedSurface],
+        margins: Margins,
+        moving: Booleans | None = None,
+    ) -> tuple[Floats, int]:
+        """Push the form smoothly out of barriers that it was outside of.
+
+        Args:
+            positions: (n, 3) its current positions.
+            growth: (n,) growth of its surroundings.
+            barriers: the barriers after the change.
+            margins: bounds of the distance from the skin that is kept.
+            moving: (n,) the points that may be pushed; all soft ones when not given.
+
+        Returns:
+            (n, 3) positions, and how many places are still in the skin.
+        """
+        probes, sides = self._probes, self._sides
+        if moving is not None:
+            is_tested = (probes @ ~moving) == 0
+            sides = [side.only(is_tested) for side in sides]
+        now, growth = probes @ positions, probes @ growth
+        bounds = [side.bounds(after, growth, margins, now) for side, after in zip(sides, barriers, strict=True)]
+        positions = positions.copy()
+        for _ in range(CONTACT.rounds):
+            which, pushes = _pushes(bounds, probes @ positions)
+            if not len(which):
+                break
+            touched, weights = csr_array(probes[which]), CONTACT.firmness * self._areas[which]
+            free = _around(self._form.rest, np.unique(touched.indices))
+            there = touched[:, free]
+            matrix = csc_array(self._staying[free][:, free] + there.T @ diags_array(weights) @ there)
+            loads = there.T @ (weights[:, None] * pushes)
+            positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
+        return positions, bounds[0].count_inside(probes @ positions)
 
 
 def push_out_rigidly(
@@ -220,7 +288,8 @@ def push_out_rigidly(
 ) -> tuple[Floats, int]:
     """`push_out` by a rigid motion of the whole form."""
     probes = form.probes(np.arange(len(form.rest)), CONTACT.fine)
-    bounds = _bounds(barriers, probes, form, positions, growth, margins)
+    now, growth = probes @ positions, probes @ growth
+    bounds = [_Side.of(each, probes, form).bounds(each.after, growth, margins, now) for each in barriers]
     for _ in range(CONTACT.rounds):
         places = probes @ positions
         which, pushes = _pushes(bounds, places)
@@ -250,31 +319,6 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
     near = np.flatnonzero(distance < CONTACT.looked_at)
     rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
     return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))
-
-
-def _bounds(
-    barriers: Sequence[Barrier], probes: csr_array, form: Form, positions: Floats, growth: Floats, margins: Margins
-) -> list[_Bounds]:
-    """Bounds of the places that were originally near each barrier, and may now change sides."""
-    before, now, growth = probes @ form.rest, probes @ positions, probes @ growth
-    part = form.component[probes.indices[probes.indptr[:-1]]]
-    bounds = []
-    for barrier in barriers:
-        reach = CONTACT.layer_reach if barrier.is_layer else CONTACT.reach
-        beside = barrier.before.beside(before, reach)
-        off, _, known = barrier.before.sides(before[beside])
-        if barrier.is_layer:
-            near = known & (np.abs(off) < reach)
-            above, of = near & (off > 0), part[beside]
-            stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
-            chosen = above & stacked[of]
-        else:
-            chosen = known & (off > -CONTACT.mended) & (off < reach)
-        which, off = beside[chosen], off[chosen]
-        smallest, largest = (0.0, CONTACT.max_margin) if barrier.is_layer else margins
-        margin = np.clip(off * growth[which], smallest, largest)
-        bounds.append(_Bounds(barrier, which, margin, now[which]))
-    return bounds
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:

@@ -25,10 +25,10 @@ from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import (
     Barrier,
+    Contact,
     Margins,
     SidedSurface,
     margins_with,
-    push_out,
     push_out_rigidly,
 )
 from zoomout_core.transfer.dressing.following import Following, Motion
@@ -264,7 +264,9 @@ class _Layer:
         if fit.is_rigid:
             fit.positions, stuck = push_out_rigidly(form, fit.positions, fit.motion.growth, barriers, margins)
         else:
-            fit.positions, stuck = push_out(form, fit.positions, fit.motion.growth, barriers, margins, self.points)
+            contact = Contact(form, fit.positions, barriers, self.points)
+            after = [barrier.after for barrier in barriers]
+            fit.positions, stuck = contact.push_out(fit.positions, fit.motion.growth, after, margins)
         return stuck
 
     def as_barrier(self, skin: SidedSurface) -> Barrier:

@@ -188,11 +188,15 @@ class _Fit:
         """Compute the moments of points with weights of fit (n,)."""
         self.counts, count = self.trust * fitting, self.shares.shape[1]
         extended = np.column_stack([self.points, np.ones(len(self.points))])
+        vertex = row_of(self.shares)
         self.pairs = np.empty((count, count, 4, 4))
         for i in range(4):
-            for j in range(i + 1):
-                weighted = diags_array(self.counts * extended[:, i] * extended[:, j])
-                self.pairs[:, :, i, j] = self.pairs[:, :, j, i] = (self.shares.T @ (weighted @ self.shares)).toarray()
+            weighted = csr_array(
+                (self.shares.data * (self.counts * extended[:, i])[vertex], self.shares.indices, self.shares.indptr),
+                shape=self.shares.shape,
+            )
+            sums = (weighted.T @ _widen(self.shares, extended[vertex, : i + 1])).toarray()
+            self.pairs[:, :, i, : i + 1] = self.pairs[:, :, : i + 1, i] = sums.reshape(count, count, i + 1)
         mixed = (self.counts[:, None, None] * self.images[:, :, None] * extended[:, None]).reshape(-1, 12)
         self.singles = np.asarray(self.shares.T @ mixed).reshape(count, 3, 4)
 
@@ -351,15 +355,21 @@ def _along_normals(fit: _Fit, now: Similarities, centre: Floats, normals: Floats
     row, bone = row_of(shares), shares.indices
     arm = transform_points(matrices_of(now)[bone], fit.points[row]) - centre[bone]
     normal = normals[row]
-    entries = shares.data[:, None] * np.concatenate([np.cross(arm, normal), normal], axis=1)
-    columns = 6 * bone[:, None].astype(np.int64) + np.arange(6)
-    jacobian = csr_array(
-        (entries.ravel(), columns.ravel(), 6 * shares.indptr.astype(np.int64)), shape=(shares.shape[0], 6 * count)
-    )
+    jacobian = _widen(shares, np.concatenate([np.cross(arm, normal), normal], axis=1))
     off = fit.images - transform_points(skinning_matrices(now, shares), fit.points)
     counted = csr_array(jacobian.T @ diags_array(fit.counts))
     load = counted @ np.einsum("nx,nx->n", off, normals)
     return (counted @ jacobian).toarray().reshape(count, 6, count, 6), load.reshape(count, 6)
+
+
+def _widen(shares: csr_array, factors: Floats) -> csr_array:
+    """(n, w b) weights (n, b) whose entries are multiplied by w factors (entries, w) each, side by side."""
+    width = factors.shape[1]
+    columns = width * shares.indices[:, None].astype(np.int64) + np.arange(width)
+    return csr_array(
+        ((shares.data[:, None] * factors).ravel(), columns.ravel(), width * shares.indptr.astype(np.int64)),
+        shape=(shares.shape[0], width * shares.shape[1]),
+    )
 
 
 def _lean(

@@ -196,7 +196,7 @@ def _unbend(pose: Pose, vertices: Floats, areas: Floats, rest: Surface, search: 
     """
     chosen = np.unique(np.linspace(0, len(vertices) - 1, REST.aligned).astype(np.int64))
     images, areas, fits = vertices[chosen], areas[chosen], []
-    for scale in (1.0, pose.scale):
+    for scale in sorted({1.0, pose.scale}):
         places = pose.common.inverse(images)
         for _ in range(REST.iterations + 1):
             similarity = procrustes(places, images, areas, scales=(scale, scale))

@@ -194,7 +194,8 @@ def place_joints(
     number = number.ravel()
     places = joints[first]
     edges = np.column_stack([number[parents[parents >= 0]], number[parents >= 0]])
-    edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
+    between_places = edges[:, 0] != edges[:, 1]
+    edges = np.unique(edges[between_places], axis=0)
     motions = _motions_around(before, after, areas, unit, places)
     depth = np.maximum(cKDTree(before).query(places)[0], RIG.shallow * unit)
     found = _solve(places, motions, depth, edges)
@@ -260,7 +261,8 @@ def _middles(count: int, edges: Integers) -> tuple[Integers, Integers, Integers]
     has_child = np.bincount(edges[:, 0], minlength=count) > 0
     continuing = edges[has_child[edges[:, 1]]]
     chosen = np.where(np.bincount(continuing[:, 0], minlength=count) > 0, 1, 0)
-    ahead = np.concatenate([continuing, edges[chosen[edges[:, 0]] == 0]])
+    ends = edges[chosen[edges[:, 0]] == 0]
+    ahead = np.concatenate([continuing, ends])
     above, below = edges[:, [1, 0]], ahead
     single_above = np.bincount(above[:, 0], minlength=count) == 1
     single_below = np.bincount(below[:, 0], minlength=count) == 1

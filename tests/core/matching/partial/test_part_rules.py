@@ -231,8 +231,7 @@ def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, mon
     monkeypatch.setattr(
         candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.promise})
     )
-    with retune(PART_CANDIDATES, registered=2):
-        found = rough_candidates([lower.everywhere], [np.arange(3)], given=[maps[3]])
+    found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
 
 
@@ -247,9 +246,10 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_registered_again_an
         return PartCandidate(region, np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
 
     def registered(one: PartCandidate) -> PartCandidate:
-        return replace(one, scores={"fit": one.scores["fit"] - (3.5 if one is there[1] else 0.0)})
+        return replace(one, scores={"fit": one.scores["fit"] - (3.5 if one in there[1:] else 0.0)})
 
-    there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
+    there = [of_places(1.0, 0, 1), of_places(4.0, 2, 3), of_places(5.0, 3, 2)]  # the last one is not registered again
+    back = [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
     def fine_candidates(*_: object, backwards: bool = False, given: object = None) -> list[PartCandidate]:
         for fraction in (0.0, 0.5, 1.0):
@@ -263,7 +263,7 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_registered_again_an
     fractions = [report.fraction for report in reports]
     assert fractions[:6] == pytest.approx([0.0, 0.2, 0.4, 0.4, 0.6, 0.8])
     assert fractions == sorted(fractions)
-    assert [one.scores["fit"] for one in result] == [0.5, 1.0, 2.0]
+    assert [one.scores["fit"] for one in result] == [0.5, 1.0, 2.0, 5.0]
 
 
 # --- counterparts -----------------------------------------------------------------------------------------------

@@ -25,7 +25,8 @@ from zoomout_core.matching.partial.unknown_scale import (
     UNKNOWN_SCALE,
     RoughPlace,
     match_at_unknown_scale,
-    rough_place,
+    nearly_best,
+    rough_places,
     stretch,
     times_as_large,
 )
@@ -88,9 +89,9 @@ def test_scales_do_not_compete_before_each_has_its_place(monkeypatch: pytest.Mon
     true, sizes = lower.true_places(), []
     at_true = true_scale(lower)
 
-    def rough(regions: Sequence[Any], _sets: object, *, registered: int) -> list[Any]:
+    def rough(regions: Sequence[Any], _sets: object, most: int) -> list[Any]:
         (region,) = regions
-        sizes.append(registered)
+        sizes.append(most)
         scale = float(np.sqrt(region.part.shape.basis.areas.sum()))
         off = abs(np.log(scale / at_true))
         places = true if off < 0.3 else np.roll(true, 40)
@@ -99,8 +100,8 @@ def test_scales_do_not_compete_before_each_has_its_place(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(unknown_scale, "rough_candidates", rough)
     part = at_scale(lower.part.shape, 1 / at_true)
-    found = rough_place(part, lower.whole.shape, [0.2, 0.9 * at_true])
-    assert sizes == [UNKNOWN_SCALE.registered] * 2
+    found = rough_places(part, lower.whole.shape, [0.2, 0.9 * at_true])[0]
+    assert sizes == [UNKNOWN_SCALE.maps_per_scale] * 2
     assert found.scale == pytest.approx(at_true, rel=0.08)
     assert lower.whole.between[found.places, true].mean() < 0.1
 
@@ -114,11 +115,22 @@ def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> Non
 
 
 @pytest.mark.parametrize(
-    ("certain_at", "fragments", "tried"),
-    [(0.5, 1, [0.5]), (None, 1, [0.5, 0.1, 0.14, 0.19]), (0.14, 1, [0.5, 0.1, 0.14, 0.19]), (None, 2, [0.5])],
+    ("certain_at", "fragments", "known", "tried"),
+    [
+        (0.5, 1, 0.0, [0.5]),
+        (None, 1, 0.0, [0.5, 0.1, 0.14, 0.19]),
+        (0.14, 1, 0.4, [0.5, 0.1, 0.14, 0.19]),
+        (None, 1, 0.6, [0.5]),
+        (None, 2, 0.0, [0.5]),
+    ],
 )
 def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
-    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole, certain_at: float | None, fragments: int, tried: list[float]
+    monkeypatch: pytest.MonkeyPatch,
+    lower: PartAndWhole,
+    certain_at: float | None,
+    fragments: int,
+    known: float,
+    tried: list[float],
 ) -> None:
     seen: list[float] = []
 
@@ -128,9 +140,9 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
     monkeypatch.setattr(unknown_scale, "match_part", placed)
-    monkeypatch.setattr(unknown_scale, "rough_place", lambda *_: RoughPlace(0.1, 0.5, np.arange(4)))
+    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.2, 0.5, np.arange(4))])
     source = lower.part if fragments == 2 else lower.whole
-    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement)
+    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement, known)
     assert found is not None
     if fragments == 1:
         assert seen == pytest.approx(tried)
@@ -138,6 +150,21 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
         assert taken == pytest.approx(certain_at or 0.5)
     else:
         assert len(seen) == 1
+
+
+@pytest.mark.parametrize(
+    ("certainties", "scales", "expected"),
+    [
+        ((0.61, 0.6, 0.4), (0.65, 0.52, 0.9), [0.65, 0.52]),
+        ((0.61, 0.5, 0.4), (0.65, 0.52, 0.9), [0.65]),
+        ((0.93, 0.92, 0.2), (0.76, 0.775, 0.58), [0.76]),
+    ],
+)
+def test_another_scale_that_is_nearly_as_certain_is_matched_too(
+    certainties: tuple[float, ...], scales: tuple[float, ...], expected: list[float]
+) -> None:
+    places = [RoughPlace(certainty, scale, np.arange(4)) for certainty, scale in zip(certainties, scales, strict=True)]
+    assert [one.scale for one in nearly_best(places)] == expected
 
 
 def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
@@ -149,12 +176,12 @@ def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
         seen.append(pair)
         return [SimpleNamespace(certainty=0.9)]
 
-    def roughly(_part: object, _whole: object, scales: list[float]) -> RoughPlace:
+    def roughly(_part: object, _whole: object, scales: list[float]) -> list[RoughPlace]:
         tried.append(min(scales))
-        return RoughPlace(0.04, 0.5, np.arange(4))
+        return [RoughPlace(0.12, 0.5, np.arange(4))]
 
     tried: list[float] = []
-    monkeypatch.setattr(unknown_scale, "rough_place", roughly)
+    monkeypatch.setattr(unknown_scale, "rough_places", roughly)
     monkeypatch.setattr(unknown_scale, "match_part", placed)
     assert match_at_unknown_scale(pair_of(lower.part, lower.part), lambda _: no_disagreement) is None
     assert not seen

@@ -27,6 +27,8 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         ({"certainty": 0.1}, RED, "probably wrong"),
         ({"torn": 0.01}, GREEN, "certain"),
         ({"torn": 0.05}, AMBER, "tears apart 5.0%"),
+        ({"certainty": 0.8, "torn": 0.05}, AMBER, "tears apart 5.0%"),
+        ({"certainty": 0.7, "torn": 0.05}, AMBER, "may be wrong"),
         ({"torn": 0.3}, RED, "tears apart 30%"),
         ({"silent": 0.02}, AMBER, "receives almost nothing"),
         ({"certainty": 0.9979, "doubtful": 0.176}, GREEN, "(over 99% certain). It may be off by a little on the 18%"),

@@ -29,7 +29,7 @@ from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_surface
 
-GRID = (120, 80)
+GRID = (60, 40)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def source() -> Sheet:
     return sheet(torus, *GRID)
 
 
-TARGETS = {"same density": (97, 61), "coarse": (31, 23), "fine": (300, 200)}
+TARGETS = {"same density": (49, 31), "coarse": (31, 23), "fine": (150, 100)}
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1), "one island cut twice": (1, 1)}
 
 

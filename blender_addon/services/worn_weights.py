@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights of worn objects that follow the weights of the body that they are copied to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from bpy.types import Context
+from scipy.sparse import coo_array, csr_array
+
+import zoomout_core as zo
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.transfer import Attribute, WeightedBody, follow_weights
+
+from .. import mesh_data
+from ..mesh_data import ObjectPair, Worn
+from ..scene.pair import evaluated_sources, find_mesh
+
+
+class Change(NamedTuple):
+    """Weights of a copy before and after they follow the body, with the same labels: bones of the target's armature."""
+
+    before: Attribute
+    after: Attribute
+
+
+@dataclass(frozen=True, eq=False)
+class GroupWeights:
+    """Vertex groups of two bodies, and of what one of them wears.
+
+    Attributes:
+        source: those of the source.
+        target: those of the target.
+        worn: those of each worn object; None where it has none.
+    """
+
+    source: Attribute
+    target: Attribute
+    worn: list[Attribute | None]
+
+
+def read_group_weights(context: Context, pair: ObjectPair, worn: Sequence[Worn]) -> GroupWeights:
+    """Read the vertex groups of a pair and of worn objects."""
+    with evaluated_sources(context, pair) as sources:
+        of_source, _ = mesh_data.read_joined_weights(sources)
+    target = find_mesh(context, pair.target_name)
+    of_worn = list[Attribute | None]()
+    for each in worn:
+        obj = context.scene.objects[each.name]
+        found = mesh_data.read_weights(obj, obj.data) if obj.type == "MESH" else None
+        of_worn.append(found if found is not None and found.values.nnz else None)
+    return GroupWeights(of_source, mesh_data.read_weights(target, target.data), of_worn)
+
+
+def follow_groups(
+    weights: GroupWeights,
+    names: Mapping[str, str],
+    own: Sequence[str],
+    bones: Sequence[str],
+    body: tuple[zo.Surface, Booleans],
+    target: zo.Surface,
+    worn: Sequence[Worn],
+    fitted: Sequence[Floats],
+) -> list[Change | None]:
+    """How the weights of copies follow the target's, see `follow_weights`.
+
+    Args:
+        weights: the vertex groups.
+        names: for each bone of the source's body its name in the target's armature.
+        own: names of the outfit's own bones.
+        bones: names of the target's bones.
+        body: the source at rest without worn parts, and (n_s,) which of the source's vertices it has.
+        target: the target at rest.
+        worn: the objects.
+        fitted: for each (n, 3) its vertices on the target.
+
+    Returns:
+        The change for each object; None for those that keep their weights.
+    """
+    labels = tuple(dict.fromkeys([*bones, *names.values(), *own]))
+    of_worn = {**names, **{name: name for name in own}}
+    surface, is_body = body
+    before = WeightedBody(surface, csr_array(_by_label(weights.source, names, labels)[is_body]))
+    after = WeightedBody(target, _by_label(weights.target, {name: name for name in bones}, labels))
+    changes: list[Change | None] = [None] * len(worn)
+    if not before.weights.nnz or not after.weights.nnz:
+        return changes
+    bound = {
+        number: given
+        for number, each in enumerate(weights.worn)
+        if each is not None and (given := _by_label(each, of_worn, labels)).nnz
+    }
+    shapes, places = [worn[number].shape for number in bound], [fitted[number] for number in bound]
+    followed = follow_weights(before, after, shapes, places, list(bound.values()))
+    for (number, was), now in zip(bound.items(), followed, strict=True):
+        used = np.union1d(was.indices, now.indices)
+        named = replace(weights.source, labels=tuple(labels[column] for column in used))
+        changes[number] = Change(*(replace(named, values=csr_array(each[:, used])) for each in (was, now)))
+    return changes
+
+
+def _by_label(weights: Attribute, names: Mapping[str, str], labels: Sequence[str]) -> csr_array:
+    """(n, labels) the weights of the groups that have a name among these labels; others are left out."""
+    number = {label: column for column, label in enumerate(labels)}
+    column = np.array([number.get(names.get(group, ""), -1) for group in weights.labels], dtype=np.int64)
+    given = weights.values.tocoo()
+    kept = column[given.col] >= 0 if len(column) else np.zeros(0, dtype=bool)
+    index = given.row[kept], column[given.col[kept]] if len(column) else given.col[kept]
+    shape = given.shape[0], len(labels)
+    return csr_array(coo_array((given.data[kept].astype(np.float64), index), shape=shape))

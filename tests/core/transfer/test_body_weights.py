@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Weights of clothes that follow the weights of a body, on balls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.samples.spheres import ball
+from zoomout_core.transfer import WeightedBody, follow_weights
+from zoomout_core.transfer.dressing import body_weights
+from zoomout_core.tuning import retune
+
+BODY = ball(1, count=2500, seed=3)
+SHIRT = ball(1.03, count=800, seed=5)
+
+
+def bend(points: np.ndarray, height: float) -> csr_array:
+    """(n, 4) weights of two bones with a joint at a height; two more bones move nothing."""
+    upper = np.clip(0.5 + (points[:, 2] - height), 0, 1)
+    return csr_array(np.column_stack([1 - upper, upper, np.zeros((len(points), 2))]))
+
+
+def follow(worn: zo.Surface, weights: csr_array, points: np.ndarray | None = None) -> np.ndarray:
+    """(n, 4) weights of an object on a body whose joint is higher than on the body that wore it."""
+    before, after = (WeightedBody(BODY, bend(BODY.vertices, height)) for height in (0.0, 0.3))
+    places = worn.vertices if points is None else points
+    return follow_weights(before, after, [worn], [places], [weights])[0].toarray()
+
+
+def test_cloth_bends_where_the_other_body_does() -> None:
+    given = bend(SHIRT.vertices, 0.0)
+    wanted, found = bend(SHIRT.vertices, 0.3).toarray(), follow(SHIRT, given)
+    assert np.abs(given - wanted).max() > 0.29
+    assert np.abs(found - wanted).max() < 0.06
+    np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-9)
+
+
+def test_what_moves_unlike_the_skin_stays_as_it_is() -> None:
+    given = np.zeros((len(SHIRT.vertices), 4))
+    given[:, 2] = 0.5
+    np.testing.assert_allclose(follow(SHIRT, csr_array(given)), given, atol=1e-9)
+
+
+def test_a_change_is_smooth_where_the_skin_below_is_torn() -> None:
+    """The place of one vertex is off, so that the skin below it has other weights."""
+    given, places = bend(SHIRT.vertices, 0.0), SHIRT.vertices.copy()
+    wrong = int(np.argmin(np.abs(places[:, 2])))
+    places[wrong] = [0, 0, 1.03]
+    wanted = bend(SHIRT.vertices, 0.3).toarray()[wrong]
+    off = np.abs(follow(SHIRT, given, places)[wrong] - wanted).max()
+    with retune(body_weights.BODY_WEIGHTS, smooth=1e-6):
+        rough = np.abs(follow(SHIRT, given, places)[wrong] - wanted).max()
+    assert off < 0.6 * rough
+
+
+def test_a_vertex_is_moved_by_few_bones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(body_weights, "BONES", 1)
+    rigid = csr_array((bend(BODY.vertices, 0.0).toarray() > 0.5).astype(float))
+    given = csr_array((bend(SHIRT.vertices, 0.0).toarray() > 0.5).astype(float))
+    other = WeightedBody(BODY, csr_array((bend(BODY.vertices, 0.3).toarray() > 0.5).astype(float)))
+    (found,) = follow_weights(WeightedBody(BODY, rigid), other, [SHIRT], [SHIRT.vertices], [given])
+    assert np.diff(found.indptr).max() == 1

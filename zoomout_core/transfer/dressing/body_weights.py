@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Skin weights of worn objects on another body: changed as the weights of the skin below them change.
+
+A match slides along limbs, and armatures bend at joints of their own: cloth that keeps its weights bends beside the
+knee below it, so that the skin comes through in poses. Cloth keeps its own way of moving, such as that of a stiff
+collar or of a skirt with bones of its own, as far as it differed from the skin's before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.dressing.body_keys import means_of_skin
+from zoomout_core.transfer.dressing.form import Form, Lines
+from zoomout_core.transfer.dressing.patches import Patches
+from zoomout_core.transfer.inpaint import MIN_WEIGHT
+from zoomout_core.transfer.rigging.skinning import normalise
+from zoomout_core.transfer.rigging.weights import limit_weights
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class BodyWeightTuning(Tuning, set_by="outfits"):
+    """How smoothly weights change.
+
+    Attributes:
+        smooth: length over which the change of the skin's weights is averaged.
+    """
+
+    smooth: float = tuned(0.02, "at unit area", 1e-6, 1)
+
+
+BODY_WEIGHTS = BodyWeightTuning()
+# Columns of weights that are smoothed together; bounds the memory.
+COLUMNS = 32
+# Bones of a vertex that every format and engine supports: fewer on the objects and on the body are chance.
+BONES = 4
+
+
+class WeightedBody(NamedTuple):
+    """A body at rest with its skin weights, normalised."""
+
+    surface: Surface
+    weights: csr_array  # (n, b)
+
+
+@memory_in_words
+def follow_weights(
+    before: WeightedBody,
+    after: WeightedBody,
+    worn: Sequence[Surface | Lines],
+    fitted: Sequence[Floats],
+    weights: Sequence[csr_array],
+) -> tuple[csr_array, ...]:
+    """Change the weights of worn objects as the weights of the skin below them change from one body to another.
+
+    An object follows as far as its weights agree with those of the skin on the first body: the weights of a braid that
+    is bound to the head stay as they are.
+
+    Args:
+        before: the body that wore the objects.
+        after: the body that they were fitted to.
+        worn: the objects on the first body.
+        fitted: for each (n, 3) its vertices on the second one.
+        weights: for each (n, b) its weights, of the same bones as those of both bodies.
+
+    Returns:
+        For each (n, b) its weights, with the same sums.
+    """
+    sides = [
+        (Patches(body.surface.vertices / unit, body.surface.triangles), unit, normalise(body.weights))
+        for body in (before, after)
+        for unit in [float(np.sqrt(body.surface.area))]
+    ]
+    limit = int(np.diff(after.weights.indptr).max(initial=BONES))
+    found = []
+    for thing, moved, given in zip(worn, fitted, weights, strict=True):
+        skins = [
+            csr_array(means_of_skin(patches, points / unit) @ of_body)
+            for (patches, unit, of_body), points in zip(sides, (thing.vertices, moved), strict=True)
+        ]
+        agreement = normalise(given).minimum(skins[0]).sum(axis=1)
+        change = csr_array(diags_array(agreement) @ (skins[1] - skins[0]))
+        changed = _add(given, _smooth(Form.of(thing, sides[0][1]), change))
+        if isinstance(thing, Surface):
+            most = int(np.diff(given.indptr).max(initial=limit))
+            limit_weights(changed, thing, np.ones(given.shape[1], dtype=bool), most)
+        found.append(changed)
+    return tuple(found)
+
+
+def _smooth(form: Form, change: csr_array) -> csr_array:
+    """(n_v, b) changes of weights (n_v, b), averaged over a form; those of unconnected vertices are zero."""
+    number = form.number
+    used = np.flatnonzero(number >= 0)[::-1]
+    first = np.zeros(len(form.rest), dtype=np.int64)
+    first[number[used]] = used
+    columns = np.unique(change.indices)
+    smoothing = ScreenedSmoothing.of(form.areas, form.stiffness, BODY_WEIGHTS.smooth)
+    smoothed = np.zeros((len(number), len(columns)))
+    for start in range(0, len(columns), COLUMNS):
+        some = slice(start, start + COLUMNS)
+        smoothed[used, some] = smoothing.smooth(change[first][:, columns[some]].toarray())[number[used]]
+    rows, entries = np.nonzero(np.abs(smoothed) >= MIN_WEIGHT)
+    return csr_array((smoothed[rows, entries], (rows, columns[entries])), shape=change.shape)
+
+
+def _add(weights: csr_array, change: csr_array) -> csr_array:
+    """Weights (n, b) with a change added, not negative, and with the same sums as before."""
+    added = csr_array(weights + change)
+    added.data[added.data < MIN_WEIGHT] = 0
+    added.eliminate_zeros()
+    return csr_array(diags_array(np.asarray(weights.sum(axis=1)).ravel()) @ normalise(added))
