@@ -36,6 +36,9 @@ class BoneTuning(Tuning, set_by="binding"):
     Attributes:
         coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones with less area or
             trust follow that neighbour.
+        of_others: the same if the points are of another body, whose proportions would else bend and shift bones. With
+            1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half as far
+            again from it.
         radius: distance at which a difference of two rotations is converted to a distance of points.
         rounds: number of rounds of robust weights.
         steps: Gauss-Newton steps of a round.
@@ -48,6 +51,7 @@ class BoneTuning(Tuning, set_by="binding"):
     """
 
     coherence: float = tuned(1e-5, "of the area", 0, 1)
+    of_others: float = tuned(0.3, "of the area", 0, 100)
     radius: float = tuned(0.05, "1", 1e-6, 10)
     rounds: int = tuned(4, "rounds", 1, 100)
     steps: int = tuned(4, "steps", 1, 100)
@@ -82,7 +86,12 @@ class Pose:
 
 
 def estimate_pose(
-    points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None = None
+    points: Floats,
+    images: Floats,
+    weights: csr_array,
+    trust: Floats,
+    parents: ArrayLike | None = None,
+    coherence: float | None = None,
 ) -> Pose:
     """Estimate the pose that takes points to their images: rigid motions of the bones, after a common scale.
 
@@ -92,11 +101,12 @@ def estimate_pose(
         weights: (n, b) sparse skin weights, not negative.
         trust: (n,) weight of each point, not negative: its area times the trust in its image.
         parents: (b,) the number of each bone's parent, -1 for none; by default no bone has one.
+        coherence: weight of the agreement of connected bones; by default that of `BoneTuning`.
 
     Raises:
         MeshError: no trusted point has a weight.
     """
-    fit = _Fit(points, images, weights, trust, parents)
+    fit = _Fit(points, images, weights, trust, parents, coherence)
     tree = _tree(fit)
     transforms = _fit_one_by_one(fit, tree)
     for _ in range(BONES.rounds):
@@ -142,8 +152,15 @@ class _Fit:
     """
 
     def __init__(
-        self, points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None
+        self,
+        points: Floats,
+        images: Floats,
+        weights: csr_array,
+        trust: Floats,
+        parents: ArrayLike | None,
+        coherence: float | None = None,
     ) -> None:
+        self.coherence = BONES.coherence if coherence is None else coherence
         shares = normalise(weights)
         trust = np.where(np.diff(shares.indptr) > 0, trust, 0)
         mass = shares.T @ trust
@@ -288,7 +305,7 @@ def _fit_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
     """Procrustes fits of the bones, outwards from the one that moves most, each regularised by its predecessor."""
     moments, scale = fit.of_bones()
     rotation = np.empty((len(fit.mass), 3, 3))
-    leaning = scale * BONES.coherence * BONES.radius**2
+    leaning = scale * fit.coherence * BONES.radius**2
     for bone in tree.order:
         near = tree.above[bone]
         lean = leaning * rotation[near] if near >= 0 else np.zeros((3, 3))
@@ -311,7 +328,7 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
     if normals is not None:
         along, pull = _along_normals(fit, now, centre, normals)
         system, load = BONES.sliding * system + along, BONES.sliding * load + pull
-    _lean(tree, now, matrices, directions, system, load)
+    _lean(fit, tree, now, matrices, directions, system, load)
     system = system.reshape(6 * count, 6 * count)
     system += DAMPING * np.trace(system) / len(system) * np.eye(len(system))
     change = np.linalg.solve(system, load.ravel()).reshape(count, 2, 3)
@@ -355,7 +372,9 @@ def _widen(shares: csr_array, factors: Floats) -> csr_array:
     )
 
 
-def _lean(tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, system: Floats, load: Floats) -> None:
+def _lean(
+    fit: _Fit, tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, system: Floats, load: Floats
+) -> None:
     """Add terms to a linear system that make connected bones meet at their joint and rotate alike."""
     bone = np.flatnonzero(tree.above >= 0)
     near = tree.above[bone]
@@ -369,9 +388,9 @@ def _lean(tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, 
     turn = Rotation.from_matrix(now.rotation[near] @ np.swapaxes(now.rotation[bone], 1, 2)).as_rotvec()
     wanted = np.concatenate([apart, BONES.radius * turn], axis=1)
     for side, which in enumerate((bone, near)):
-        np.add.at(load, which, BONES.coherence * np.einsum("eai,ei->ea", changes[:, side], wanted))
+        np.add.at(load, which, fit.coherence * np.einsum("eai,ei->ea", changes[:, side], wanted))
         for other, what in enumerate((bone, near)):
-            blocks = BONES.coherence * np.einsum("eai,eci->eac", changes[:, side], changes[:, other])
+            blocks = fit.coherence * np.einsum("eai,eci->eac", changes[:, side], changes[:, other])
             np.add.at(system.transpose(0, 2, 1, 3), (which, what), blocks)
 
 

@@ -3,8 +3,10 @@
 
 The map gives an initial pose. If it takes the target to the source's own body at rest, the target's vertices are
 projected to the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which
-shift whole limbs, no longer matter. Where the map is wrong, such as below clothes, it bends bones of a target that is
-at rest: a target that fits the source at rest as well by one similarity as by all bones is at rest.
+shift whole limbs, no longer matter. Free bones also bend and shift another body until it nearly fits, but never as well
+as the same one: then bones that lean on each other are fitted to the map alone. Where the map is wrong, such as below
+clothes, it bends bones of a target that is at rest: a target that fits the source at rest as well by one similarity as
+by all bones is at rest.
 """
 
 from __future__ import annotations
@@ -20,10 +22,10 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
+from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rigging.bone_fit import Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_fit import BONES, Pose, estimate_pose, refine_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
 from zoomout_core.transfer.rigging.weights import mixing_matrix
@@ -35,7 +37,11 @@ class RestTuning(Tuning, set_by="binding"):
     """Projection of a target to the source at rest.
 
     Attributes:
-        same_body: median distance from the source at rest up to which the target is the same body.
+        same_body: median distance from the source at rest up to which the target may be the same body.
+        settled: the same after the last round, up to which it is.
+        faceted: further distance on account of the source's faces, as a multiple of the height of their arcs. With
+            both, characters in other poses end at .1 to .9 of the limit, also as one skin of voxels if their map is
+            right; animals and people of other builds at .8 to 4 times it.
         near: maximum distance from the source for projecting a vertex.
         along: maximum distance of the projection from the map's image.
         facing: minimum cosine between both normals.
@@ -47,6 +53,8 @@ class RestTuning(Tuning, set_by="binding"):
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
+    settled: float = tuned(0.0006, "at unit area", 0, 1)
+    faceted: float = tuned(0.6, "1", 0, 100)
     near: float = tuned(0.03, "at unit area", 0, 1)
     along: float = tuned(0.1, "at unit area", 0, 10)
     facing: float = tuned(0.5, "1", -1, 1)
@@ -85,24 +93,28 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     areas = target.vertex_areas
     confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
     own = csr_array(mixing_matrix(mapped) @ weights)
-    pose = estimate_pose(mapped.points, target.vertices, own, areas * confidence, parents)
+    fitted = mapped.points, target.vertices, own, areas * confidence, parents
+    pose = estimate_pose(*fitted)
     search, normals = SurfaceSearch(rest.vertices, rest.triangles), vertex_normals(target.vertices, target.triangles)
     found = replace(mapped, confidence=confidence)
     for _ in range(REST.rounds):
         projection = _project_at_rest(found, mapped, pose, weights, search, REST.along)
-        if not projection.is_same_body:
+        if not projection.is_near(REST.same_body):
             break
         found, trusted = _follow(projection, mapped, confidence), projection.trusted
         own = csr_array(mixing_matrix(found) @ weights)
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
         pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
+    bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
+    if not bent.is_near(REST.settled + REST.faceted * _height_of_arcs(rest)):
+        found, pose = replace(mapped, confidence=confidence), estimate_pose(*fitted, BONES.of_others)
+        bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if pose.is_rest:
         return PosedTarget(found, pose)
     counted = areas if mapped.has_partner is None else areas * mapped.has_partner
     unbent = _unbend(pose, target.vertices, counted, rest, search)
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
-    bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
-    if projection.is_same_body and counted @ projection.off <= counted @ bent.off:
+    if projection.is_near(REST.same_body) and counted @ projection.off <= counted @ bent.off:
         return PosedTarget(_follow(projection, mapped, confidence), unbent)
     return PosedTarget(found, pose)
 
@@ -124,13 +136,17 @@ class _Projection:
         surface_map: the projection where it is trusted, the map elsewhere.
         off: (n_t,) distances from the source.
         trusted: (n_t,) where the projection is trusted.
-        is_same_body: whether the target is the source's own body.
+        unit: the square root of the source's area.
     """
 
     surface_map: SurfaceMap
     off: Floats
     trusted: Booleans
-    is_same_body: bool
+    unit: float
+
+    def is_near(self, distance: float) -> bool:
+        """Whether half of the vertices are within some distance of the source, at unit area."""
+        return bool(np.median(self.off) <= distance * self.unit)
 
 
 def _project_at_rest(
@@ -155,7 +171,15 @@ def _project_at_rest(
         np.where(trusted[:, None], barycentric, kept.barycentric),
         rest.triangles,
     )
-    return _Projection(surface_map, off, trusted, bool(np.median(off) <= REST.same_body * unit))
+    return _Projection(surface_map, off, trusted, float(unit))
+
+
+def _height_of_arcs(surface: Surface) -> float:
+    """The median height of the arcs over the edges of a surface, at unit area: a smooth surface lies that far off."""
+    mesh = surface.working
+    edges, _ = unique_edges(mesh.triangles)
+    chords, turns = (each[edges[:, 1]] - each[edges[:, 0]] for each in (mesh.vertices, mesh.vertex_normals))
+    return float(np.median(np.abs(np.einsum("ex,ex->e", chords, turns))) / 8)
 
 
 def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -> MappedTarget:

@@ -3,13 +3,14 @@
 
 import numpy as np
 from bent_tube import LENGTH, PARENTS, bend, pose_surface, tube, weights_of
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
-from zoomout_core.transfer.rigging.bone_fit import Pose
+from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
 from zoomout_core.tuning import retune
@@ -70,9 +71,37 @@ def test_another_body_is_read_along_the_map_alone():
     mapped = _mapped(source, target, still.vertices)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.mapped.surface_map is mapped.surface_map
-    with retune(REST, same_body=1.0):
+    with retune(REST, same_body=1.0, settled=1.0):
         taken = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert taken.mapped.surface_map is not mapped.surface_map
+
+
+def _short_bones(points, count=24):
+    """(n, count) weights of a chain of short bones."""
+    along = points[:, 2] / LENGTH * count - 0.5
+    return csr_array(np.maximum(1 - np.abs(along[:, None] - np.arange(count)), 0))
+
+
+def test_a_similar_body_is_not_bent_into_the_source():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    wave = 0.1 * np.sin(8 * np.pi * still.vertices[:, 2] / LENGTH)
+    other = still.vertices * [1.1, 0.9, 1.0] + wave[:, None] * [1.0, 0, 0]
+    mapped = _mapped(source, still.with_vertices(other), still.vertices)
+    weights, parents = _short_bones(source.vertices), np.arange(24) - 1
+
+    def find():
+        found = find_pose(mapped, source, weights, parents)
+        matrices = skinning_matrices(found.pose.transforms, _short_bones(still.vertices))
+        return found, np.std(transform_points(matrices, still.vertices)[:, 0] - still.vertices[:, 0])
+
+    (found, moved), size = find(), np.std(wave)
+    with retune(REST, settled=0.01):
+        same, moved_as_same = find()
+    with retune(BONES, of_others=BONES.coherence):
+        _, moved_freely = find()
+    assert found.mapped.surface_map is mapped.surface_map
+    assert same.mapped.surface_map is not mapped.surface_map
+    assert moved < 0.7 * size < 0.8 * min(moved_as_same, moved_freely)
 
 
 def test_vertices_are_not_read_far_from_where_the_map_has_them():
