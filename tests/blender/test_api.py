@@ -22,6 +22,7 @@ def objects():
     return hero, scan
 
 
+@pytest.mark.slow  # the tests of the installed extension run it, too
 def test_the_example_runs(objects):
     made = creature(1500, seed=1, bend=0.9)
     body = from_pydata("Body", made.surface.vertices.tolist(), made.surface.triangles.tolist())
