@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from bpy.types import Context
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.transfer import Attribute, WeightedBody, follow_weights
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
 from .. import mesh_data
 from ..mesh_data import ObjectPair, Worn
@@ -105,9 +106,5 @@ def follow_groups(
 def _by_label(weights: Attribute, names: Mapping[str, str], labels: Sequence[str]) -> csr_array:
     """(n, labels) the weights of the groups that have a name among these labels; others are left out."""
     number = {label: column for column, label in enumerate(labels)}
-    column = np.array([number.get(names.get(group, ""), -1) for group in weights.labels], dtype=np.int64)
-    given = weights.values.tocoo()
-    kept = column[given.col] >= 0 if len(column) else np.zeros(0, dtype=bool)
-    index = given.row[kept], column[given.col[kept]] if len(column) else given.col[kept]
-    shape = given.shape[0], len(labels)
-    return csr_array(coo_array((given.data[kept].astype(np.float64), index), shape=shape))
+    numbers = np.array([number.get(names.get(group, ""), -1) for group in weights.labels], dtype=np.int64)
+    return renumber_bones(weights.values, numbers, len(labels))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse import csr_array, vstack
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
@@ -20,13 +20,14 @@ from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.assets.gltf.avatars import read_avatar
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise
+from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +101,8 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
 
 def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
     """A skin for a surface without one: the weights of the nearest places of the body."""
-    triangle, shares = closest_points(surface.vertices, body.vertices, body.triangles)
-    rows = np.repeat(np.arange(len(triangle)), 3)
-    index = rows, body.triangles[triangle].ravel()
-    nearest = csr_array(coo_array((shares.ravel(), index), shape=(len(triangle), len(body.vertices))))
+    triangle, barycentric = closest_points(surface.vertices, body.vertices, body.triangles)
+    nearest = interpolation_matrix(body.triangles[triangle], barycentric, len(body.vertices))
     weights = normalise(csr_array(nearest @ skin.weights))
     rest, linear = to_rest(surface.vertices, weights, skin.transforms)
     return replace(skin, rest=rest, linear=linear, weights=weights)
@@ -247,13 +246,6 @@ def _columns(skin: Skin, of_target: Skin, pairs: Mapping[int, int], numbers: Map
     return columns
 
 
-def _move_columns(weights: csr_array, columns: Integers, count: int) -> csr_array:
-    """(n, count) normalised weights (n, b) with new numbers of their columns, which may be equal."""
-    given = weights.tocoo()
-    shape = given.shape[0], count
-    return normalise(csr_array(coo_array((given.data, (given.row, columns[given.col])), shape=shape)))
-
-
 def _make_skin(
     clothes: Asset,
     fit: Fit,
@@ -279,8 +271,8 @@ def _make_skin(
         transforms.append(of_target.transforms[anchor])
         inverse_bind.append(np.linalg.solve(worlds[-1], of_target.transforms[anchor]))
     every = count + len(joints)
-    weights, before = (_move_columns(each.weights, columns, every) for each in (skin, of_body))
-    after = _move_columns(of_target.weights, np.arange(count), every)
+    weights, before = (normalise(renumber_bones(each.weights, columns, every)) for each in (skin, of_body))
+    after = normalise(renumber_bones(of_target.weights, np.arange(count), every))
     ends = np.cumsum([0, *(len(each.vertices) for each in fit.objects)])
     followed = follow_weights(
         WeightedBody(fit.body.surface, before),

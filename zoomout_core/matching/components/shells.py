@@ -40,7 +40,7 @@ AT_ONCE = 50_000
 # Samples of all parts, the nearest ones to a vertex among which another part may cover it, as a shirt covers a body,
 # and the cosine of the angle to its normal below which a sample is beside it, not above.
 COVERING_POINTS, COVERING_NEIGHBOURS, STRAIGHT_ABOVE = 40_000, 32, 0.7
-# Tolerance of the distance of a surface from the moved target, at unit area: a part of `ShellTuning.half_distance`.
+# Tolerance of distances between the source and the moved target, at unit area, small beside `half_distance`.
 APART_TOLERANCE = 0.01
 # Share of a surface's area that clothes make up at least: the plates of robots, which slide over each other, are less.
 COVERING_AREA = 0.1

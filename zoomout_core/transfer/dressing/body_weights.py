@@ -42,7 +42,7 @@ class BodyWeightTuning(Tuning, set_by="outfits"):
 BODY_WEIGHTS = BodyWeightTuning()
 # Columns of weights that are smoothed together; bounds the memory.
 COLUMNS = 32
-# Bones of a vertex that every format and engine supports: fewer on the objects and on the body are chance.
+# Bones per vertex that every format and engine supports: objects and bodies with fewer of them may get as many.
 BONES = 4
 
 

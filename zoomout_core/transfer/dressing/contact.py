@@ -17,6 +17,7 @@ from zoomout_core.geometry.oriented_closest_points import ORIENTED_SEARCH, Orien
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
+from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
@@ -317,8 +318,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
     beside = skin.vertices[surface.beside(skin.vertices, CONTACT.looked_at)]
     triangle, barycentric, distance = surface.closest(beside)
     near = np.flatnonzero(distance < CONTACT.looked_at)
-    rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
-    return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))
+    return interpolation_matrix(triangles[triangle[near]], barycentric[near], len(positions))
 
 
 def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:

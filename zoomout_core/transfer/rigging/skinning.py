@@ -9,7 +9,7 @@ quaternion blending, 2008).
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
@@ -50,6 +50,18 @@ def normalise(weights: csr_array) -> csr_array:
     sums = np.asarray(shares.sum(axis=1)).ravel()
     shares.data /= np.repeat(np.where(sums > 0, sums, 1), np.diff(shares.indptr))
     return shares
+
+
+def renumber_bones(weights: csr_array, numbers: Integers, count: int) -> csr_array:
+    """(n, count) weights (n, b) by other numbers (b,) of the bones.
+
+    Weights of bones with the same number are added, and those of bones with the number -1 are left out.
+    """
+    given = weights.tocoo()
+    column = numbers[given.col]
+    kept = column >= 0
+    entries = given.data[kept].astype(np.float64), (given.row[kept], column[kept])
+    return csr_array(coo_array(entries, shape=(given.shape[0], count)))
 
 
 def row_of(matrix: csr_array) -> Integers:

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import renumber_bones, skinning_matrices, transform_points
 
 BOTH = csr_array(np.array([[0.5, 0.5]]))
 
@@ -56,6 +56,14 @@ def test_dual_quaternions_are_blended_along_the_shorter_way():
     # 170 and 190 degrees differ by 20, but scipy's quaternions for them have opposite signs.
     matrices = skinning_matrices(_turned(170, 190), BOTH, preserve_volume=True)
     np.testing.assert_allclose(matrices[0, :, :3], Rotation.from_euler("z", 180, degrees=True).as_matrix(), atol=1e-9)
+
+
+def test_bones_of_one_number_share_their_weights_and_those_without_one_are_left_out():
+    weights = csr_array(np.array([[0.5, 0.2, 0.2, 0.1], [0, 0, 0, 1.0]], dtype=np.float32))
+    found = renumber_bones(weights, np.array([2, 0, 0, -1]), 3)
+    np.testing.assert_allclose(found.toarray(), [[0.4, 0, 0.5], [0, 0, 0]], atol=1e-7)
+    assert found.dtype == np.float64
+    assert renumber_bones(csr_array((2, 0)), np.zeros(0, dtype=np.int64), 3).shape == (2, 3)
 
 
 def test_weights_are_left_as_they_were():
