@@ -48,7 +48,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """Do not look for garbage among what is imported and collected: it stays, and the search takes up to a fifth."""
+    """Disable garbage collection while tests are collected: their objects stay, and it takes up to a fifth."""
     gc.disable()
     try:
         return (yield)
