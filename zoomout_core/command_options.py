@@ -97,7 +97,7 @@ def tell(line: str) -> None:
 def batch_options(
     endings: Sequence[str],
     default: str | None,
-    about_format: str = "Of the files in a folder.",
+    about_format: str = "Format of the files in an output folder.",
     inputs: Mapping[str, str] = SOURCE,
 ) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.

@@ -32,9 +32,7 @@ def library(folder: str, index: str | None, blender: str | None, as_json: bool) 
         raise click.ClickException(str(error)) from None
     for path, sentence in report.failures.items():
         click.echo(f"{path} was skipped. {sentence}", err=True)
-    lines = [
-        f"{report.assets} assets can be found, {report.new} of them new; {len(report.failures)} files were skipped."
-    ]
+    lines = [f"Characters: {report.assets}, {report.new} of them new. Files skipped: {len(report.failures)}."]
     figures = {
         "folder": folder,
         "assets": report.assets,
