@@ -72,7 +72,7 @@ def folders_option(command: Any) -> Any:
         "folders",
         multiple=True,
         type=click.Path(exists=True, file_okay=False),
-        help="Another folder from which buffers, materials and images may be read, besides the mesh's. May be repeated.",
+        help="Folder from which buffers, materials and images may be read, besides the mesh's; may be repeated.",
     )
     return option(command)
 
