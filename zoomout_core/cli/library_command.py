@@ -22,7 +22,7 @@ from zoomout_core.mesh.formats.blender_files import PROGRAM
 def library(folder: str, index: str | None, blender: str | None, as_json: bool) -> None:
     """Prepare the characters in FOLDER for `zoomout find`.
 
-    Those in folders inside it are prepared, too. Files that are prepared already are skipped unless they changed; an
+    Its subfolders are included. Files that are prepared already are skipped unless they changed; an
     interrupted preparation resumes where it stopped. Blender reads .blend and .fbx.
     """
     try:
