@@ -239,7 +239,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
     if scheduler is not None:
         if workers is not None:
-            raise OptionError("A cluster brings its own workers: omit --workers or --scheduler.")
+            raise OptionError("A cluster has workers of its own: leave out --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
         workers = min(usable_cores(), count) if has_dask() else 1
