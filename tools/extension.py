@@ -211,7 +211,7 @@ def built_pages(folder: Path) -> dict[str, bytes]:
     content = {}
     for name in DOCUMENTS:
         text = (DOCS / name).read_text(encoding="utf-8")
-        options = ["--extension=tables", "--extension=fenced_code", "--encoding=utf-8"]
+        options = ["--extension=tables", "--extension=fenced_code", "--extension=toc", "--encoding=utf-8"]
         run = [sys.executable, "-m", "markdown", *options]
         done = subprocess.run(run, input=text.encode(), env=build_environment(folder), check=True, capture_output=True)
         body = re.sub(r'href="(\w+)\.md', r'href="\1.html', done.stdout.decode())

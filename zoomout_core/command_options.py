@@ -45,7 +45,7 @@ NO_CACHE = "off"
 SOURCE = {"source": "SOURCE"}
 
 
-in_place_option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
+in_place_option = click.option("--in-place", is_flag=True, help="Allow the output to replace an input.")
 
 
 class OptionError(click.ClickException):
@@ -72,7 +72,7 @@ def folders_option(command: Any) -> Any:
         "folders",
         multiple=True,
         type=click.Path(exists=True, file_okay=False),
-        help="Folder in which buffers, materials and images may be, besides that of the mesh. May be repeated.",
+        help="Folder from which buffers, materials and images may be read, besides the mesh's; may be repeated.",
     )
     return option(command)
 
@@ -97,7 +97,7 @@ def tell(line: str) -> None:
 def batch_options(
     endings: Sequence[str],
     default: str | None,
-    about_format: str = "Of the files in a folder.",
+    about_format: str = "Format of the files in an output folder.",
     inputs: Mapping[str, str] = SOURCE,
 ) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
@@ -154,7 +154,7 @@ def mesh_options(command: Any) -> Any:
         show_envvar=True,
         expose_value=False,
         callback=_set_cache,
-        help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
+        help="Folder that caches prepared meshes for the next match, a gigabyte at most; off disables the cache.",
     )
     return cache(detail_options(command))
 

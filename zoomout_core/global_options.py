@@ -40,7 +40,7 @@ def quiet_option(command: Any) -> Any:
         is_eager=True,
         expose_value=False,
         callback=set_it,
-        help="Show no progress, and print only errors, and what --json asks for.",
+        help="Show no progress; print only errors and the output of --json.",
     )
     return option(command)
 

@@ -76,5 +76,5 @@ def things() -> Iterator[tuple[str, Surface, int]]:
 
 
 def _name(symmetry: zo.Symmetry) -> str:
-    kind = "reflection" if symmetry.reverses_orientation else f"turn of order {symmetry.order}"
-    return f"{kind}, {symmetry.certainty:.0%} sure"
+    kind = "reflection" if symmetry.reverses_orientation else f"rotation of order {symmetry.order}"
+    return f"{kind}, {symmetry.certainty:.0%} certain"

@@ -16,8 +16,8 @@ class ZOOMOUT_OT_check_motion(MatchedOperator):
     bl_idname = "zoomout.check_motion"
     bl_label = "Check Motion"
     bl_description = (
-        "Play the animation of the source's armature and that of the active mesh's, and report whether feet slide, "
-        "sink or float, or hands leave what they touch, unlike on the source. Lengths are relative to the legs"
+        "Play the animation on the source and on the active mesh. Report where feet slide, sink or float, or touching "
+        "parts come apart, while the source's do not. Lengths are relative to the legs"
     )
     bl_options = {"REGISTER"}
 

@@ -43,8 +43,8 @@ class ZOOMOUT_OT_keep_linked(TransferOptions, BlendOptions, LinkOperator):
     bl_idname = "zoomout.keep_linked"
     bl_label = "Keep Linked"
     bl_description = (
-        "Transfer the chosen data, and add a modifier by which UVs, colors, attributes and vertex groups of the active "
-        "mesh, and of the other selected ones, follow later edits of the source"
+        "Transfer the chosen data and add a modifier, so that UVs, colors, attributes and vertex groups of the active "
+        "mesh and of the other selected ones follow later edits of the source"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -57,8 +57,8 @@ class ZOOMOUT_OT_update_linked(LinkOperator):
     bl_idname = "zoomout.update_linked"
     bl_label = "Update Linked"
     bl_description = (
-        "Transfer all data of the linked meshes again, as it was chosen for Keep Linked: shape keys, materials, seams "
-        "and custom normals, which no modifier can write, and new layers of the source"
+        "Transfer the data chosen for Keep Linked again, including new layers of the source, and shape keys, "
+        "materials, seams and custom normals, which the modifier cannot write"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -19,9 +19,9 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
     bl_idname = "zoomout.move_rig"
     bl_label = "Move Rig"
     bl_description = (
-        "For meshes of another build: copy the source's armature, move its bones into the active mesh and each other "
-        "selected one, and bind them to it with the source's vertex groups. Meshes keep their place and size, and are "
-        "matched first if necessary"
+        "For meshes of another build: copy the source's armature, move its bones into the body of the active mesh, and "
+        "bind the mesh to the copy with the source's vertex groups; the same for the other selected meshes. Meshes "
+        "keep their place and size, and are matched first if necessary"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -35,13 +35,13 @@ class ZOOMOUT_OT_rename_shape_keys(ModalOperator):
 
     convention: EnumProperty(
         name="Convention",
-        description="Whose names to give",
+        description="Convention of the new names",
         items=tuple((name.upper(), spelling.title, ABOUT[name]) for name, spelling in CONVENTIONS.items()),
         default="ARKIT",
     )
     compose: BoolProperty(
         name="Add Sums",
-        description="Add keys that are the sum of several, such as both sides of a blink; these stay",
+        description="Add keys that are the sum of several, such as a blink of both eyes; the separate keys are kept",
         default=True,
     )
 

@@ -23,7 +23,7 @@ class BakeOptions:
         options=ONCE,
     )
     bake_uv_map: StringProperty(
-        name="Atlas",
+        name="UV Map",
         description="UV map of the target to bake to; if empty, the active one",
         options=ONCE,
     )

@@ -20,7 +20,7 @@ class LibrarySettings:
 
     library_folder: StringProperty(
         name="Library",
-        description="Folder of finished characters, with those in folders inside it",
+        description="Folder of finished characters; its subfolders are included",
         subtype="DIR_PATH",
     )
     use_asset_libraries: BoolProperty(

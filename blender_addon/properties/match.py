@@ -38,14 +38,14 @@ class RedoOptions:
     redo_group: StringProperty(
         name="Redo Only",
         description=(
-            "Vertex group of the target where matching again replaces the match, which stays elsewhere, with a smooth "
-            "transition; if empty, all of it is replaced"
+            "Match Again replaces the match only in this vertex group of the target, with a smooth transition; if "
+            "empty, everywhere"
         ),
         options=ONCE,
     )
     redo_keeps: BoolProperty(
         name="Keep",
-        description="The vertex group says what is kept, and all else is matched again",
+        description="Keep the match in the vertex group, and match everything else again",
         default=False,
         options=ONCE,
     )

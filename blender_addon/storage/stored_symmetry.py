@@ -149,9 +149,9 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 def describe(symmetry: zo.Symmetry) -> dict[str, Any]:
     """The description of a symmetry, without map and thumbnail, for the candidates of `description`."""
-    turn = message("Turn of order {order}", order=symmetry.order) if symmetry.order else "Turn"
+    turn = message("Rotation of order {order}", order=symmetry.order) if symmetry.order else "Rotation"
     turn = "Half turn" if symmetry.order == 2 else turn
-    reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
+    reflection = "Reflection" if symmetry.order == 2 else "Mirrored rotation"
     return {
         "name": reflection if symmetry.reverses_orientation else turn,
         "reverses_orientation": symmetry.reverses_orientation,

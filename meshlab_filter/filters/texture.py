@@ -87,7 +87,7 @@ def transfer_texture_by_zoomout(
     if outside:
         notes.append(
             warning(
-                "{count:,} faces of layer '{name}' are outside the unit square, and were not baked.",
+                "{count:,} faces of layer '{name}' are outside the unit square, and were not baked: move their UVs.",
                 count=outside,
                 name=target.label,
             )

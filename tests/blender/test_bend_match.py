@@ -53,7 +53,7 @@ def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source,
     assert find_outdated(bpy.context, marked)
     said = bend_match(bpy.context, marked)
     bend_match(bpy.context, marked)
-    assert said.startswith("Bent the match of 'Target' to 1 landmark, after a miss of up to ")
+    assert said.startswith("Bent the match of 'Target' to 1 landmark, which it missed by up to ")
     assert find_outdated(bpy.context, marked) == []
     bent = stored_match.read(marked.data, pair)
     assert zo.evaluation.flipped_share(bent.surface_map, pair.source, pair.target) < 0.01

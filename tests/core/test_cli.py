@@ -41,7 +41,7 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
         "Mean confidence",
         "Flipped: ",
         "Without a partner: ",
-        "candidate 0 of ",
+        "Candidate 0 of ",
     ):
         assert fact in outcome.output
     with np.load(files / "map.npz") as file:

@@ -50,15 +50,6 @@ CODE_HABITS = tuple(
     )
 )
 HASH = re.compile("#.*")
-# Descriptions of options that still have such a habit: remove them here as they are rewritten.
-ALLOWED = (
-    "A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
-    "Directions (a, 3) in which both meshes stand alike, or x, y or z.",
-    "Of the eigensolver.",
-    "Of the files in a folder.",
-    "The nearest points are the match, as far as they are near and face the same way, and what has none is filled in: "
-    "for clothes, in the pose of the body that they are on",
-)
 
 
 def _docstrings(tree: ast.Module) -> set[ast.AST]:
@@ -104,7 +95,7 @@ def test_texts_for_users_have_no_habits_of_a_translation(package: str) -> None:
     found = {
         f"{path.relative_to(ROOT)}:{line}": text for path in paths for line, text in _stiff(path.read_text("utf-8"))
     }
-    assert {place: text for place, text in found.items() if text not in ALLOWED} == {}
+    assert found == {}
 
 
 @pytest.mark.parametrize("room", [*PACKAGES, "benchmarks", "tools", "tests"])
@@ -121,10 +112,6 @@ def test_docstrings_and_comments_have_no_habits_of_a_translation(room: str) -> N
 @pytest.mark.parametrize("code", ['"""What is drawn."""', "x = 1  # computed anew", '"""A line. What is lost."""'])
 def test_a_stiff_comment_is_found(code: str) -> None:
     assert [text for _, text in _comments(code) if any(habit.search(text) for habit in CODE_HABITS)]
-
-
-def test_few_texts_are_allowed() -> None:
-    assert len(ALLOWED) <= 5
 
 
 @pytest.mark.parametrize(

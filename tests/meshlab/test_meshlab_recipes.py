@@ -104,7 +104,7 @@ def gradient(pixels=256):
 def test_bake_the_texture_anew(folder, target):
     for name in ("front.png", "back.png"):
         gradient().save(folder / name)
-    names = run("Bake the texture anew")
+    names = run("Bake a new texture")
     assert place_error(names["ms"].mesh(1).vertex_color_matrix(), target.rest).mean() < 10
     assert (folder / "coloured.ply").is_file()
     ms = pymeshlab.MeshSet()
@@ -152,7 +152,7 @@ def share_of_background(image, uv, faces):
 def test_a_baked_texture_shows_nothing_from_beyond_islands(folder, source, target):
     """MeshLab's own filter does, wherever a face crosses a seam; the figure is that of the document."""
     paint_backgrounds(folder, source)
-    ms = run("Bake the texture anew")["ms"]
+    ms = run("Bake a new texture")["ms"]
     uv = ms.mesh(1).wedge_tex_coord_matrix().reshape(-1, 3, 2)
     assert share_of_background(Image.open("baked.png"), uv, len(target.faces)) == 0
     unbaked = pymeshlab.MeshSet()

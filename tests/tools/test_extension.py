@@ -58,8 +58,10 @@ def test_the_documentation_goes_along_as_pages_whose_links_and_pictures_are_ther
     assert {"docs/blender.html", "docs/transfer.html"} <= pages.keys()
     for name, page in pages.items():
         if name.endswith(".html"):
-            for place in re.findall(r'(?:src|href)="([^"]+)"', page.decode()):
-                assert f"docs/{place}" in pages, place
+            for place, section in re.findall(r'(?:src|href)="([^"#]*)#?([^"]*)"', page.decode()):
+                there = f"docs/{place}" if place else name
+                assert there in pages, place
+                assert not section or f'id="{section}"'.encode() in pages[there], section
 
 
 def test_what_is_new_begins_with_this_version():

@@ -101,7 +101,7 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
     for ratio in ratios:
         if not 0 < ratio < 1 or ratio * len(working.vertices) < MIN_VERTICES:
             raise MeshError(
-                f"A level with {ratio:g} of {len(working.vertices):,} vertices cannot be made: give shares below 1, of "
+                f"A level cannot have {ratio:g} of {len(working.vertices):,} vertices: give shares below 1 that leave "
                 f"{MIN_VERTICES} vertices or more."
             )
     poses = _Poses(source)

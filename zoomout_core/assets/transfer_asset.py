@@ -100,7 +100,7 @@ def transfer_asset(
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
-        raise MeshError("The source has no joints to move: choose a rigged source, and skin weights among the data.")
+        raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     mapped = map_target(match, source.surface, _place_all(target.surface), fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}

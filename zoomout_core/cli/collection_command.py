@@ -54,7 +54,7 @@ MATCHED, DRAWN = 0.9, 0.95
 @click.command()
 @click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
-@click.option("--template", type=click.Path(path_type=Path), help="A file: the source of all other shapes.")
+@click.option("--template", type=click.Path(path_type=Path), help="The file that is the source of all other shapes.")
 @click.option("--all-pairs", is_flag=True, help="Match every two shapes.")
 @click.option(
     "--pairs", type=click.Path(path_type=Path), help="A text file of pairs, with a source and a target per line."
@@ -141,10 +141,12 @@ def collection(
     """Match many shapes, and make their maps agree.
 
     Each shape is prepared once. FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps
-    are written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes
-    on where it was. OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
+    are written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; an interrupted run
+    resumes where it stopped. OUTPUT/report.html shows every shape coloured through its map, the least trusted first.
 
-    Where cycles of maps do not close, another candidate of a pair is taken, so that a flip is outvoted.
+    With --template and --transfer, every mesh is written with the data of the template to OUTPUT/meshes.
+
+    Where cycles of maps do not close, another candidate of a pair is used, so that a flip is outvoted.
 
     The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
     """
@@ -237,7 +239,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
     if scheduler is not None:
         if workers is not None:
-            raise OptionError("A cluster brings its own workers: omit --workers or --scheduler.")
+            raise OptionError("A cluster has workers of its own: leave out --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
         workers = min(usable_cores(), count) if has_dask() else 1

@@ -78,7 +78,7 @@ def find(
     The exit code is 0 if a source was found for all targets, 1 if for none, and 3 if for some.
     """
     if index is not None and len(folders) > 1:
-        raise click.UsageError("--index is of a single library: give one --library, or leave it out.")
+        raise click.UsageError("--index works with a single library: give one --library, or leave --index out.")
     if output is None and (transfer or move_rig or len(targets) > 1 or targets[0].is_dir()):
         raise click.UsageError("Several targets, --transfer and --move-rig need a folder for the results: give -o.")
     try:

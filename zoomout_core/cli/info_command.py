@@ -23,7 +23,7 @@ from zoomout_core.messages import note_figures, note_lines
 @folders_option
 @json_option
 def info(mesh: str, folders: tuple[str, ...], as_json: bool) -> None:
-    """Show the contents of MESH that `zoomout transfer` can carry."""
+    """Show the contents of MESH that `zoomout transfer` can read."""
     try:
         asset = read_asset(mesh, folders)
     except (ValueError, OSError, ImportError) as error:

@@ -22,7 +22,7 @@ from zoomout_core.mesh.formats.blender_files import PROGRAM
 def library(folder: str, index: str | None, blender: str | None, as_json: bool) -> None:
     """Prepare the characters in FOLDER for `zoomout find`.
 
-    Those in folders inside it are prepared, too. Files that are prepared already are skipped unless they changed; an
+    Its subfolders are included. Files that are prepared already are skipped unless they changed; an
     interrupted preparation resumes where it stopped. Blender reads .blend and .fbx.
     """
     try:
@@ -32,9 +32,7 @@ def library(folder: str, index: str | None, blender: str | None, as_json: bool) 
         raise click.ClickException(str(error)) from None
     for path, sentence in report.failures.items():
         click.echo(f"{path} was skipped. {sentence}", err=True)
-    lines = [
-        f"{report.assets} assets can be found, {report.new} of them new; {len(report.failures)} files were skipped."
-    ]
+    lines = [f"Characters: {report.assets}, {report.new} of them new. Files skipped: {len(report.failures)}."]
     figures = {
         "folder": folder,
         "assets": report.assets,

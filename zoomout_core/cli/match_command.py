@@ -70,8 +70,8 @@ def match(
     Either may be a point cloud.
 
     Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
-    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest the map is
-    that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
+    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest, for clothes
+    on a body, each vertex maps to its nearest point, with a confidence of one or zero, and nothing else is written.
 
     With --first-look, programs can show the map while it is refined: that file has some vertices of TARGET ("target")
     and, in a row for each candidate, the most likely first, their images on SOURCE ("source").
@@ -144,7 +144,7 @@ def _summary(result: MatchResult, parts: NamedParts) -> tuple[list[str], dict[st
     lines = [
         *match_lines(result, parts),
         f"Flipped: {over:.1%} of the target's area.",
-        f"Found by {origin}: candidate {result.chosen} of {len(result.candidates)}, counted from 0.",
+        f"Candidate {result.chosen} of {len(result.candidates)} (counted from 0), found by {origin}.",
         *note_lines(select_notes(notes, result.verdict)),
     ]
     return lines, {**match_figures(result, parts), "flipped": over, "origin": origin, **note_figures(notes)}

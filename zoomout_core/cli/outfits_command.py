@@ -79,12 +79,12 @@ def outfits(
     as_json: bool,
     **accuracy: Any,
 ) -> None:
-    """Dress avatars in what others wear.
+    """Dress avatars in the clothes of others.
 
     OUTFITS is a glTF or VRM file of a dressed avatar, or a folder of them; AVATARS are files or folders of the avatars
-    to dress, which keep all that they have. Clothes, hair and accessories are fitted to each avatar and bound to its
-    joints, with morph targets of the names of the avatar's, which make them follow its body. Joints of their own, such
-    as those of skirts, are added to the avatar.
+    to dress, which keep all of their data. Clothes, hair and accessories are fitted to each avatar and bound to its
+    joints. They get morph targets with the names of the avatar's, so that they follow its body. Joints of the outfit
+    alone, such as those of skirts, are added to the avatar.
 
     Each pair of bodies is matched once, and an interrupted run resumes where it stopped. The avatars are written to
     OUTPUT/dressed/AVATAR/OUTFIT.glb, or .vrm for an avatar in VRM, which is never compressed. OUTPUT/report.html shows

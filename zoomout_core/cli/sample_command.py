@@ -15,10 +15,10 @@ from zoomout_core.samples import write_samples
 def sample(folder: str, as_json: bool) -> None:
     """Write a character and a scan of it into FOLDER.
 
-    The other commands can be tried on them.
+    Try the other commands on them.
 
-    The character has texture coordinates, materials, colours, joints and an animation. The scan stands in another
-    pose and has other triangles; which of its vertices is which of the character's is known, see truth.txt.
+    The character has texture coordinates, materials, colours, joints and an animation. The scan has another pose and
+    other triangles, and no data. The file truth.txt lists corresponding vertices of both, for `zoomout evaluate`.
     """
     try:
         files = write_samples(folder)

@@ -41,8 +41,9 @@ from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, **accuracy: Any) -> None:
     """Find the symmetries of MESH in any pose.
 
-    Writes one of them: triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz
-    file, and of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
+    Lists all of them, and writes one to an .npz file: triangle, barycentric, vertex, confidence and functional_map of
+    the map of MESH onto itself, and for every vertex its signed distance from the symmetry line and its side: 1 left,
+    -1 right, 0 on the line.
     """
     try:
         check_map_output(output, [mesh])

@@ -76,7 +76,7 @@ MATCHED = 0.8
     type=click.Choice([each.replace(" ", "-") for each in SHAPES]),
     default=SHAPES[0],
     show_default=True,
-    help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
+    help="With skin weights: move TARGET to the rest pose if it is in another pose, always, or never.",
 )
 @click.option(
     "--move-rig",
@@ -92,8 +92,8 @@ MATCHED = 0.8
 @click.option(
     "--keep-map",
     is_flag=True,
-    help="Store the map in the glTF file, 16 bytes for each vertex, so that `zoomout update` can carry later changes "
-    "of SOURCE to it.",
+    help="Store the map in the glTF file, 16 bytes for each vertex, so that `zoomout update` can transfer later "
+    "changes of SOURCE to it.",
 )
 @compress_option
 @folders_option
@@ -119,10 +119,10 @@ def transfer(
 ) -> None:
     """Transfer the data of SOURCE to other meshes.
 
-    TARGETS may differ from SOURCE in pose, triangles and placement. From glTF the data are texture coordinates,
-    colours, materials with their images, morph targets, and skin weights: the joints come along, with what animates
-    them, and a target moves as SOURCE does. OBJ has texture coordinates, colours and materials, PLY texture coordinates
-    and colours; of other formats only the shape is read.
+    TARGETS may differ from SOURCE in pose, triangles and placement. A glTF or VRM source provides texture coordinates,
+    colours, materials with their images, morph targets, and skin weights with their joints and animations, so that a
+    target moves as SOURCE does. OBJ provides texture coordinates, colours and materials, PLY texture coordinates and
+    colours. Other formats provide only a shape.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json has the result of each; a target that fails does not affect the others.

@@ -180,7 +180,7 @@ MATCHING = (
         Kind.FLAG,
         True,
         "Both meshes usually stand upright, with Y or Z up, which decides between matches that fit equally well. "
-        "Turn this off if either may have been turned",
+        "Turn this off if one of them may be rotated",
         label="Upright",
         starts=("auto", "landmarks"),
         panel="Hints",

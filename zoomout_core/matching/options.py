@@ -43,8 +43,8 @@ class MatchOptions:
             eighth of the mesh's, from 4,000 to 6,000; None to match full meshes, which takes many times as long and
             gains little.
         common_axes: (3,) or (a, 3) directions that both surfaces share, such as the up axis, as evidence.
-        upright: shapes usually stand upright in their files, with y or z up, which is weak evidence; False where either
-            may have been turned.
+        upright: shapes usually stand upright in their files, with y or z up, which is weak evidence; False where one of
+            them may be rotated.
         regions: pairs of source vertices and target vertices that correspond as sets, such as vertex groups of the same
             name. They are evidence, constrain the map, and decide which loose parts are paired.
         partial: "auto": if the map of two whole shapes is unsure, and a piece may be missing at a border of either, one

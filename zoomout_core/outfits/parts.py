@@ -69,8 +69,8 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
     if wears and (all(known) or not any(known)):
         listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
         raise MeshError(
-            "The file needs a body and something worn, which the names of its parts do not tell apart "
-            f"({listed}): name those of the body by --body."
+            "The names of the parts do not show which belong to the body and which are worn "
+            f"({listed}): name those of the body with --body."
         )
     of_body = np.array(known)[part.ravel()]
     return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))

@@ -36,7 +36,7 @@ def figures_of_outfits(result: OutfitsResult) -> dict[str, Any]:
 def lines_of_outfits(result: OutfitsResult) -> list[str]:
     """The same in sentences."""
     levels = ", ".join(f"{count} {level}" for level, count in _count_levels(result).items() if count)
-    lines = [f"{len(result.worn)} outfits on avatars: {levels}." if result.worn else "No outfit was put on an avatar."]
+    lines = [f"Dressed avatars: {levels}." if result.worn else "No avatar was dressed."]
     lines += [f"{name}: {worn.verdict.line}" for name, worn in _in_order(result) if worn.level != LEVELS[0]]
     lines += [f"{name}: failed. {reason}" for name, reason in result.failures.items()]
     return lines

@@ -87,8 +87,8 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     if lost:
         notes.append(
             warning(
-                "{count} joints that move the outfit have no counterpart in the avatar, such as {joint}: the joints "
-                "above them move it instead.",
+                "{count} joints that move the outfit have no counterpart in the avatar, such as {joint}: their parents "
+                "move it instead; check the outfit there.",
                 count=len(lost),
                 joint=lost[0],
             )

@@ -68,7 +68,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     if following is not None:
         preview.show(following)
     return message(
-        "Bent the match of '{target}' to {landmarks}, after a miss of up to {most:.1%} of its size",
+        "Bent the match of '{target}' to {landmarks}, which it missed by up to {most:.1%} of its size",
         target=target_name,
         landmarks=what,
         most=most,

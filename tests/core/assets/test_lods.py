@@ -275,8 +275,8 @@ def skin_of(weights: csr_array, bones: np.ndarray, surface: zo.Surface) -> Skin:
     ("options", "code", "sentence"),
     [
         (("--ratios", "half"), 2, "--ratios is 'half': give shares such as 0.5,0.25,0.1"),
-        (("--ratios", "1.5"), 1, "A level with 1.5 of"),
-        (("--ratios", "0.0001"), 1, "cannot be made"),
+        (("--ratios", "1.5"), 1, "A level cannot have 1.5 of"),
+        (("--ratios", "0.0001"), 1, "that leave 12 vertices"),
         (("--format", "ply", "--keep-map"), 2, "--keep-map needs files in glTF"),
     ],
 )

@@ -50,7 +50,7 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("outfits", "reason"),
     [
-        ("naked.glb", "name those of the body by --body"),
+        ("naked.glb", "name those of the body with --body"),
         ("missing.glb", "There is no file or folder"),
         ("scan.obj", "scan.obj is no glTF or VRM file"),
     ],

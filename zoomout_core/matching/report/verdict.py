@@ -34,11 +34,11 @@ DOUBTFUL = "{share:.0%} of the target is doubtful."
 ALONE = "{share:.0%} of the target has no counterpart on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
-LOOK_AT_TORN = "Select the torn vertices to see where, and add landmarks around that place."
+LOOK_AT_TORN = "Look at the torn vertices, and add landmarks around them."
 ONLY_IF_MIRRORED = "Use it only if the target is a mirror image of the source."
-LOOK_AT_DOUBTFUL = "Select the doubtful vertices to see where, and add landmarks there, or transfer the rest only."
+LOOK_AT_DOUBTFUL = "Look at the doubtful vertices, and add landmarks there, or transfer to the rest only."
 LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missing, or transfer their data separately."
-LOOK_AT_ALONE = "Select the vertices without a partner, and check that the target shows more than the source there."
+LOOK_AT_ALONE = "Look at the vertices without a partner, and check that the source lacks that part."
 
 
 # Doubtful share of the target from which a green verdict mentions it, so that it does not round to 0%.
