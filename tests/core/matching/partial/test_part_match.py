@@ -22,7 +22,6 @@ from zoomout_core.matching.partial.part_match import (
     may_be_part,
     part_of,
 )
-from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retune
