@@ -349,7 +349,7 @@ def _matches() -> Iterator[Case]:
     yield _make("part other unit", lambda: (creature(), scale(_arm_and_whole()[1], 2.54)))
     yield _make("part landmarks", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "initial": "landmarks"})
     yield _make("part exact", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "exact_landmarks": True})
-    yield _make("part too coarse", lambda: (creature(USUAL), keep_faces(creature(TINY, 1), lambda p: p[:, 0] > 0)))
+    yield _make("coarse part", lambda: (creature(USUAL), keep_faces(creature(TINY, 1), lambda p: p[:, 0] > 0)))
     yield Case("part use 1", lambda _: _other_candidate_of_part())
 
     game = "characters/game"

@@ -45,7 +45,9 @@ def test_nothing_is_printed(name: str, colored: tuple[Path, Path], tmp_path: Pat
     given = arguments(name, colored, tmp_path)
     ran = run(zoomout, *given, "--quiet")
     assert (ran.exit_code, ran.output) == (0, "")
-    ran = run(zoomout, "-q", *given[:1], *given[1:], "--json")
+    (tmp_path / "again").mkdir()
+    again = arguments(name, colored, tmp_path / "again")
+    ran = run(zoomout, "-q", *again, "--json")
     assert ran.exit_code == 0
     assert json.loads(ran.output)
 

@@ -402,7 +402,7 @@ def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without
     (note,) = unused(initial="PROXIMITY", k_final=60)
     assert "(Map Resolution)" in note
     (note,) = unused()
-    assert "(Method, Landmarks, Names, Same Up Axis, Last Match, Map Resolution)" in note
+    assert "(Method, Landmarks, Names, Same Up Axis, Last Match, Upright, Map Resolution)" in note
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     assert unused(initial="PROXIMITY", k_final=40) == []
     assert unused(initial="PROXIMITY", k_final=40) == []

@@ -4,12 +4,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 
 import pytest
 from creatures import Creature, creature
 
+from zoomout_core.matching.preparation.proxy import PROXY
+from zoomout_core.tuning import retune
+
 # Tests write nothing to the user's cache.
 os.environ["ZOOMOUT_CACHE"] = "off"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def coarse_meshes() -> Iterator[None]:
+    """Meshes of a few hundred vertices are analysed as they are: `preparation/test_proxy.py` tests subdivided ones."""
+    with retune(PROXY, fewest=12):
+        yield
 
 
 @pytest.fixture(scope="session")

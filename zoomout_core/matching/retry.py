@@ -23,7 +23,6 @@ from zoomout_core.matching.partial.part_match import (
     part_of,
     places_of,
     sizes_differ,
-    too_coarse,
     units_differ,
 )
 from zoomout_core.matching.partial.region import REGION, is_small
@@ -31,7 +30,7 @@ from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate, rank, with_others
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, with_turned
-from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED, TOO_COARSE
+from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion, stage
 
@@ -47,16 +46,13 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
     """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
     fragments = False
     if options.partial == "auto" and may_be_part(first.pair):
-        if too_coarse(first.pair):
-            first = replace(first, pair=_with_note(first.pair, warning(TOO_COARSE)))
-        else:
-            with portion(0.0, 0.7):
-                second = attempt_part(first, known)
-            if second is not first:
-                return second
-            if units_differ(first.pair):
-                first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
-            fragments = are_fragments(first.pair)
+        with portion(0.0, 0.7):
+            second = attempt_part(first, known)
+        if second is not first:
+            return second
+        if units_differ(first.pair):
+            first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
+        fragments = are_fragments(first.pair)
     # More guesses found none of eight maps of fragments that were not found as parts.
     if options.initial == "auto" and not fragments and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         with portion(0.7, 1.0):

@@ -23,7 +23,7 @@ from zoomout_core.cli import main
 from zoomout_core.collection import collection
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
-from zoomout_core.collection.engine import Done, InThisProcess, Task, local_engine
+from zoomout_core.collection.engine import Done, InThisProcess, Task
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
 from zoomout_core.collection.report import figures_of_collection, lines_of_collection, page_of
 from zoomout_core.collection.shapes import Item
@@ -124,18 +124,6 @@ def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
     assert fractions == sorted(fractions)
     titles = list(dict.fromkeys(one.stage for one in told if one.stage))
     assert titles == [f"Matching {number} of 2" for number in range(3)]
-
-
-@pytest.mark.slow
-def test_processes_give_bit_equal_results(matched: zo.CollectionResult, folder: Path, tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    with local_engine(2, retries=0) as engine:
-        other = match_collection(
-            sorted(folder.glob("*.ply")), tmp_path, pairs=[("c", "d")], options=FAST, engine=engine
-        )
-    for pair in other.records:
-        one, two = (np.load(place / place_of_map(pair)) for place in (matched.folder, tmp_path))
-        assert all(np.array_equal(one[name], two[name]) for name in one.files if name != "record")
 
 
 def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, matched: zo.CollectionResult) -> None:

@@ -9,9 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic, sleep
 
+import numpy as np
 import pytest
+from creatures import creature
 
 from zoomout_core.collection import engine as engine_module
+from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import (
     Engine,
     Failure,
@@ -22,6 +25,8 @@ from zoomout_core.collection.engine import (
     remote_engine,
     run_tasks,
 )
+from zoomout_core.collection.tasks import place_of_map
+from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.runtime.progress import Cancelled, Progress, advance, progress, stage
 from zoomout_core.runtime.threads import threads
@@ -179,3 +184,18 @@ def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine_module, "CONNECTING", 0.5)
     with pytest.raises(ConnectionError, match="check the address"), remote_engine("tcp://127.0.0.1:9", retries=0):
         pass
+
+
+@pytest.mark.slow
+def test_processes_match_as_this_one_does(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    files = [tmp_path / f"{seed}.ply" for seed in range(2)]
+    for seed, file in enumerate(files):
+        write_shape(creature(700, seed=seed, bend=0.3 * seed, asymmetry=0.3).surface, file)
+    found = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        with local_engine(workers, retries=0) as engine:
+            (pair,) = match_collection(files, folder, pairs=[("0", "1")], engine=engine).records
+        found.append(np.load(folder / place_of_map(pair)))
+    assert all(np.array_equal(found[0][name], found[1][name]) for name in found[0].files if name != "record")

@@ -22,7 +22,7 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.ranking.rank import Candidate
-from zoomout_core.matching.report.notes import OTHER_UNITS, TOO_COARSE
+from zoomout_core.matching.report.notes import OTHER_UNITS
 from zoomout_core.matching.retry import attempt_part, needs_retry, retry
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
@@ -190,7 +190,6 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
     monkeypatch.setattr(retry_module, "attempt_part", watched)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     target = target.with_vertices(factor * target.vertices)
@@ -237,7 +236,6 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: cuts > 0)
     monkeypatch.setattr(retry_module, "are_fragments", lambda _: cuts > 1)
     monkeypatch.setattr(retry_module, "units_differ", lambda _: False)
-    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty, turns=1)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
     known: Any = None
@@ -271,7 +269,6 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     monkeypatch.setattr(retry_module, "match_part", none_found)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     with retune(PART_MATCH, unsure=1.0):
@@ -280,20 +277,3 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     assert (OTHER_UNITS in result.notes) == told
     # They are matched in the given unit only if both may share it.
     assert len(in_one) == (factor == 1)
-
-
-@pytest.mark.parametrize(
-    ("coarse", "has_cuts", "told"), [(True, True, True), (False, True, False), (True, False, False)]
-)
-def test_a_note_says_that_a_shape_is_too_coarse_to_be_tried_as_a_part(
-    monkeypatch: pytest.MonkeyPatch, coarse: bool, has_cuts: bool, told: bool
-) -> None:
-    monkeypatch.setattr(retry_module, "attempt_part", lambda whole, _: whole)
-    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(guess_module, "GUESSES", ())
-    if not coarse:
-        monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
-    source, target = creature(200).surface, creature(180, seed=1).surface
-    with retune(PART_MATCH, unsure=1.0):
-        result = zo.match(source, target, k_final=20, samples=100, landmarks=([0, 5], [0, 5]))
-    assert (TOO_COARSE in result.notes) == told

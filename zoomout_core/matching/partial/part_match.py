@@ -23,7 +23,7 @@ from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
 from zoomout_core.matching.refinement.confidence import Counterparts
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, fine_enough
+from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
@@ -71,11 +71,6 @@ def may_be_part(pair: Pair) -> bool:
     if any(shape.proxy.full.is_hull for shape in shapes):
         return False
     return any(np.isfinite(IncompleteShape(shape).cut_distance).any() for shape in shapes)
-
-
-def too_coarse(pair: Pair) -> bool:
-    """Whether a pair has too few vertices for one shape to be bent onto the other; small parts are subdivided."""
-    return not fine_enough(pair.source_shape, pair.target_shape) and not sizes_differ(pair)
 
 
 def sizes_differ(pair: Pair) -> bool:

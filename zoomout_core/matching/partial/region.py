@@ -16,11 +16,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
 from zoomout_core.matching.partial.landmark_search import landmarks_of
-from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart
+from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES, fine_enough
-from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -45,7 +43,6 @@ class RegionTuning(Tuning, set_by="small_parts"):
     apart: float = tuned(0.7, "1", 0.1, 10)
     radius: float = tuned(1.35, "1", 1, 10)  # radius of a region, relative to that extent
     vertices: int = tuned(3000, "vertices", 100, 100_000)  # approximate maximum size of a region's proxy
-    samples: int = tuned(1000, "samples", 10, 10_000)  # number of samples of a part that is subdivided
     functions: int = tuned(10, "eigenfunctions", 2, 1000)  # of a region, which are only needed for its area
     rivalry: float = tuned(5.3, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
     misfit: float = tuned(4.65, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
@@ -62,7 +59,7 @@ REGION = RegionTuning()
 class Region:
     """A part, and a region of a whole in which it may be, in a unit of their own."""
 
-    part: IncompleteShape  # the part; its mesh may be finer than that of the pair's
+    part: IncompleteShape  # the part
     whole: IncompleteShape  # the region
     of_part: ShapeAnalysis  # the part in the unit of the pair
     of_whole: ShapeAnalysis  # the whole in the unit of the pair
@@ -109,15 +106,11 @@ class Region:
         """A part that is bent onto the region, bent onto the whole, on the meshes and in the unit of the pair."""
         if self.vertex is None:
             return registered
-        own = slice(len(self.of_part.mesh.vertices))  # a finer mesh has the others behind those
-        positions = self._in_pair(registered.positions[own])
-        near = self.vertex[registered.closest.vertex[own]]
+        positions = self._in_pair(registered.positions)
+        near = self.vertex[registered.closest.vertex]
         mesh = self.of_whole.mesh
         closest = SurfaceMap(*Surroundings.of(self.of_whole).surface.closest(positions, near), mesh.triangles)
-        names = "normals", "rotations", "agreement", "is_near", "on_cut"
-        of_own = {name: getattr(registered, name)[own] for name in names}
-        residual = registered.residual[own] * self.unit
-        return replace(registered, positions=positions, closest=closest, residual=residual, **of_own)
+        return replace(registered, positions=positions, closest=closest, residual=registered.residual * self.unit)
 
 
 def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
@@ -127,10 +120,8 @@ def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
 
 def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
     """Regions of a whole in which a small part, in the same unit, may be, the most promising first."""
-    with portion(0.0, 0.2):
-        finer = _finer(part)
     scale = np.sqrt(REGION.part_area / part.basis.areas.sum())
-    here, there = IncompleteShape(at_scale(finer, scale)), IncompleteShape(at_scale(whole, scale))
+    here, there = (IncompleteShape(at_scale(each, scale)) for each in (part, whole))
     tip = landmarks_of(here, 1)[0]
     extent = here.between[tip].max()
     chosen: list[int] = []
@@ -139,29 +130,15 @@ def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
             chosen.append(int(place))
     inside = there.shape.distances[chosen] < REGION.radius * extent
     inside = inside[[bool(each[whole.mesh.triangles].all(axis=1).any()) for each in inside]]
-    with portion(0.2, 1.0):
-        return for_each(lambda each: _region(here, there, part, whole, each), list(inside))
-
-
-def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
-    """A part with enough vertices for a deformation graph."""
-    if fine_enough(part):
-        return part
-    mesh, _ = part.mesh.subdivide(MIN_VERTICES)
-    # Analyses are made at unit area.
-    scale = float(np.sqrt(part.basis.areas.sum()))
-    mesh = replace(mesh, vertices=mesh.vertices / scale, scale=mesh.scale * scale)
-    made = analyse(mesh, PART_REGISTRATION.image_functions, REGION.samples, 0)
-    return at_scale(made, scale)
+    return for_each(lambda each: _region(here, there, part, whole, each), list(inside))
 
 
 def _region(
     part: IncompleteShape, whole: IncompleteShape, of_part: ShapeAnalysis, of_whole: ShapeAnalysis, inside: Booleans
 ) -> Region:
-    """The region of some vertices (n,) of the whole's mesh, which is made finer or coarser."""
+    """The region of some vertices (n,) of the whole's mesh."""
     proxy = of_whole.proxy
     mesh, vertices = proxy.full.piece(inside[proxy.merged])
-    mesh, nearest = mesh.subdivide(MIN_VERTICES)
     shape = analyse(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
     region = IncompleteShape(at_scale(shape, mesh.scale / whole.shape.proxy.full.scale))
-    return Region(part, region, of_part, of_whole, proxy.merged[vertices[nearest[shape.proxy.full_vertex]]])
+    return Region(part, region, of_part, of_whole, proxy.merged[vertices[shape.proxy.full_vertex]])

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Proxies: decimated meshes of a few thousand vertices, on which maps are computed whatever the size of the mesh.
+"""Proxies: meshes of a few thousand vertices, on which maps are computed whatever the size of the mesh.
 
-With 200 eigenfunctions, a proxy of 5,000 vertices gives as exact a map as the full mesh, in much less time.
+Large meshes are decimated: with 200 eigenfunctions, a proxy of 5,000 vertices gives as exact a map as the full mesh, in
+much less time. Coarse ones are subdivided, in their shape.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ class ProxyTuning(Tuning, set_by="speed"):
     reduction: int = tuned(8, "1", 1, 1000)
     min_vertices: int = tuned(4000, "vertices", 4, 10**6)  # minimum size of a proxy
     max_vertices: int = tuned(6000, "vertices", 4, 10**6)  # larger ones take longer and gain little
+    # Meshes of fewer vertices are subdivided. Non-rigid registration needs two vertices for each node, and three rings
+    # around a vertex of a coarser mesh span whole limbs.
+    fewest: int = tuned(400, "vertices", 4, 10**6)
     worthwhile: float = tuned(1.25, "1", 1, 10)  # meshes larger by less than this factor are not decimated
     near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)  # images move to any point of the full mesh this near
 
@@ -43,7 +47,7 @@ ProxyVertices: TypeAlias = int | Literal["auto"] | None
 
 @dataclass(frozen=True, eq=False)
 class Proxy:
-    """A mesh part and its proxy, a smaller mesh; they are the same mesh if the part is small enough."""
+    """A mesh part and its proxy, a decimated or subdivided mesh; the part itself if its size is right."""
 
     full: WorkingMesh  # the part
     mesh: WorkingMesh  # the proxy, of unit area
@@ -112,7 +116,10 @@ def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
 
 
 def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
-    """A proxy with about `count` vertices for a connected mesh; the mesh itself for None, or if it is small."""
+    """A proxy of a connected mesh: subdivided if it is coarse, decimated to about `count` vertices if that is given."""
+    if len(part.vertices) < PROXY.fewest:
+        mesh, _ = part.subdivide(PROXY.fewest)
+        return Proxy(part, mesh, mesh.vertices, np.arange(len(part.vertices)))
     if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     points, triangles, merged = decimate(part.vertices, part.oriented_triangles, count)

@@ -18,8 +18,6 @@ from zoomout_core.tuning import Tuning, tuned
 
 # A point whose barycentric coordinates at vertices of a border fall short of one by less lies on it.
 ON_BORDER = 1e-2
-# Number of vertices of a mesh below which three rings around a vertex span whole limbs, so that they tell nothing.
-MIN_VERTICES = 400
 
 
 @dataclass(frozen=True)
@@ -79,10 +77,7 @@ def confidence_of(
     mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
     values, eigenvalues = target.basis.eigenvectors[:, :k_target], target.basis.eigenvalues[:k_target]
     off = spectral_distance(values, mapped, eigenvalues)
-    distortion = np.full(len(off), CONFIDENCE.usual_residual)
-    if len(off) >= MIN_VERTICES:
-        distortion = local_distortion(there, source, target, mirrored)
-    errors = np.column_stack([cycle, off, distortion])
+    errors = np.column_stack([cycle, off, local_distortion(there, source, target, mirrored)])
     pooled = np.maximum(target.basis.smoothed(errors, CONFIDENCE.pooling**2), 0)
     expected = np.sqrt(pooled.prod(axis=1) / CONFIDENCE.usual_residual)
     triangles = target.mesh.oriented_triangles

@@ -57,8 +57,6 @@ NONRIGID_SCHEDULE = (
 )
 # A level ends once its nodes move by less than this on average, at unit area.
 CONVERGED_MOTION = 6e-4
-# A mesh must have two vertices for each node of the finest level.
-MIN_VERTICES = 2 * max(level.nodes for level in NONRIGID_SCHEDULE)
 # A fit is rejected where eigenfunctions disagree with it by more than this factor times their disagreement with the
 # first map, plus an allowance at unit area. Both are averaged over a diffusion length, at unit area.
 MAX_DISAGREEMENT_RATIO = 2.0
@@ -85,15 +83,8 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def fine_enough(*shapes: ShapeAnalysis) -> bool:
-    """Whether all meshes have enough vertices for the nodes of the schedule."""
-    return all(len(shape.mesh.vertices) >= MIN_VERTICES for shape in shapes)
-
-
 def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
     """Register a target to its source, starting from a map between their meshes."""
-    if not fine_enough(source, target):
-        return Fit.of_map(first)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))

@@ -40,7 +40,6 @@ MISSED_LANDMARKS = (
 )
 TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
 SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
-TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
 SURE_CERTAINTY = 0.9

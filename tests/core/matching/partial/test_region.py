@@ -30,7 +30,6 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement.dense_map import dense_map
-from zoomout_core.matching.registration.nonrigid_icp import MIN_VERTICES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
@@ -165,19 +164,6 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     with retune(REGION, max_count=1, vertices=300):
         (coarser,) = find_regions(*part_of(pair))
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
-
-
-@pytest.mark.slow
-def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
-    hand, _, pair = paired(900, 800)
-    n = len(hand.directions)
-    assert n < MIN_VERTICES
-    with retune(REGION, max_count=1):
-        (region,) = find_regions(*part_of(pair))
-    for shape in (region.part.shape, region.whole.shape):
-        assert len(shape.mesh.vertices) >= MIN_VERTICES
-    np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
-    assert len(region.carry(bent_onto(region)).positions) == n
 
 
 def bent_onto(region: Region) -> RegisteredPart:

@@ -11,15 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from creatures import creature
+from creatures import creature, true_vertex
 from scipy.spatial import cKDTree
 
+import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.preparation.proxy import Proxy, carry, make_proxy
+from zoomout_core.matching.preparation.proxy import PROXY, Proxy, carry, make_proxy
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.tuning import retune
 
 
 def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
@@ -39,6 +41,27 @@ def test_a_small_mesh_stands_for_itself() -> None:
         assert proxy.mesh is part
         np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
         np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
+
+
+def test_a_coarse_mesh_is_subdivided_and_its_vertices_stay_in_place() -> None:
+    part = creature(200).surface.working
+    with retune(PROXY, fewest=400):
+        proxy = make_proxy(part, None)
+    assert len(proxy.mesh.vertices) >= 400
+    np.testing.assert_allclose(proxy.place.interpolate(proxy.vertices), part.vertices, atol=1e-12)
+    np.testing.assert_array_equal(proxy.full_vertex[:200], np.arange(200))
+    np.testing.assert_allclose(triangle_areas(proxy.mesh.vertices, proxy.mesh.triangles).sum(), 1)
+
+
+def test_coarse_meshes_match_more_exactly_if_they_are_subdivided() -> None:
+    source, target = creature(260, seed=0), creature(200, seed=1, bend=0.6)
+    truth, errors = true_vertex(source, target), []
+    for fewest in (12, 400):
+        zo.forget_shapes()
+        with retune(PROXY, fewest=fewest):
+            found = zo.match(source.surface, target.surface).surface_map
+        errors.append(zo.geodesic_error(found, source.surface, np.arange(len(truth)), truth).mean())
+    assert errors[1] < 0.8 * errors[0]
 
 
 def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:

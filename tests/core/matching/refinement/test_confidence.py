@@ -137,17 +137,6 @@ def test_a_map_distorts_its_surroundings_where_it_tears_and_everywhere_if_it_ref
     assert np.median(local_distortion(identity(shape), shape, shape, True)) > 0.1
 
 
-def test_on_coarse_meshes_the_surroundings_are_not_asked() -> None:
-    for count, asked in ((300, False), (500, True)):
-        made = creature(count, seed=0)
-        shape = analyse(made.surface.working.part(0)[0], 60, 200, 0)
-        there = SurfaceMap.from_vertices(np.arange(count), made.surface)
-        C = np.eye(40) * 1.5
-        back = SurfaceMap.from_vertices(np.roll(np.arange(count), 1), made.surface)
-        plain, reflected = (confidence_of(there, back, C, shape, shape, False, sense)[0] for sense in (False, True))
-        assert (plain.mean() > reflected.mean() + 0.1) == asked
-
-
 def test_what_lies_beside_an_error_is_doubted_too() -> None:
     # With all these functions nothing is smooth by itself.
     shape = analyse(MADE.surface.working.part(0)[0], 400, 400, 0)

@@ -212,16 +212,6 @@ def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) ->
     assert np.median(np.abs(off).max(axis=(1, 2))) < 0.05
 
 
-def test_coarse_meshes_keep_the_map_that_they_have() -> None:
-    source, target = creature(300, seed=0), creature(280, seed=1)
-    source_shape, target_shape, first = blurred_truth(source, target)
-    fit = fit_nonrigid(first, source_shape, target_shape, False)
-    assert fit.surface_map is first
-    assert not fit.fits.any()
-    assert fit.positions.shape == (280, 3)
-    assert fit.rotations.shape == (280, 3, 3)
-
-
 def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
     smooth = creature(9000).surface
     bumps = 1 + 0.03 * np.random.default_rng(0).random((len(smooth.vertices), 1))
