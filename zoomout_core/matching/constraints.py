@@ -184,16 +184,14 @@ def bend_to_points(
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
     # Both surfaces are bent with their seams welded, so that the bend does not end at one.
     here, there = target.working, source.working
-    used = np.flatnonzero(here.vertex_of >= 0)
-    number = here.vertex_of[used]
-    member = np.empty(len(here.vertices), dtype=np.int64)
-    member[number] = used
-    corners = there.vertex_of[surface_map.source_triangles]
+    corners, member = there.vertex_of[surface_map.source_triangles], here.surface_vertex
     welded = SurfaceMap(surface_map.triangle[member], surface_map.barycentric[member], corners)
     meshes = there.to_surface(there.vertices), here.to_surface(here.vertices), here.triangles
     bent = bend(welded, *meshes, places[first], missed[first], width)
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
-    triangle[used], barycentric[used] = bent.triangle[number], bent.barycentric[number]
+    used = np.flatnonzero(here.vertex_of >= 0)
+    of_used = here.vertex_of[used]
+    triangle[used], barycentric[used] = bent.triangle[of_used], bent.barycentric[of_used]
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
 
 

@@ -57,13 +57,10 @@ class Pair:
 def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n, 3) the vertices of a shape's part in the surface's own frame and unit."""
     part = shape.proxy.full
-    positions = part.to_surface(part.vertices)
     if part.is_hull:
-        return positions
+        return part.to_surface(part.vertices)
     # Bit-equal to the surface's own: two surfaces in one place are in one place here, too.
-    used = np.flatnonzero(part.vertex_of >= 0)
-    positions[part.vertex_of[used]] = surface.vertices[used]
-    return positions
+    return surface.vertices[part.surface_vertex]
 
 
 def standing(pair: Pair) -> Floats:

@@ -110,18 +110,15 @@ class _Meshes:
 
     def __init__(self, pair: Pair) -> None:
         self.source, self.target = pair.source.working, pair.target.working
-        used = np.flatnonzero(self.target.vertex_of >= 0)
-        # (n,) a vertex of the target's surface for each of its working vertices.
-        self.member = np.empty(len(self.target.vertices), dtype=np.int64)
-        self.member[self.target.vertex_of[used]] = used
         # (n_s, 6 + d) the features of the source's vertices, see `_Images`.
         places = self.source.vertices, self.source.vertex_normals, _marks(pair.source, pair.source_shape)
         self.features: SingleFloats = np.hstack([each.astype(np.float32) for each in places])
         self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
         self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
         self.areas = vertex_areas(self.target.vertices, self.target.triangles)  # (n,)
-        self.fixed = np.zeros(len(self.member), dtype=bool)  # (n,) vertices at exact landmarks
+        self.fixed = np.zeros(len(self.areas), dtype=bool)  # (n,) vertices at exact landmarks
         if pair.exact_landmarks is not None:
+            used = np.flatnonzero(self.target.vertex_of >= 0)
             points = landmark_points(pair, pair.exact_landmarks)[1]
             near = cKDTree(pair.target.vertices[used]).query(points)[1]
             self.fixed[self.target.vertex_of[used[near]]] = True
@@ -137,7 +134,7 @@ class _Meshes:
     def graph(self) -> csr_array:
         """(n, n) adjacency of the target's vertices."""
         ends = np.concatenate([self.edges, self.edges[:, ::-1]])
-        return csr_array((np.ones(len(ends)), ends.T), shape=(len(self.member), len(self.member)))
+        return csr_array((np.ones(len(ends)), ends.T), shape=(len(self.areas), len(self.areas)))
 
     @cached_property
     def samples(self) -> tuple[cKDTree, Integers]:
@@ -173,7 +170,8 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
 
 def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
     """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were rematched."""
-    source, target, member, edges = meshes.source, meshes.target, meshes.member, meshes.edges
+    source, target, edges = meshes.source, meshes.target, meshes.edges
+    member = target.surface_vertex
     number = np.zeros(len(pair.source.triangles), dtype=np.int64)
     number[source.triangle_of] = np.arange(len(source.triangles))
     images = meshes.images(number[surface_map.triangle[member]], surface_map.barycentric[member])
