@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats, row_norms, take_rows
-from zoomout_core.geometry.closest_points import closest_on_triangles
+from zoomout_core.geometry.closest_points import closest_on_triangles, search_tree
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import SMALLEST, Moments, products
 from zoomout_core.geometry.sparse_solve import factorise
@@ -145,7 +145,7 @@ class _Meshes:
         points, on = surface_samples(source.vertices, source.triangles, count)
         normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
         places = np.hstack([points, REPAIR.normal_weight * normals])
-        return cKDTree(places, balanced_tree=False, compact_nodes=False), on
+        return search_tree(places), on
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
