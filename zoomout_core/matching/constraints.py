@@ -52,7 +52,7 @@ class Constraints:
     earlier: Integers | None = None  # (s,) source vertex of each search sample by an earlier map
     # (s, 3) positions of the target's search samples in the frame of the source's part, or None if the two surfaces do
     # not overlap.
-    standing: Floats | None = None
+    in_space: Floats | None = None
     upright: bool = False  # whether both surfaces are likely to stand upright, with y or z up
 
     def anchors(self, pair: Pair) -> Anchors | None:
@@ -73,7 +73,7 @@ class Constraints:
         members = list(zip(*self._members(pair), strict=True))
         has_axes = len(self.common_axes) > 0
         # Axes and overlapping surfaces are stronger evidence of the same kind.
-        is_upright = self.upright and not has_axes and self.standing is None
+        is_upright = self.upright and not has_axes and self.in_space is None
         places = [
             positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]]
             for surface, shape in ((pair.target, target), (pair.source, source))
@@ -89,8 +89,8 @@ class Constraints:
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
-            if self.standing is not None:
-                moved = np.linalg.norm(source.proxy.vertices[there] - self.standing, axis=1)
+            if self.in_space is not None:
+                moved = np.linalg.norm(source.proxy.vertices[there] - self.in_space, axis=1)
                 disagreements[IN_SPACE] = float(target.weights @ moved)
             if heights:
                 agreement = correlation(heights[0], heights[1][sample_map], target.weights)

@@ -63,7 +63,7 @@ def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
     return surface.vertices[part.surface_vertex]
 
 
-def standing(pair: Pair) -> Floats:
+def target_in_space(pair: Pair) -> Floats:
     """(n, 3) the vertices of the target's part, where it is in space, in the frame of the source's part."""
     return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 

@@ -57,7 +57,7 @@ def guess(
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
-    if evidence.standing is not None:
+    if evidence.in_space is not None:
         hypotheses.insert(0, proximity_hypothesis(pair))
     if earlier is not None:
         hypotheses.insert(0, earlier)
@@ -88,7 +88,7 @@ def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) 
         rows = target.search.rows, source.basis.eigenvectors
         known = replace(known, earlier=nearest(*coordinates(*rows, earlier.functional_map, None)))
     places = None if pair.source is pair.target else overlapping(pair)  # a surface always coincides with itself
-    return known if places is None else replace(known, standing=places[target.search.samples])
+    return known if places is None else replace(known, in_space=places[target.search.samples])
 
 
 def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
