@@ -10,7 +10,7 @@ and projected to points of the source that are nearby along its surface as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -183,17 +183,7 @@ def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Bool
     filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
         beside = filled[edges].any(axis=1)  # edges that the filling changes
-        vertices, ends = np.unique(edges[beside], return_inverse=True)
-        fills = [images.at(vertices)]
-        for some, fill in _fills(images, filled, meshes):
-            fills.append(images.at(vertices))
-            fills[-1].replace_at(np.searchsorted(vertices, some), fill)
-        usual = limit / REPAIR.max_stretch * meshes.length[beside]
-        best = _choose_images(fills, filled[vertices], ends.reshape(-1, 2), usual)
-        for choice, fill in enumerate(fills):
-            chosen = np.flatnonzero(best == choice)
-            images.replace_at(vertices[chosen], fill.at(chosen))
-        filled[vertices[best == 0]] = False
+        _fill(images, filled, meshes, beside, limit / REPAIR.max_stretch * meshes.length[beside])
         length[beside] = _lengths(images.features, edges[beside])
         torn = _torn(length, meshes.length, limit)
     at_torn = np.zeros(len(filled), dtype=bool)
@@ -211,6 +201,24 @@ def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Bool
         _on_surface(at_torn & ~meshes.fixed, vertex_of),
         np.where(vertex_of >= 0, connected[vertex_of], 1.0),
     )
+
+
+def _fill(images: _Images, filled: Booleans, meshes: _Meshes, beside: Booleans, usual: Floats) -> None:
+    """Replace images of vertices (n,) that are to be filled in by those that distort their patch least, in place.
+
+    The lengths `usual` (b,) are those of the images of edges `beside` (e,) these vertices if the map is not distorted.
+    Patches that are distorted least as they are keep their images, and are no longer among the filled vertices.
+    """
+    vertices, ends = np.unique(meshes.edges[beside], return_inverse=True)
+    fills = [images.at(vertices)]
+    for some, fill in _fills(images, filled, meshes):
+        fills.append(images.at(vertices))
+        fills[-1].replace_at(np.searchsorted(vertices, some), fill)
+    best = _choose_images(fills, filled[vertices], ends.reshape(-1, 2), usual)
+    for choice, fill in enumerate(fills):
+        chosen = np.flatnonzero(best == choice)
+        images.replace_at(vertices[chosen], fill.at(chosen))
+    filled[vertices[best == 0]] = False
 
 
 def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
@@ -294,8 +302,8 @@ def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))
 
 
-def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> Iterator[tuple[Integers, _Images]]:
-    """Fill in some images from the others, and project them to the source: yields the vertices (q,), and their images.
+def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> list[tuple[Integers, _Images]]:
+    """Two ways to fill in some images from the others, on the source: for each the vertices (q,), and their images.
 
     The features of the images solve Poisson's equation: their differences in a patch are those of the target, turned
     and scaled like the patch's surroundings (Yu et al. 2004), so that the tip of a finger does not shrink to its base.
@@ -318,8 +326,11 @@ def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> Iterator[tuple
     goals = np.concatenate([factors.solve(np.asfortranarray(each - known)) for each in divergences])
     goals[:, 3:6] /= np.maximum(row_norms(goals[:, 3:6])[:, None], SMALLEST)
     projected = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
-    for on, barycentric in zip(*(np.split(each, len(divergences)) for each in projected), strict=True):
-        yield vertices[on >= 0], meshes.images(on[on >= 0], barycentric[on >= 0])
+    triangles, coordinates = (np.split(each, len(divergences)) for each in projected)
+    return [
+        (vertices[on >= 0], meshes.images(on[on >= 0], barycentric[on >= 0]))
+        for on, barycentric in zip(triangles, coordinates, strict=True)
+    ]
 
 
 def _divergence(
