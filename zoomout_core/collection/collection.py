@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 from uuid import uuid4
 
-from zoomout_core.collection.cycles import CYCLES, Agreement, agreeing, pairs_in_cycles
+from zoomout_core.collection.cycles import CYCLES, Agreement, choose_agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
 from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_unsure, pairs_with_template
@@ -347,7 +347,7 @@ class _Run:
                 maps[pair] = load_candidate_maps(self.folder / place_of_map(pair))
             except (FileNotFoundError, ArrayFileError) as error:
                 _log.warning("The candidates of %s cannot be read: %s", pair, error)
-        found = agreeing(maps, self._summary)
+        found = choose_agreeing(maps, self._summary)
         return found if found.before else None
 
     def beginnings(self, agreement: Agreement) -> dict[PairName, Beginning]:

@@ -65,7 +65,7 @@ def guess(
     if by_landmarks is not None:
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).and_those(anchors)
+        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).join(anchors)
     return _anchor(hypotheses, anchors)
 
 
@@ -100,5 +100,5 @@ def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypot
     """Hypotheses with landmarks as constraints of the final map, whatever they start from."""
     if anchors is None:
         return hypotheses
-    held = [anchors.and_those(each.anchors) for each in hypotheses]
+    held = [anchors.join(each.anchors) for each in hypotheses]
     return [replace(each, anchors=both, final_anchors=both) for each, both in zip(hypotheses, held, strict=True)]
