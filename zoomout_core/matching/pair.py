@@ -106,8 +106,8 @@ def distinct_landmarks(
     again = np.flatnonzero(original < np.arange(len(original)))
     if not len(again):
         return landmarks, ()
-    said = (message(REPEATED, number=one, original=original[one]) for one in again)
-    return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), tuple(said)
+    notes = tuple(message(REPEATED, number=one, original=original[one]) for one in again)
+    return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), notes
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
