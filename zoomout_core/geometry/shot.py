@@ -55,7 +55,7 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
         raise ValueError(f"The radius is {radius!r}: give a positive number, relative to the root of the area.")
     areas = vertex_areas(mesh.vertices, mesh.triangles)
     tree = cKDTree(mesh.vertices)
-    pairs = tree.query_ball_point(mesh.vertices, radius, workers=threads(), return_length=True)
+    pairs = np.asarray(tree.query_ball_point(mesh.vertices, radius, workers=threads(), return_length=True))
     descriptors = np.empty((len(areas), BINS))
     for block in consecutive(pairs, BLOCK):
         centre, neighbour, distance = _neighbours(mesh.vertices[block], tree, radius)

@@ -325,12 +325,9 @@ def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> list[tuple[Int
     divergences = _divergence(images, filled, graph, laplacian, meshes.target), 0
     goals = np.concatenate([factors.solve(np.asfortranarray(each - known)) for each in divergences])
     goals[:, 3:6] /= np.maximum(row_norms(goals[:, 3:6])[:, None], SMALLEST)
-    projected = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
-    triangles, coordinates = (np.split(each, len(divergences)) for each in projected)
-    return [
-        (vertices[on >= 0], meshes.images(on[on >= 0], barycentric[on >= 0]))
-        for on, barycentric in zip(triangles, coordinates, strict=True)
-    ]
+    triangle, barycentric = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
+    fillings = zip(np.split(triangle, len(divergences)), np.split(barycentric, len(divergences)), strict=True)
+    return [(vertices[on >= 0], meshes.images(on[on >= 0], weights[on >= 0])) for on, weights in fillings]
 
 
 def _divergence(
