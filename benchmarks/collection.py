@@ -17,7 +17,7 @@ from tqdm import tqdm
 from benchmarks.datasets import CORRESPONDENCE, evenly, is_far, load_pair
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.collection.collection import CollectionResult, match_collection
-from zoomout_core.collection.cycles import CYCLES, agreeing
+from zoomout_core.collection.cycles import CYCLES, choose_agreeing
 from zoomout_core.collection.engine import local_engine
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
 from zoomout_core.collection.shapes import ShapeSummary
@@ -137,7 +137,7 @@ def _flips(result: CollectionResult) -> Iterator[Record]:
         for draw in range(DRAWS):
             random = np.random.default_rng(draw)
             turned = {pair: _with_a_wrong_one_first(each, pair, shapes, random, share) for pair, each in maps.items()}
-            found = agreeing(turned, shapes.__getitem__)
+            found = choose_agreeing(turned, shapes.__getitem__)
             before = {pair: _unlike(turned[pair].forward[0], maps[pair], pair, shapes) for pair in maps}
             after = {
                 pair: _unlike(found.maps[pair].forward[found.candidate[pair]], maps[pair], pair, shapes)

@@ -27,7 +27,7 @@ from zoomout_core.colors import place_colors
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.symmetry.detect import energies
+from zoomout_core.symmetry.detect import isometry_errors
 from zoomout_core.symmetry.self_map import main_shape
 
 FOLDER = "self_symmetry"
@@ -116,7 +116,7 @@ def ranked_signs(surface: Surface) -> tuple[Surface, list[Ranked]]:
         refined = zo.zoomout(shape.basis, shape.basis, start, samples=SAMPLES, sizes=SIZES)
         seconds = perf_counter() - begin
         signs = "".join("+-"[int(sign < 0)] for sign in np.diag(start)[1:])
-        energy = energies(refined.functional_map, shape.basis.eigenvalues)
+        energy = isometry_errors(refined.functional_map, shape.basis.eigenvalues)
         ranked.append(Ranked(signs, refined.functional_map, refined.vertex, energy, seconds))
     body = Surface(shape.mesh.vertices, shape.mesh.oriented_triangles)
     return body, sorted(ranked, key=lambda each: each.energies["commutativity"])

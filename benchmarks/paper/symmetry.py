@@ -28,7 +28,7 @@ from zoomout_core.matching.preparation.proxy import proxy_size
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
-from zoomout_core.symmetry.detect import energies, find_candidates
+from zoomout_core.symmetry.detect import find_candidates, isometry_errors
 
 OURS, BEST_POSSIBLE, TRUTH = "zo.detect_symmetry", "the truth, read off its functional map", "the truth itself"
 # Mean error times 1000 above which a shape counts as failed.
@@ -162,7 +162,7 @@ def _criteria(candidate: Candidate, shape: ShapeAnalysis) -> dict[str, float]:
     """The value that each criterion minimises."""
     turned = {name: -candidate.scores[name] for name in ("curvature", "handedness", "fine handedness")}
     kept = {name: candidate.scores[name] for name in ("distance", "place", "facing", "total")}
-    return energies(candidate.functional_map, shape.basis.eigenvalues) | kept | turned
+    return isometry_errors(candidate.functional_map, shape.basis.eigenvalues) | kept | turned
 
 
 def _rows(records: list[Record]) -> list[Record]:

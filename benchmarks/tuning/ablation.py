@@ -20,7 +20,7 @@ from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate, in_order, rank
+from zoomout_core.matching.ranking.rank import Candidate, rank, sort_by_certainty
 from zoomout_core.matching.ranking.scores import ENERGY, scores_of, total_score
 from zoomout_core.matching.result import MatchResult
 
@@ -80,7 +80,7 @@ def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
         for candidate in result.candidates
     ]
     return {
-        name: in_order(
+        name: sort_by_certainty(
             [
                 replace(candidate, scores=other | {"total": total_score(other)})
                 for candidate, other in zip(result.candidates, others, strict=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from zoomout_core.collection.cycles import Agreement, agreeing
+from zoomout_core.collection.cycles import Agreement, choose_agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
 from zoomout_core.collection.pairs import pairs_of_unsure
 from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
@@ -53,7 +53,7 @@ def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str
             asked = match(*surfaces, options)
         maps[pair_name] = candidate_maps_of(asked, (summaries[pair_name.source], summaries[pair_name.target]))
     with stage(STAGE):
-        return _take(results, agreeing(maps, summaries.__getitem__), summaries, options)
+        return _take(results, choose_agreeing(maps, summaries.__getitem__), summaries, options)
 
 
 def _take(

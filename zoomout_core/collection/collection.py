@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 from uuid import uuid4
 
-from zoomout_core.collection.cycles import CYCLES, Agreement, agreeing, pairs_in_cycles
+from zoomout_core.collection.cycles import CYCLES, Agreement, choose_agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
 from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_unsure, pairs_with_template
@@ -162,26 +162,17 @@ def match_collection(
     temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
     place = Path(temporary.name if temporary is not None else folder or "")
     paths = _as_files(shapes, place / "given")
-    if template is not None and Path(template).is_file() and not any(_is_at(path, template) for path in paths):
+    if template is not None and Path(template).is_file() and not any(is_same_file(path, template) for path in paths):
         paths.insert(0, Path(template))
     items = {item.name: item for item in items_of(paths)}
     if len(items) < 2:
         raise MeshError("A collection needs at least two shapes: add more.")
-    wanted: list[PairName] | None = None
-    of_template = None
-    if template is not None:
-        of_template = next((name for name, item in items.items() if _is_at(item.path, template)), str(template))
-        if of_template not in items:
-            raise MeshError(f"The collection has no shape named {template}: give the name of one, or its file.")
-        wanted = pairs_with_template(of_template, list(items))
-    elif pairs == "all":
-        wanted = all_pairs(list(items))
-    elif pairs is not None:
-        wanted = [_known_pair(pair, items) for pair in pairs]
+    template_name = None if template is None else _find_template(template, items)
+    wanted = _chosen_pairs(template_name, pairs, items)
     engine = InThisProcess() if engine is None else engine
     with listening(progress):
         with portion(0.0, READ):
-            readable, failures = read_items(items, place, of_template, carries, blender, engine)
+            readable, failures = read_items(items, place, template_name, carries, blender, engine)
         if wanted is not None:
             wanted = [pair for pair in wanted if not failures.keys() & set(pair)]
         run = _Run(readable, place, options, engine, cache)
@@ -226,8 +217,31 @@ def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Pat
     return files
 
 
-def _is_at(path: Path, other: str | PathLike[str]) -> bool:
-    return is_same_file(path, other)
+def _find_template(template: str | PathLike[str], items: Mapping[str, Item]) -> str:
+    """The name of the template, which may be given by its file.
+
+    Raises:
+        MeshError: the collection has no such shape.
+    """
+    name = next((name for name, item in items.items() if is_same_file(item.path, template)), str(template))
+    if name not in items:
+        raise MeshError(f"The collection has no shape named {template}: give the name of one, or its file.")
+    return name
+
+
+def _chosen_pairs(
+    template: str | None, pairs: Sequence[tuple[str, str]] | Literal["all"] | None, items: Mapping[str, Item]
+) -> list[PairName] | None:
+    """The pairs that the user chose; None if they are those of neighbours, which the prepared shapes decide.
+
+    Raises:
+        MeshError: a name is unknown.
+    """
+    if template is not None:
+        return pairs_with_template(template, list(items))
+    if pairs == "all":
+        return all_pairs(list(items))
+    return None if pairs is None else [_known_pair(pair, items) for pair in pairs]
 
 
 def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
@@ -333,7 +347,7 @@ class _Run:
                 maps[pair] = load_candidate_maps(self.folder / place_of_map(pair))
             except (FileNotFoundError, ArrayFileError) as error:
                 _log.warning("The candidates of %s cannot be read: %s", pair, error)
-        found = agreeing(maps, self._summary)
+        found = choose_agreeing(maps, self._summary)
         return found if found.before else None
 
     def beginnings(self, agreement: Agreement) -> dict[PairName, Beginning]:

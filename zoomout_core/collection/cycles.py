@@ -77,7 +77,7 @@ class Agreement:
         return [pair for pair, number in self.candidate.items() if number]
 
 
-def agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], ShapeSummary]) -> Agreement:
+def choose_agreeing(maps: Mapping[PairName, CandidateMaps], shape: Callable[[str], ShapeSummary]) -> Agreement:
     """Choose a candidate for each pair of a collection, so that as many cycles as possible close.
 
     The maps have the most likely candidate first; `shape` returns the summary of the shape with a name.

@@ -184,7 +184,7 @@ def candidate_maps_of(result: MatchResult, summaries: Sequence[ShapeSummary]) ->
 def _between_samples(pair: Pair, candidate: Candidate, summaries: Sequence[ShapeSummary]) -> tuple[Integers, Integers]:
     """A candidate as maps between the samples of two summaries, in both directions.
 
-    The match may have used another body of a shape than was prepared, such as a skin around it. Then samples are
+    The match may have used another body of a shape than was prepared, such as the hull around it. Then samples are
     assigned to the nearest vertices.
     """
     back = nearest_samples(pair.target_shape.search, pair.source_shape.search, candidate.reverse_functional_map)

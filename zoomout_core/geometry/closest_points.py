@@ -52,7 +52,7 @@ class SurfaceSearch:
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
         self.vertices, self.triangles = vertices, triangles
         self._used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
-        self._tree = _tree(vertices[self._used])
+        self._tree = search_tree(vertices[self._used])
         # Where each vertex's entries begin, and the triangles at the vertices, one vertex after the other.
         m = len(triangles)
         entries = np.ones(3 * m, dtype=np.int8), triangles.ravel(), 3 * np.arange(m + 1)
@@ -63,7 +63,7 @@ class SurfaceSearch:
         """Find the closest point for every query point, see `closest_points`."""
         found = _Closest(points, self.vertices, self.triangles)
         # The triangles at the nearest vertex are a good initial guess, which rules out most others.
-        nearest = self._used[_query(self._tree, points, 1)[1]]
+        nearest = self._used[query_tree(self._tree, points, 1)[1]]
         for block in consecutive(np.diff(self._at_vertex[0])[nearest], BLOCK):
             query, candidate, _ = _lists(*self._at_vertex, nearest[block])
             found.improve(block[query], candidate)
@@ -98,16 +98,19 @@ class _Group:
     @cached_property
     def tree(self) -> cKDTree:
         """Search tree of the centres, built on demand: that of the small triangles of large meshes is rarely needed."""
-        return _tree(self.centre)
+        return search_tree(self.centre)
 
 
-def _tree(points: Floats) -> cKDTree:
-    """An unbalanced search tree: built in a third of the time, and searched as fast."""
+def search_tree(points: Floats) -> cKDTree:
+    """An unbalanced k-d tree of points (n, d): built in a third of the time, and searched as fast."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
-def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
-    """Distances and numbers of a tree's points nearest to each query, in several threads for many queries."""
+def query_tree(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
+    """Distances and numbers (q, count) of the points of a tree nearest to queries (q, d), in threads for many queries.
+
+    They are (q,) for a count of one.
+    """
     distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
     return np.asarray(distance), np.asarray(number)
 
@@ -148,7 +151,7 @@ def _search(found: _Closest, queries: Integers, group: _Group) -> None:
     while len(queries):
         unresolved = []
         for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):
-            parts = _query(group.tree, found.points[block], count)
+            parts = query_tree(group.tree, found.points[block], count)
             distance, near = (np.reshape(part, (len(block), count)) for part in parts)
             row, column = np.nonzero(distance - radius[near] < found.distance[block, None])
             found.improve(block[row], members[near[row, column]])

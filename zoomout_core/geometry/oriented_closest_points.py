@@ -9,18 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import closest_on_triangles
+from zoomout_core.geometry.closest_points import closest_on_triangles, query_tree, search_tree
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unit_vectors
-from zoomout_core.runtime.threads import threads
 from zoomout_core.tuning import Tuning, tuned
 
 # Distance of groups in an extra coordinate, in units of the surface's extent.
 APART = 1e3
-# Minimum number of queries for which several threads are faster than one, and queries at once, which bounds the memory.
-MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
+# Queries processed together; bounds the memory.
+QUERIES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ class OrientedSurface:
         normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
         rows = self._rows(np.concatenate(places), normals, of_group[self._on])
-        self._tree = cKDTree(rows, balanced_tree=False, compact_nodes=False)
+        self._tree = search_tree(rows)
 
     def has_group(self, group: Integers) -> Booleans:
         """(q,) whether there are triangles of groups (q,)."""
@@ -130,9 +128,7 @@ class OrientedSurface:
         return np.hstack([points, of_normals, of_groups[:, : self._apart > 0]])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
-        workers = threads() if len(rows) > MANY_QUERIES else 1
-        near = self._tree.query(rows, ORIENTED_SEARCH.candidates, workers=workers)[1]
-        candidate = self._on[np.asarray(near)]
+        candidate = self._on[query_tree(self._tree, rows, ORIENTED_SEARCH.candidates)[1]]
         a, b, c = (self._vertices[self._triangles[candidate, i]] for i in range(3))
         weights, off = closest_on_triangles(points[:, None], a, b, c)
         distance = np.sqrt(np.einsum("qcx,qcx->qc", off, off))

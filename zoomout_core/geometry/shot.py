@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.geometry.closest_points import consecutive
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
 from zoomout_core.mesh.triangles import cross, vertex_areas
 from zoomout_core.runtime.threads import threads
@@ -21,7 +22,7 @@ from zoomout_core.runtime.threads import threads
 AZIMUTHS, ELEVATIONS, RADII, COSINES = 8, 2, 2, 11
 BINS = AZIMUTHS * ELEVATIONS * RADII * COSINES
 # Fewer neighbours do not determine the axes of a frame.
-FEWEST = 5
+MIN_NEIGHBOURS = 5
 # Pairs of a vertex and a neighbour processed together; bounds the memory.
 BLOCK = 1 << 17
 
@@ -54,10 +55,9 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
         raise ValueError(f"The radius is {radius!r}: give a positive number, relative to the root of the area.")
     areas = vertex_areas(mesh.vertices, mesh.triangles)
     tree = cKDTree(mesh.vertices)
-    pairs = tree.query_ball_point(mesh.vertices, radius, workers=threads(), return_length=True)
-    blocks = np.split(np.arange(len(areas)), np.flatnonzero(np.diff(np.cumsum(pairs) // BLOCK)) + 1)
+    pairs = np.asarray(tree.query_ball_point(mesh.vertices, radius, workers=threads(), return_length=True))
     descriptors = np.empty((len(areas), BINS))
-    for block in blocks:
+    for block in consecutive(pairs, BLOCK):
         centre, neighbour, distance = _neighbours(mesh.vertices[block], tree, radius)
         offset = mesh.vertices[neighbour] - mesh.vertices[block[centre]]
         area, normals = areas[neighbour], mesh.vertex_normals
@@ -65,7 +65,7 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
         local = np.einsum("paj,pj->pa", frames[centre], offset)
         cosine = np.einsum("pj,pj->p", frames[centre, 2], normals[neighbour])
         descriptors[block] = _histograms(local, cosine, distance / radius, area, centre, len(block))
-    descriptors[pairs <= FEWEST] = 0  # the pairs include the vertex itself
+    descriptors[pairs <= MIN_NEIGHBOURS] = 0  # the pairs include the vertex itself
     norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
     return from_working(shape, descriptors / np.where(norms > 0, norms, 1))
 

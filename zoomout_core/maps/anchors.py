@@ -29,7 +29,7 @@ class Anchors:
         """The anchors at some vertices only."""
         return Anchors(self.source[source_vertices], self.target[target_vertices])
 
-    def and_those(self, others: Anchors | None) -> Anchors:
+    def join(self, others: Anchors | None) -> Anchors:
         """Combine these anchors with others, if any."""
         if others is None:
             return self

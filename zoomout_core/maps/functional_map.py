@@ -107,10 +107,7 @@ def precise_map_of(
     queries, embedded = _embeddings(functional_map, basis_source, basis_target)
     # Triangles of the welded mesh are neighbours across coincident borders.
     working = surface.working
-    used = np.flatnonzero(working.vertex_of >= 0)
-    stands_for = np.empty(len(working.vertices), dtype=np.int64)
-    stands_for[working.vertex_of[used]] = used
-    embedded = embedded[stands_for]
+    embedded = embedded[working.surface_vertex]
     around = Neighbourhoods(working.triangles, len(embedded))
     triangle, barycentric = project_to_embedding(queries, embedded, around, nearest(queries, embedded))
     return SurfaceMap(working.triangle_of[triangle], barycentric, surface.triangles)

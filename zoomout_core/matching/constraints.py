@@ -52,34 +52,31 @@ class Constraints:
     earlier: Integers | None = None  # (s,) source vertex of each search sample by an earlier map
     # (s, 3) positions of the target's search samples in the frame of the source's part, or None if the two surfaces do
     # not overlap.
-    standing: Floats | None = None
+    in_space: Floats | None = None
     upright: bool = False  # whether both surfaces are likely to stand upright, with y or z up
 
     def anchors(self, pair: Pair) -> Anchors | None:
-        """Anchors of a map by indicator functions of the regions."""
-        sides = [
-            REGION_SCALE
-            * np.column_stack([shape.basis.smoothed(member[:, None], REGION_WIDTH**2) for member in members])
-            for shape, members in zip((pair.source_shape, pair.target_shape), self._members(pair), strict=True)
-            if members
-        ]
-        return Anchors(*sides) if sides else None
+        """Anchors of a map by indicator functions of the regions; None without regions."""
+        regions = self._indicators(pair)
+        if not regions:
+            return None
+        source, target = (
+            REGION_SCALE * np.column_stack([shape.basis.smoothed(inside[:, None], REGION_WIDTH**2) for inside in side])
+            for shape, side in zip((pair.source_shape, pair.target_shape), zip(*regions, strict=True), strict=True)
+        )
+        return Anchors(source, target)
 
     def disagreement(self, pair: Pair) -> Disagreement:
         """A function that measures how far a map disagrees with each kind of evidence."""
         source, target = pair.source_shape, pair.target_shape
         here = target.search.samples
         landmark_distance = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
-        members = list(zip(*self._members(pair), strict=True))
+        regions = self._indicators(pair)
         has_axes = len(self.common_axes) > 0
         # Axes and overlapping surfaces are stronger evidence of the same kind.
-        is_upright = self.upright and not has_axes and self.standing is None
-        places = [
-            positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]]
-            for surface, shape in ((pair.target, target), (pair.source, source))
-            if has_axes or is_upright
-        ]
-        heights = [of_shape @ self.common_axes.T for of_shape in places if has_axes]
+        is_upright = self.upright and not has_axes and self.in_space is None
+        positions = _positions_of_samples(pair) if has_axes or is_upright else ()
+        heights = [of_shape @ self.common_axes.T for of_shape in positions]
 
         def evaluate(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
@@ -89,37 +86,31 @@ class Constraints:
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
-            if self.standing is not None:
-                moved = np.linalg.norm(source.proxy.vertices[there] - self.standing, axis=1)
+            if self.in_space is not None:
+                moved = np.linalg.norm(source.proxy.vertices[there] - self.in_space, axis=1)
                 disagreements[IN_SPACE] = float(target.weights @ moved)
-            if heights:
+            if has_axes:
                 agreement = correlation(heights[0], heights[1][sample_map], target.weights)
                 disagreements["axes"] = 1 - agreement
             if is_upright:
-                disagreements[UPRIGHT] = 1 - _upright_agreement(places[0], places[1][sample_map], target.weights)
-            if members:
-                overlaps = [
-                    float(target.weights @ (of_target[here] * of_source[there]))
-                    / max(float(target.weights @ np.maximum(of_target[here], of_source[there])), 1e-300)
-                    for of_source, of_target in members
-                ]
+                agreement = _upright_agreement(positions[0], positions[1][sample_map], target.weights)
+                disagreements[UPRIGHT] = 1 - agreement
+            if regions:
+                overlaps = [_jaccard(inside[here], onto[there], target.weights) for onto, inside in regions]
                 disagreements["regions"] = float(1 - np.mean(overlaps))
             return disagreements
 
         return evaluate
 
-    def _members(self, pair: Pair) -> tuple[list[Floats], list[Floats]]:
-        """For the source's and the target's shape, (n,) indicators of the regions that both have vertices of."""
-        sides: tuple[list[Floats], list[Floats]] = [], []
+    def _indicators(self, pair: Pair) -> list[tuple[Floats, Floats]]:
+        """For each region that both shapes have vertices of, (n_s,) and (n_t,) its indicators on source and target."""
+        found = []
         for of_source, of_target in self.regions:
-            members = (
-                _members_on_shape(of_source, pair.source, pair.source_shape),
-                _members_on_shape(of_target, pair.target, pair.target_shape),
-            )
-            if all(member.any() and not member.all() for member in members):
-                for side, member in zip(sides, members, strict=True):
-                    side.append(member)
-        return sides
+            on_source = _indicator(of_source, pair.source, pair.source_shape)
+            on_target = _indicator(of_target, pair.target, pair.target_shape)
+            if all(inside.any() and not inside.all() for inside in (on_source, on_target)):
+                found.append((on_source, on_target))
+        return found
 
 
 def check_axes(common_axes: ArrayLike | None) -> Floats:
@@ -184,16 +175,14 @@ def bend_to_points(
     width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
     # Both surfaces are bent with their seams welded, so that the bend does not end at one.
     here, there = target.working, source.working
-    used = np.flatnonzero(here.vertex_of >= 0)
-    number = here.vertex_of[used]
-    member = np.empty(len(here.vertices), dtype=np.int64)
-    member[number] = used
-    corners = there.vertex_of[surface_map.source_triangles]
+    corners, member = there.vertex_of[surface_map.source_triangles], here.surface_vertex
     welded = SurfaceMap(surface_map.triangle[member], surface_map.barycentric[member], corners)
     meshes = there.to_surface(there.vertices), here.to_surface(here.vertices), here.triangles
     bent = bend(welded, *meshes, places[first], missed[first], width)
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
-    triangle[used], barycentric[used] = bent.triangle[number], bent.barycentric[number]
+    used = np.flatnonzero(here.vertex_of >= 0)
+    of_used = here.vertex_of[used]
+    triangle[used], barycentric[used] = bent.triangle[of_used], bent.barycentric[of_used]
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
 
 
@@ -223,6 +212,14 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
     return total_distance
 
 
+def _positions_of_samples(pair: Pair) -> tuple[Floats, ...]:
+    """(s_t, 3) and (s_s, 3) the search samples of target and source in their surfaces' own frames and units."""
+    sides = (pair.target, pair.target_shape), (pair.source, pair.source_shape)
+    return tuple(
+        positions_of_part(surface, shape)[shape.proxy.full_vertex[shape.search.samples]] for surface, shape in sides
+    )
+
+
 def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
     """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
 
@@ -235,7 +232,12 @@ def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float
     return float(max((weights @ (here * there)).max() / max(extents.max(), SMALLEST), 0.0))
 
 
-def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:
+def _jaccard(inside: Floats, onto: Floats, weights: Floats) -> float:
+    """The Jaccard index, with weights (s,), of two regions given by their indicators (s,) at samples and images."""
+    return float(weights @ (inside * onto)) / max(float(weights @ np.maximum(inside, onto)), 1e-300)
+
+
+def _indicator(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n,) 1 at the vertices of a shape's mesh whose nearest vertex of the part is one of the surface's `vertices`."""
     of_surface = np.zeros(len(surface.vertices), dtype=bool)
     of_surface[vertices] = True

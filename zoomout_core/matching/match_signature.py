@@ -19,13 +19,13 @@ from zoomout_core.runtime.progress import Progress
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
 
-# The line of the docstring of `match` that stands for the options.
+# The line in the docstring of `match` that is replaced by the options.
 GIVEN = "        given: options as keyword arguments; they override `options`.\n"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchArguments(MatchOptions):
-    """The keyword arguments of `match`: the options of a map, and the other ones."""
+    """The keyword arguments of `match`: the fields of `MatchOptions`, and those that are not options of the map."""
 
     options: MatchOptions | None = None
     progress: Callable[[Progress], object] | None = None
@@ -55,7 +55,7 @@ def _check_names(function: str, given: Iterable[str], known: Sequence[str]) -> N
 
 
 def suggest_names(function: Callable[Arguments, Returned]) -> Callable[Arguments, Returned]:
-    """Have a function refuse a keyword that it does not know with the name of the most similar one."""
+    """Make a function reject an unknown keyword argument with a TypeError that suggests the most similar one."""
     known = list(signature(function).parameters)
 
     @wraps(function)

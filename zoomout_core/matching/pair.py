@@ -57,16 +57,13 @@ class Pair:
 def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n, 3) the vertices of a shape's part in the surface's own frame and unit."""
     part = shape.proxy.full
-    positions = part.to_surface(part.vertices)
     if part.is_hull:
-        return positions
+        return part.to_surface(part.vertices)
     # Bit-equal to the surface's own: two surfaces in one place are in one place here, too.
-    used = np.flatnonzero(part.vertex_of >= 0)
-    positions[part.vertex_of[used]] = surface.vertices[used]
-    return positions
+    return surface.vertices[part.surface_vertex]
 
 
-def standing(pair: Pair) -> Floats:
+def target_in_space(pair: Pair) -> Floats:
     """(n, 3) the vertices of the target's part, where it is in space, in the frame of the source's part."""
     return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 
@@ -109,8 +106,8 @@ def distinct_landmarks(
     again = np.flatnonzero(original < np.arange(len(original)))
     if not len(again):
         return landmarks, ()
-    said = (message(REPEATED, number=one, original=original[one]) for one in again)
-    return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), tuple(said)
+    notes = tuple(message(REPEATED, number=one, original=original[one]) for one in again)
+    return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), notes
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:

@@ -38,8 +38,8 @@ from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_th
 
 # Fractions of the progress at which each body, a retry and the refinement begin.
 BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
-# Number of landmarks from which on these alone give a first look: fewer leave open how a shape is turned about them.
-LANDMARKS_SHOWN = 3
+# Minimum number of landmarks whose map is shown as a first look: fewer leave open how a shape is turned about them.
+MIN_LANDMARKS_SHOWN = 3
 # Fraction of a body's progress that the analysis of the shapes takes.
 ANALYSING = 0.8
 
@@ -120,11 +120,31 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     known = Constraints(options.landmarks, axes, regions, upright=options.upright)
     sizes = [len(surface.working.vertices) for surface in (source, target)]
     check_memory(sizes, options.k_final, options.proxy_vertices)
+    best = best_of(_attempt_bodies(source, target, known, options, notes))
+    if needs_retry(best, options):
+        with portion(RETRY, RESULT):
+            best = retry(best, known, options)
+    _show_candidates(best.pair, best.candidates)
+    with portion(RESULT, 1.0):
+        result = make_result(best.pair, tuple(best.candidates), 0)
+    if options.landmarks is None:
+        return result
+    errors = landmark_errors(result.surface_map, source, target, *landmark_points(result.pair, options.landmarks))
+    return replace(result, notes=(*notes_on_landmarks(errors), *result.notes))
+
+
+def _attempt_bodies(
+    source: Surface, target: Surface, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
+) -> list[Attempt]:
+    """Match one pair of bodies of two surfaces after the other, the most promising first, until a map is certain.
+
+    Tight hulls come last, for automatic matches of surfaces that have hulls.
+    """
     with stage("Finding the bodies", 0.01, BODIES[0]):
         bodies = find_bodies(source, target, options.seed)
     attempts: list[Attempt] = []
-    most = len(bodies) + (options.initial == "auto" and any(body.source.is_hull for body in bodies))
-    for number, (start, end) in enumerate(pairwise(BODIES[: most + 1])):
+    tries_tight = options.initial == "auto" and any(body.source.is_hull for body in bodies)
+    for number, (start, end) in enumerate(pairwise(BODIES[: len(bodies) + tries_tight + 1])):
         if number == len(bodies):
             with stage("Finding the bodies", start, start):
                 bodies.append(tight_bodies(source, target, bodies[0].shares))
@@ -136,17 +156,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
                 raise
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
-    best = best_of(attempts)
-    if needs_retry(best, options):
-        with portion(RETRY, RESULT):
-            best = retry(best, known, options)
-    _show_candidates(best.pair, best.candidates)
-    with portion(RESULT, 1.0):
-        result = make_result(best.pair, tuple(best.candidates), 0)
-    if options.landmarks is None:
-        return result
-    errors = landmark_errors(result.surface_map, source, target, *landmark_points(result.pair, options.landmarks))
-    return replace(result, notes=(*notes_on_landmarks(errors), *result.notes))
+    return attempts
 
 
 def _attempt(
@@ -179,7 +189,7 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         if (
             by_landmarks is not None
             and known.landmarks is not None
-            and np.shape(known.landmarks[0])[0] >= LANDMARKS_SHOWN
+            and np.shape(known.landmarks[0])[0] >= MIN_LANDMARKS_SHOWN
         ):
             _show(pair, [upsample_hypothesis(by_landmarks, *shapes)[1]])
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
@@ -208,7 +218,7 @@ def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
-    """Compute what the candidates do not need, but what follows does: the first look does not wait for it."""
+    """Compute the data that candidates do without but later stages need, so that the first look need not wait."""
     if turns:
         self_maps(shape)
     if not shape.proxy.full.is_hull:

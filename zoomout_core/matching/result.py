@@ -40,12 +40,12 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # Confidence below which a vertex counts as doubtful in summaries.
 LOW = 0.5
-# Mean confidence below which the place of a loose part is unknown. 38 % of the area of such parts is on the wrong
-# limb, on 22 pairs of game characters.
+# Mean confidence below which a loose part is lost: its place on the source is unknown. On 22 pairs of game characters,
+# 38 % of the area of such parts is on the wrong limb.
 LOST = 0.1
-# Visible share of loose parts below which they are details, which need not arrive if others of their names do: a piece
-# of the skin is no fault, while eyes, glasses and a moustache are. The Farmer of a pack loses pieces of .2 %.
-DETAIL = 0.005
+# Visible share of loose parts below which they are details: if other parts of the same name arrive, losing them is no
+# fault. A character of many parts loses pieces of 0.2 % of its skin; eyes and glasses have names of their own.
+MAX_DETAIL = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,8 +144,8 @@ class MatchResult(Summary):
         if self.names is None:
             return uncertain
         shares = self.pair.shares[uncertain]
-        is_detail = (shares < DETAIL) & ~self._is_uncertain(self.names)[self.names[uncertain]]
-        return uncertain if shares[is_detail].sum() >= DETAIL else uncertain[~is_detail]
+        is_detail = (shares < MAX_DETAIL) & ~self._is_uncertain(self.names)[self.names[uncertain]]
+        return uncertain if shares[is_detail].sum() >= MAX_DETAIL else uncertain[~is_detail]
 
     def _is_uncertain(self, group: Integers) -> Booleans:
         """Whether the outside shows groups of components (c,), from which the target receives little for certain."""

@@ -31,7 +31,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class LandmarkTuning(Tuning, set_by="specimens"):
+class LandmarkTransferTuning(Tuning, set_by="specimens"):
     """Where to put landmarks, and how sure that is. The numbers were set on jaws.
 
     Attributes:
@@ -51,7 +51,7 @@ class LandmarkTuning(Tuning, set_by="specimens"):
     bent: float = tuned(0.1, "1", 1e-6, 100)
 
 
-LANDMARKS = LandmarkTuning()
+LANDMARK_TRANSFER = LandmarkTransferTuning()
 # Rounding of the estimates of an error, at unit area, below which they do not tell landmarks apart.
 EXACT = 3e-4
 # Smallest support of a place by its surroundings, so that errors stay finite.
@@ -117,7 +117,7 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
         warped, (back, mirrored) = side_by_side(
             lambda: warp(here, there, known), lambda: _look_back(result, here, there, known)
         )
-    if not np.median(known.distances(warped.fit)) <= LANDMARKS.smooth:
+    if not np.median(known.distances(warped.fit)) <= LANDMARK_TRANSFER.smooth:
         mapped = result.surface_map.preimages(result.source, result.target, given)
         places, confidence = mapped.interpolate(result.target.vertices), mapped.interpolate(result.confidence)
         return TransferredLandmarks(places, has_partner * confidence)
@@ -125,8 +125,8 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
     found = _closest(target, normals[1], images, warped.fit.turn(feet.places, feet.normals))
     cycle = np.linalg.norm(back.deform(found.places) - feet.places, axis=1)
     expected = _expected_errors(warped, known, feet.places, cycle, found.agreement)
-    plausible = has_partner * (not mirrored) / (1 + (back.bending_energy / LANDMARKS.bent) ** 2)
-    confidence = plausible / (1 + (expected / LANDMARKS.half_confidence) ** 2)
+    plausible = has_partner * (not mirrored) / (1 + (back.bending_energy / LANDMARK_TRANSFER.bent) ** 2)
+    confidence = plausible / (1 + (expected / LANDMARK_TRANSFER.half_confidence) ** 2)
     return TransferredLandmarks(target.to_surface(found.places), confidence)
 
 
@@ -153,7 +153,7 @@ def _closest(mesh: WorkingMesh, normals: Floats, points: Floats, facing: Floats)
     """The points of a mesh closest to points (q, 3), on sides that face like unit normals (q, 3)."""
     triangles = mesh.triangles
     flipped = np.einsum("mx,mx->m", area_normals(mesh.vertices, triangles), normals[triangles].sum(axis=1)) < 0
-    search = OrientedSurface(mesh.vertices, triangles, flipped, LANDMARKS.normal_weight)
+    search = OrientedSurface(mesh.vertices, triangles, flipped, LANDMARK_TRANSFER.normal_weight)
     triangle, weights, _ = search.closest(points, facing)
     places, there = (np.einsum("qc,qcx->qx", weights, each[triangles[triangle]]) for each in (mesh.vertices, normals))
     return _Found(places, np.einsum("qx,qx->q", unit_vectors(there), facing))
@@ -176,7 +176,7 @@ def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: 
     by_stiffness = np.linalg.norm(warped.fit.deform(feet) - warped.stiffer.deform(feet), axis=1)
     near = _gaussian(feet, known.points)
     # A place without correspondences nearby is as doubtful as the worst map that a warp may start from.
-    by_map = (near @ known.distances(warped.fit) + LANDMARKS.smooth) / (near.sum(axis=1) + 1)
+    by_map = (near @ known.distances(warped.fit) + LANDMARK_TRANSFER.smooth) / (near.sum(axis=1) + 1)
     estimates = np.cbrt((cycle + EXACT) * (by_stiffness + EXACT) * (by_map + EXACT))
     around = _gaussian(feet, warped.places)
     fitting = around @ warped.weight / np.maximum(around.sum(axis=1), 1e-300)
@@ -186,4 +186,4 @@ def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: 
 def _gaussian(centres: Floats, points: Floats) -> Floats:
     """(q, n) weights of points (n, 3) around centres (q, 3)."""
     squared = ((centres[:, None] - points) ** 2).sum(axis=2)
-    return np.asarray(np.exp(-squared / (2 * LANDMARKS.neighbourhood**2)))
+    return np.asarray(np.exp(-squared / (2 * LANDMARK_TRANSFER.neighbourhood**2)))

@@ -67,6 +67,14 @@ class WorkingMesh:
         return vertex_normals(self.vertices, self.oriented_triangles)
 
     @cached_property
+    def surface_vertex(self) -> Integers:
+        """(n,) a vertex of the surface for each vertex, the last one of several that were welded; not on a hull."""
+        used = np.flatnonzero(self.vertex_of >= 0)
+        numbers = np.empty(len(self.vertices), dtype=np.int64)
+        numbers[self.vertex_of[used]] = used
+        return numbers
+
+    @cached_property
     def sides_are_known(self) -> bool:
         """Whether the enclosed volume defines the outside; it does not for a cloth, which may bend either way.
 

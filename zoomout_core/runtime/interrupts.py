@@ -53,8 +53,8 @@ def handle_interrupts() -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        said = isinstance(error, KeyboardInterrupt) or (isinstance(error, SystemExit) and error.code in ENDINGS)
-        if arrived and not said:
+        is_reported = isinstance(error, KeyboardInterrupt) or (isinstance(error, SystemExit) and error.code in ENDINGS)
+        if arrived and not is_reported:
             raise KeyboardInterrupt from error
         raise
     finally:

@@ -76,7 +76,7 @@ def _try_to_write(path: Path) -> None:
         OutputError: it cannot be written.
     """
     path = Path(os.path.realpath(path))
-    with _saying_why(path):
+    with _explain_errors(path):
         part = _part_of(path)
         try:
             part.write_bytes(b"\0")
@@ -105,7 +105,7 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         yield path
         return
-    with _saying_why(path):
+    with _explain_errors(path):
         part = _part_of(path)
         try:
             yield part
@@ -131,7 +131,7 @@ def atomic_write_together(
         OutputError: it could not be written, or would replace an input; the earlier files are unchanged.
     """
     path, inputs = _destination(output), tuple(inputs)
-    with _saying_why(path):
+    with _explain_errors(path):
         folder = _part_of(path)
         try:
             folder.mkdir()
@@ -178,7 +178,7 @@ def _check_name(path: Path) -> None:
 
 
 @contextmanager
-def _saying_why(path: Path) -> Iterator[None]:
+def _explain_errors(path: Path) -> Iterator[None]:
     """Turn a system error into a sentence that names the output."""
     existed = path.exists()
     try:

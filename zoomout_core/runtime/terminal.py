@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable
 
-# Characters that move the cursor, act on a terminal or turn the direction of text: a name may have them, a line not.
+# Characters that move the cursor, act on a terminal or turn the direction of text; names of files may contain them.
 ACTING = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 

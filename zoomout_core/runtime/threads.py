@@ -105,11 +105,11 @@ def in_one_thread() -> Iterator[None]:
 def _known_cores() -> _Cores:
     global _cores
     if _cores is None:
-        said = os.environ.get(VARIABLE)
-        if said is None:
+        setting = os.environ.get(VARIABLE)
+        if setting is None:
             _cores = _Cores(min(MAX_THREADS, usable_cores()))
         else:
-            _cores = _Cores(_check(VARIABLE, int(said) if said.isdecimal() else said))
+            _cores = _Cores(_check(VARIABLE, int(setting) if setting.isdecimal() else setting))
     return _cores
 
 

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 
 def package_version() -> str:
-    """That of the installed package, which what is stored depends on."""
+    """The version of the installed package, a part of the keys of cached results; "sources" if it is not installed."""
     try:
         return version("zoomout-core")
     except PackageNotFoundError:  # run from its sources

@@ -192,17 +192,15 @@ def basis_of(
 ) -> SpectralBasis:
     """Compute the first k eigenfunctions of W + diag(areas * potential), with W and areas of `mesh_laplacian`.
 
-    If the factorised matrix does not fit into memory, they are approximated on a smaller mesh. Its functions are
-    interpolated at the closest points and combined optimally (Rayleigh and Ritz), so that they are orthonormal and the
-    eigenvalues are upper bounds. The potential (n,) is at least zero, in units of eigenvalues.
+    If the factorised matrix does not fit into memory, they are approximated on a smaller mesh. The potential (n,) is at
+    least zero, in units of eigenvalues.
     """
     stiffness, areas = laplacian
     constants = mesh.component if potential is None else np.setdiff1d(mesh.component, mesh.component[potential > 0])
     components = len(np.unique(constants))
     operator = _with_potential(stiffness, areas, potential)
     try:
-        pairs = eigenpairs(operator, areas, k, seed)
-        return SpectralBasis(*pairs, areas, mesh.vertices, components)
+        return SpectralBasis(*eigenpairs(operator, areas, k, seed), areas, mesh.vertices, components)
     except MemoryError:
         _log.warning(
             "There is not enough memory to factorise the matrix of %d vertices: its eigenfunctions are approximated "
@@ -210,6 +208,19 @@ def basis_of(
             len(mesh.vertices),
             COARSE_VERTICES,
         )
+    # Not in the handler: its traceback keeps memory.
+    pairs = _approximate_eigenpairs(mesh, operator, areas, k, seed, potential)
+    return SpectralBasis(*pairs, areas, mesh.vertices, components)
+
+
+def _approximate_eigenpairs(
+    mesh: WorkingMesh, operator: csc_array, areas: Floats, k: int, seed: int, potential: Floats | None
+) -> tuple[Floats, Floats]:
+    """`eigenpairs` of an operator (n, n) on a large mesh, from the eigenfunctions of a decimated one.
+
+    These are interpolated at the closest points, smoothed, and combined optimally (Rayleigh and Ritz), so that they are
+    orthonormal and the eigenvalues are upper bounds.
+    """
     points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, COARSE_VERTICES)
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
@@ -225,7 +236,7 @@ def basis_of(
         functions -= damped_inverse * (operator @ functions)
     weighted = areas[:, None] * functions
     eigenvalues, mixing = eigh(functions.T @ (operator @ functions), functions.T @ weighted, subset_by_index=(0, k - 1))
-    return SpectralBasis(np.maximum(eigenvalues, 0), functions @ mixing, areas, mesh.vertices, components)
+    return np.maximum(eigenvalues, 0), functions @ mixing
 
 
 def _with_potential(stiffness: csc_array, areas: Floats, potential: Floats | None) -> csc_array:
@@ -268,12 +279,17 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
 
 
 def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int) -> tuple[Floats, Floats]:
+    """`eigenpairs` of a large mesh, with the square roots (n,) of its areas.
+
+    Each step extends the Krylov basis Q by a block. Once the Ritz pairs have converged, the number of eigenvalues below
+    a shift shows whether one is missing.
+    """
     n, b = len(root), BLOCK_SIZE
     wanted = min(n - 1, int(SURPLUS * k) + 2)
     factor = factorise(stiffness + SHIFT * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector per row
-    H = np.zeros(((limit + 1) * b, (limit + 1) * b))
+    H = np.zeros(((limit + 1) * b, (limit + 1) * b))  # the operator in that basis
     start = np.random.default_rng(seed).standard_normal((n, b))
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
@@ -287,22 +303,13 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
             advance(min(0.9, e / (2.8 * wanted)))
             for first in (max(0, e - 2 * b), 0):  # first the neighbouring blocks, then all: both passes are needed
                 H[first:e, e - b : e] += parts.orthogonalise(Y, Q[first:e]).T
-            R = np.eye(b)
-            for _ in range(2):
-                try:
-                    L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
-                except LinAlgError:  # slivers have exhausted the precision
-                    raise MeshError(UNCONVERGED) from None
-                Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
-                R = L.T @ R
+            Q[e : e + b], R = _orthonormalise(Y)
             H[e : e + b, e - b : e] = R
-            Q[e : e + b] = Y
             if e < next_test and j < limit - 1:
                 continue
             projected = (H[:e, :e] + H[:e, :e].T) / 2
             # The last pair usually converges last, and is much cheaper to compute than all.
-            last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
-            residual = _residuals(R, *last).max()
+            residual = _residuals(R, *eigh(projected, subset_by_index=(e - wanted, e - wanted))).max()
             if residual >= RESIDUAL_TOLERANCE:
                 blocks = int(np.log(residual / RESIDUAL_TOLERANCE) / np.log(BLOCK_GAIN))
                 next_test = e + b * max(1, blocks)
@@ -313,18 +320,45 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
                 continue
             mu, S = mu[::-1], S[:, ::-1]
             complete = pool.submit(_is_complete, 1 / mu - SHIFT, k, stiffness, areas)
-            weights = np.asarray(S[:, :k], dtype=np.float32)
-            eigenvectors = np.empty((n, k))
-            for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
-                rows = slice(columns[0], columns[-1] + 1)
-                np.divide(Q[:e, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
-                advance(0.95)
+            eigenvectors = _ritz_vectors(Q[:e], S[:, :k], root)
             if complete.result():
                 return 1 / mu[:k] - SHIFT, eigenvectors
             next_test = e + 4 * b
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
     raise MeshError(UNCONVERGED)
+
+
+def _orthonormalise(Y: SingleFloats) -> tuple[SingleFloats, Floats]:
+    """Orthonormal rows (b, n), and the triangular R (b, b) by which R^T times these rows is Y (b, n).
+
+    CholeskyQR2 (Yamamoto, Nakatsukasa, Yanagisawa and Fukaya 2015): the second round removes the rounding of the first.
+
+    Raises:
+        MeshError: the rows are linearly dependent.
+    """
+    b = len(Y)
+    R = np.eye(b)
+    for _ in range(2):
+        try:
+            L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
+        except LinAlgError:  # slivers have exhausted the precision
+            raise MeshError(UNCONVERGED) from None
+        Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
+        R = L.T @ R
+    return Y, R
+
+
+def _ritz_vectors(Q: SingleFloats, S: Floats, root: Floats) -> Floats:
+    """(n, k) eigenvectors from their coefficients S (e, k) in the basis Q (e, n), with the areas' roots (n,)."""
+    n = len(root)
+    weights = np.asarray(S, dtype=np.float32)
+    eigenvectors = np.empty((n, S.shape[1]))
+    for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
+        rows = slice(columns[0], columns[-1] + 1)
+        np.divide(Q[:, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
+        advance(0.95)
+    return eigenvectors
 
 
 class _InParts:

@@ -40,7 +40,7 @@ from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
-from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, is_no_part_of_identity, rank_symmetries
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance
 
@@ -48,7 +48,7 @@ from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_dista
 LEFT = (1.0, 0.0, 0.0)
 # Fractions of the progress at which the analysis of the first body begins, that of a second one, and the rest.
 START_OF_BODY = 0.02, 0.55, 0.7
-# Size of the leading block of the functional map whose energies are reported beside those of the whole map.
+# Size of the leading block of the functional map whose errors are reported beside those of the whole map.
 LOW = 20
 # Fraction of a body's progress that its analysis takes.
 ANALYSING = 0.8
@@ -155,7 +155,7 @@ def detect_symmetry(
         chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
         with stage("Refining", START_OF_BODY[-1], 1.0):
             found = for_each(lambda candidate: _symmetry(best.pair, candidate, to_the_left), chosen)
-    return tuple(sorted(found, key=_place))
+    return tuple(sorted(found, key=_sort_key))
 
 
 def _best_attempt(
@@ -193,7 +193,7 @@ def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
             clear_orientation=0.0,
             wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
         )
-    return in_order(candidates, shape)
+    return rank_symmetries(candidates, shape)
 
 
 def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
@@ -249,14 +249,14 @@ def _finish(
         functional_map=functional_map,
         order=order,
         certainty=candidate.certainty * placed,
-        scores=candidate.scores | energies(functional_map, shape.basis.eigenvalues),
+        scores=candidate.scores | isometry_errors(functional_map, shape.basis.eigenvalues),
         return_error=return_error(surface_map, order, surface),
         origin=candidate.origin,
         notes=notes,
     )
 
 
-def _place(symmetry: Symmetry) -> tuple[float, float]:
+def _sort_key(symmetry: Symmetry) -> tuple[float, float]:
     """Sort key of symmetries: certain ones first, and among these the ones that pair the most loose parts."""
     surface = symmetry.surface
     alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
@@ -275,7 +275,7 @@ def _unit_vector(left: ArrayLike) -> Floats:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def energies(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
+def isometry_errors(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
     """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and the whole map."""
     low = functional_map[:LOW, :LOW]
     return {

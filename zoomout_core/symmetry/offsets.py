@@ -104,10 +104,7 @@ def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
         points = proxy.full.to_surface(proxy.vertices)
         on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
         return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
-    inside = np.flatnonzero(proxy.full.vertex_of >= 0)
-    number = np.empty(len(proxy.full.vertices), dtype=np.int64)
-    number[proxy.full.vertex_of[inside]] = inside  # a vertex of the surface for each of the main part
-    nodes = number[proxy.full_vertex]
+    nodes = proxy.full.surface_vertex[proxy.full_vertex]
     return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
 
 

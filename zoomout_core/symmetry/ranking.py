@@ -101,7 +101,7 @@ def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, sha
     return bool(fixed <= most)
 
 
-def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidate]:
+def rank_symmetries(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidate]:
     """Distinct candidates with scores and certainties of a symmetry, the most likely first.
 
     Among certain ones, reflections come before rotations.
@@ -114,10 +114,10 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
         if all(_apart(candidate, other, shape) > CERTAINTY.another_map for other in alike):
             distinct.append(candidate)
     sure = [replace(candidate, certainty=_certainty(candidate, distinct)) for candidate in distinct]
-    return sorted(sure, key=_place)
+    return sorted(sure, key=_sort_key)
 
 
-def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
+def _sort_key(candidate: Candidate) -> tuple[float, bool, float, float]:
     """Sort key of candidates: the best is the smallest."""
     turns = not candidate.reverses_orientation
     return -min(candidate.certainty, SURE_SYMMETRY_CERTAINTY), turns, -candidate.certainty, candidate.scores["total"]

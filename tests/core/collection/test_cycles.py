@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from zoomout_core.collection.cycles import CYCLES, agreeing
+from zoomout_core.collection.cycles import CYCLES, choose_agreeing
 from zoomout_core.collection.pair_map import CandidateMaps, PairName
 from zoomout_core.collection.shapes import ShapeSummary
 
@@ -40,7 +40,7 @@ def collection(count: int) -> tuple[dict[PairName, CandidateMaps], dict[str, Sha
 
 def test_maps_that_agree_stay_as_they_are() -> None:
     maps, shapes = collection(5)
-    found = agreeing(maps, shapes.__getitem__)
+    found = choose_agreeing(maps, shapes.__getitem__)
     assert found.changed == []
     assert found.before == found.after == dict.fromkeys(maps, 0.0)
     assert min(found.certainty.values()) > 0.99
@@ -50,7 +50,7 @@ def test_a_flip_is_outvoted_though_it_is_sure_of_itself() -> None:
     maps, shapes = collection(5)
     wrong = PairName("s1", "s3")
     maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)
-    found = agreeing(maps, shapes.__getitem__)
+    found = choose_agreeing(maps, shapes.__getitem__)
     assert found.changed == [wrong]
     assert found.candidate[wrong] == 1
     assert found.before[wrong] > 0.5
@@ -63,21 +63,21 @@ def test_a_shape_that_is_flipped_as_such_costs_most_of_its_pairs_their_candidate
     of_shape = [pair for pair in maps if "s2" in pair]
     for pair in of_shape:
         maps[pair] = candidates(FLIPPED, SAME, certainty=0.9)
-    assert agreeing(maps, shapes.__getitem__).changed == []
+    assert choose_agreeing(maps, shapes.__getitem__).changed == []
     # Three of four choices change together; changing a single pair would gain nothing.
     for pair in of_shape[:3]:
         flipped = candidates(FLIPPED, SAME, certainty=0.3)
         flipped.certainty[1] = 0.6
         maps[pair] = flipped
     maps[of_shape[3]] = candidates(SAME, FLIPPED, certainty=0.9)
-    assert sorted(agreeing(maps, shapes.__getitem__).changed) == sorted(of_shape[:3])
+    assert sorted(choose_agreeing(maps, shapes.__getitem__).changed) == sorted(of_shape[:3])
 
 
 def test_where_no_candidate_agrees_a_third_shape_leads_to_one() -> None:
     maps, shapes = collection(5)
     wrong = PairName("s0", "s4")
     maps[wrong] = candidates(SHIFTED, FLIPPED)
-    found = agreeing(maps, shapes.__getitem__)
+    found = choose_agreeing(maps, shapes.__getitem__)
     assert found.changed == [wrong]
     assert found.through[wrong] in ("s1", "s2", "s3")
     assert (found.maps[wrong].forward[found.candidate[wrong]] == SAME).all()
@@ -87,7 +87,7 @@ def test_where_no_candidate_agrees_a_third_shape_leads_to_one() -> None:
 def test_without_cycles_nothing_is_known() -> None:
     maps, shapes = collection(3)
     del maps[PairName("s0", "s1")]
-    found = agreeing(maps, shapes.__getitem__)
+    found = choose_agreeing(maps, shapes.__getitem__)
     assert found.before == {}
     assert found.changed == []
     assert found.certainty == dict.fromkeys(maps, 0.9)
@@ -102,7 +102,7 @@ def test_an_inside_out_candidate_needs_more_than_cycles() -> None:
         np.array([0.9, 0.9]),
         np.array([False, True]),
     )
-    assert agreeing(maps, shapes.__getitem__).candidate[pair] == 0
+    assert choose_agreeing(maps, shapes.__getitem__).candidate[pair] == 0
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])
@@ -113,7 +113,7 @@ def test_many_flips_at_random_are_put_right(share: float) -> None:
     for pair in wrong:
         maps[pair] = candidates(FLIPPED, SAME, certainty=0.9)
     assert wrong
-    assert sorted(agreeing(maps, shapes.__getitem__).changed) == sorted(wrong)
+    assert sorted(choose_agreeing(maps, shapes.__getitem__).changed) == sorted(wrong)
     assert CYCLES.weight > 0
 
 
@@ -122,7 +122,7 @@ def test_a_candidate_that_is_hardly_likelier_is_not_taken() -> None:
     pair = PairName("s0", "s1")
     maps[pair] = candidates(SAME, SAME, certainty=0.4)
     maps[pair].certainty[1] = 0.5
-    assert agreeing(maps, shapes.__getitem__).changed == []
+    assert choose_agreeing(maps, shapes.__getitem__).changed == []
 
 
 def test_even_what_a_pair_rules_out_can_be_voted_for() -> None:
@@ -130,6 +130,6 @@ def test_even_what_a_pair_rules_out_can_be_voted_for() -> None:
     wrong = PairName("s1", "s3")
     maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)
     maps[wrong].certainty[1] = 1e-12
-    found = agreeing(maps, shapes.__getitem__)
+    found = choose_agreeing(maps, shapes.__getitem__)
     assert found.candidate[wrong] == 1
     assert found.through == {}

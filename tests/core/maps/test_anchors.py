@@ -37,9 +37,9 @@ def test_source_and_target_are_compared_by_their_own_anchors() -> None:
 
 def test_anchors_join_and_scale_on_both_sides() -> None:
     one, other = Anchors(np.ones((3, 1)), 2 * np.ones((4, 1))), Anchors(np.zeros((3, 2)), np.zeros((4, 2)))
-    both = one.scale(3.0).and_those(other)
+    both = one.scale(3.0).join(other)
     np.testing.assert_array_equal(both.source, [[3, 0, 0]] * 3)
     np.testing.assert_array_equal(both.target, [[6, 0, 0]] * 4)
-    assert one.and_those(None) is one
+    assert one.join(None) is one
     some = both.at(np.array([1]), np.array([2, 3]))
     assert (some.source.shape, some.target.shape) == ((1, 3), (2, 3))

@@ -229,7 +229,7 @@ def origins(found: list[Hypothesis]) -> list[str]:
 def test_what_is_known_is_tried_before_guesses(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     pair = result.pair
     earlier = Hypothesis("a given map", np.eye(5))
-    known = replace(NOTHING, standing=pair.source_shape.proxy.vertices)
+    known = replace(NOTHING, in_space=pair.source_shape.proxy.vertices)
     assert origins(guesses(pair, monkeypatch)) == ["identity", "mirror"]
     assert origins(guesses(pair, monkeypatch, "proximity")) == ["nearest points in space"]
     assert guesses(pair, monkeypatch, "given", earlier=earlier) == [earlier]
@@ -275,12 +275,12 @@ def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, mon
 
 def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
     pair = result.pair
-    places = guess_module.gather_evidence(pair, NOTHING, None).standing
+    places = guess_module.gather_evidence(pair, NOTHING, None).in_space
     assert places is not None
     there = pair.source_shape.proxy.full.to_surface(places)
     np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
     itself = replace(pair, target=pair.source)
-    assert guess_module.gather_evidence(itself, NOTHING, None).standing is None  # trivial for the surface itself
+    assert guess_module.gather_evidence(itself, NOTHING, None).in_space is None  # trivial for the surface itself
 
 
 def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:

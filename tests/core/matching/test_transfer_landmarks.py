@@ -15,7 +15,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.matching.registration.smooth_warp import outward_normals, winding_number
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.matching.transfer_landmarks import LANDMARKS
+from zoomout_core.matching.transfer_landmarks import LANDMARK_TRANSFER
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.tuning import retune
@@ -107,14 +107,14 @@ def test_a_landmark_whose_surroundings_are_missing_has_little_confidence(
 def test_a_bent_warp_has_little_confidence(source: Surface, result: MatchResult) -> None:
     points = source.vertices[farthest_points(source.vertices[:COUNT], 20)]
     confidence = zo.transfer_landmarks(result, points).confidence
-    with retune(LANDMARKS, bent=1e-6):
+    with retune(LANDMARK_TRANSFER, bent=1e-6):
         assert zo.transfer_landmarks(result, points).confidence.max() < 0.01 * confidence.max()
 
 
 def test_shapes_that_no_smooth_deformation_relates_follow_the_map(
     source: Surface, target: Surface, result: MatchResult
 ) -> None:
-    with retune(LANDMARKS, smooth=0.0):
+    with retune(LANDMARK_TRANSFER, smooth=0.0):
         found = zo.transfer_landmarks(result, np.arange(0, 900, 30))
     by_map = result.surface_map.preimages(source, target, source.vertices[:900:30])
     assert found.points == pytest.approx(by_map.interpolate(target.vertices))

@@ -20,7 +20,7 @@ from zoomout_core.matching.preparation.analysis import analyse
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.symmetry import detect
-from zoomout_core.symmetry.detect import _place, energies, find_candidates
+from zoomout_core.symmetry.detect import _sort_key, find_candidates, isometry_errors
 from zoomout_core.symmetry.offsets import frames, mirror_offsets, shape_asymmetry, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import symmetrise_uv
@@ -130,12 +130,12 @@ def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() ->
 
 def test_energies_are_those_of_the_whole_and_of_the_low_block() -> None:
     eigenvalues = np.arange(40.0)
-    exact = energies(np.eye(40), eigenvalues)
+    exact = isometry_errors(np.eye(40), eigenvalues)
     assert max(exact.values()) < 1e-9
     assert set(exact) == {f"{low}{name}" for low in ("", "low ") for name in ("commutativity", "orthonormality")}
     high = np.eye(40)
     high[30:35, 30:35] = np.random.default_rng(0).normal(size=(5, 5))
-    found = energies(high, eigenvalues)
+    found = isometry_errors(high, eigenvalues)
     assert min(found["commutativity"], found["orthonormality"]) > 1e-3
     assert max(found["low commutativity"], found["low orthonormality"]) < 1e-9
 
@@ -148,7 +148,7 @@ def test_of_symmetries_that_are_sure_those_come_first_that_leave_less_alone() ->
         return cast(zo.Symmetry, SimpleNamespace(surface=surface, confidence=confidence, certainty=certainty))
 
     sure, surer, unsure, unlikely = found(0.985, 0.2), found(0.999, 0.5), found(0.9, 0.0), found(0.3, 0.0)
-    assert sorted([unlikely, surer, unsure, sure], key=_place) == [sure, surer, unsure, unlikely]
+    assert sorted([unlikely, surer, unsure, sure], key=_sort_key) == [sure, surer, unsure, unlikely]
 
 
 # --- layouts ------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import displacement, mean_distance, order_of
-from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, is_no_part_of_identity, rank_symmetries
 
 SIDE = 10
 AT = (np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=1) + 0.5) / SIDE
@@ -71,7 +71,7 @@ def test_each_criterion_puts_the_better_map_first(
     square: ShapeAnalysis, criterion: str, better: float, worse: float
 ) -> None:
     for maps in ((LEFT_RIGHT, UP_DOWN), (UP_DOWN, LEFT_RIGHT)):
-        one, other = in_order(
+        one, other = rank_symmetries(
             [candidate(maps[0], **{criterion: worse}), candidate(maps[1], **{criterion: better})], square
         )
         assert (one.sample_map == maps[1]).all()
@@ -81,20 +81,20 @@ def test_each_criterion_puts_the_better_map_first(
 
 def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: ShapeAnalysis) -> None:
     def total(**scores: float) -> float:
-        (one,) = in_order([candidate(LEFT_RIGHT, **scores)], square)
+        (one,) = rank_symmetries([candidate(LEFT_RIGHT, **scores)], square)
         return one.scores["total"]
 
     twice = [
         total(**{name: 2 * GOOD[name]} if name != "curvature" else {name: 1 - 2 * (1 - GOOD[name])}) - total()
         for name in ("commutativity", "place", "distance", "curvature")
     ]
-    (half_as_far,) = in_order([candidate(np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT))))], square)
+    (half_as_far,) = rank_symmetries([candidate(np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT))))], square)
     # Each weighs 1.2 to 1.75 times as much as the next, as fitted to the benchmark.
     for more, less in pairwise([half_as_far.scores["total"] - total(), *twice]):
         assert 1.2 < more / less < 1.75
     # Pseudo-scalars of the wrong sign cost 1.5 to 3 times as much as doubling the error of commutativity.
     lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5]))
-    first, second = in_order([candidate(LEFT_RIGHT), candidate(UP_DOWN)], lopsided)
+    first, second = rank_symmetries([candidate(LEFT_RIGHT), candidate(UP_DOWN)], lopsided)
     assert 1.5 < (second.scores["total"] - first.scores["total"]) / twice[0] < 3
 
 
@@ -106,22 +106,22 @@ def test_what_a_mesh_makes_of_nothing_is_nothing(
     square: ShapeAnalysis, criterion: str, values: tuple[float, float]
 ) -> None:
     maps = [candidate(m, **{criterion: value}) for m, value in zip((LEFT_RIGHT, UP_DOWN), values, strict=True)]
-    one, other = in_order(maps, square)
+    one, other = rank_symmetries(maps, square)
     assert one.scores["total"] == pytest.approx(other.scores["total"])
 
 
 def test_a_map_that_turns_pseudo_scalars_as_its_orientation_says_comes_first() -> None:
     lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5, (AT[:, 0] - 0.5) ** 3]))
-    one, other = in_order([candidate(UP_DOWN), candidate(LEFT_RIGHT)], lopsided)
+    one, other = rank_symmetries([candidate(UP_DOWN), candidate(LEFT_RIGHT)], lopsided)
     assert (one.sample_map == LEFT_RIGHT).all()
     assert (one.scores["fine handedness"], other.scores["fine handedness"]) == pytest.approx((1, -1))
-    one, other = in_order([candidate(LEFT_RIGHT, False), candidate(UP_DOWN, False)], lopsided)
+    one, other = rank_symmetries([candidate(LEFT_RIGHT, False), candidate(UP_DOWN, False)], lopsided)
     assert (one.sample_map == UP_DOWN).all()
 
 
 def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: ShapeAnalysis) -> None:
     half = np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT)))
-    one, other = in_order([candidate(half), candidate(LEFT_RIGHT)], square)
+    one, other = rank_symmetries([candidate(half), candidate(LEFT_RIGHT)], square)
     assert (one.sample_map == LEFT_RIGHT).all()
     assert one.scores["moved"] == pytest.approx(2 * other.scores["moved"])
 
@@ -129,7 +129,7 @@ def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: Sha
 def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> None:
     def first_reverses(place: float) -> bool:
         # Both have the same images but count as two maps.
-        first, _ = in_order([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
+        first, _ = rank_symmetries([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
         return first.reverses_orientation
 
     assert first_reverses(GOOD["place"])
@@ -142,13 +142,13 @@ def test_maps_that_lead_to_about_the_same_places_are_one(square: ShapeAnalysis) 
     for share, count in ((0.7, 1), (1.0, 2)):
         off = image(np.clip(AT[LEFT_RIGHT] + [0, 0.1 if share < 1 else 0.25], 0, 0.95))
         nearly = np.where(np.arange(len(AT)) < share * len(AT), off, LEFT_RIGHT)
-        found = in_order([candidate(nearly, place=0.03), candidate(LEFT_RIGHT)], square)
+        found = rank_symmetries([candidate(nearly, place=0.03), candidate(LEFT_RIGHT)], square)
         assert len(found) == count
         assert (found[0].sample_map == LEFT_RIGHT).all()
 
 
 def certainties(square: ShapeAnalysis, *candidates: Candidate) -> list[float]:
-    return [one.certainty for one in in_order(list(candidates), square)]
+    return [one.certainty for one in rank_symmetries(list(candidates), square)]
 
 
 def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(square: ShapeAnalysis) -> None:
@@ -202,7 +202,7 @@ def test_an_exact_symmetry_is_as_sure_with_any_lead_and_less_behind_another(squa
 def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: ShapeAnalysis) -> None:
     tried = []
     for worse in np.geomspace(0.02, 5, 60):
-        found = in_order(
+        found = rank_symmetries(
             [
                 candidate(HALF_TURN, False, commutativity=0.12, place=0.002, distance=0.01),
                 candidate(LEFT_RIGHT, commutativity=0.12, place=worse, distance=worse),

@@ -113,7 +113,7 @@ def find_fused(
     points, normals, component = _outside(pair, source, list(parts.values()))
     outside = _Cloud(points, normals, 1.0)
     found = {
-        number: _find(part, outside, component, images, motion.handedness, source, target)
+        number: _find_part(part, outside, component, images, motion.handedness, source, target)
         for number, part in parts.items()
     }
     return {number: each for number, each in found.items() if each is not None}
@@ -145,12 +145,12 @@ def _samples(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
     return surface_samples(vertices, triangles, count) if count else (np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
 
 
-def _find(
-    part: Part,
-    outside: _Cloud,
-    component: Integers,
-    images: Floats,
-    handedness: float,
+def _find_part(
+    part: Part,  # of the source
+    outside: _Cloud,  # (s,) points on the source's outside
+    component: Integers,  # (s,) the source's component that has each of them
+    images: Floats,  # (b, 3) of the target's body on the source's
+    handedness: float,  # of the body's motion
     source: Side,
     target: Side,
 ) -> FusedPart | None:
@@ -162,22 +162,21 @@ def _find(
     size = float(np.sqrt(np.var(visible, axis=0).sum()))
     reach, weight = SURROUNDINGS * size + BODY_MAP_ERROR, NORMAL_WEIGHT * min(size, BODY_MAP_ERROR)
     tree = cKDTree(visible)
-    on_body, around = np.zeros_like(target.points), np.zeros(len(target.points), dtype=bool)
-    on_body[target.body_vertices] = images
-    around[target.body_vertices] = _within(reach, tree, images)
-    triangles = np.flatnonzero(around[target.mesh.triangles].all(axis=1))
-    if not len(triangles):
-        return None
-    here = target.mesh.oriented_triangles[triangles]
-    points, on = surface_samples(target.points, here, SAMPLES)
-    ours = _Cloud(points, unit_vectors(area_normals(target.points, here[on])), weight)
     near = _within(reach, tree, outside.points)
     theirs, is_part = _Cloud(outside.points[near], outside.normals[near], weight), is_part[near]
-    if is_part.all():
+    around = np.zeros(len(target.points), dtype=bool)
+    around[target.body_vertices] = _within(reach, tree, images)
+    triangles = target.mesh.oriented_triangles[around[target.mesh.triangles].all(axis=1)]
+    if is_part.all() or not len(triangles):
         return None
+    points, on = surface_samples(target.points, triangles, SAMPLES)
+    ours = _Cloud(points, unit_vectors(area_normals(target.points, triangles[on])), weight)
+    on_body = np.zeros_like(target.points)
+    on_body[target.body_vertices] = images
     some = slice(None, None, SPARSE)
-    on_source = on_body[here[on[some]]].mean(axis=1)
-    motion = _register(ours[some], theirs[some], theirs[is_part][some], on_source, handedness)
+    motion = _register(
+        ours[some], theirs[some], theirs[is_part][some], on_body[triangles[on[some]]].mean(axis=1), handedness
+    )
     moved = ours.move(motion)
     patch = moved[is_part[theirs.tree.query(moved.rows)[1]]]
     if not len(patch.points):
@@ -189,7 +188,7 @@ def _find(
     vertices = np.flatnonzero(around)
     vertices = vertices[_within(size, tree, motion(target.points[vertices]))]
     placed = _Cloud(target.points[vertices], target.mesh.vertex_normals[vertices], weight).move(motion)
-    shown = _outline(placed, theirs[is_part], theirs[~is_part], vertices, target)
+    shown = _is_shown(placed, theirs[is_part], theirs[~is_part], vertices, target)
     return FusedPart(vertices[shown], placed.points[shown], placed.normals[shown], residual) if shown.any() else None
 
 
@@ -229,7 +228,7 @@ def _lies_on_body(patch: _Cloud, off: float, source: Side, reach: float, tree: c
     return len(points) > 0 and _rms_distance(patch, _Cloud(points, normals, patch.weight)) < FUSED_PARTS.gain * off
 
 
-def _outline(placed: _Cloud, part: _Cloud, body: _Cloud, vertices: Integers, target: Side) -> Booleans:
+def _is_shown(placed: _Cloud, part: _Cloud, body: _Cloud, vertices: Integers, target: Side) -> Booleans:
     """(n,) which of the target's vertices (n,), placed on the source, show a part rather than its body."""
     number = np.full(len(target.points), -1)
     number[vertices] = np.arange(len(vertices))

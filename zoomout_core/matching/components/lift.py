@@ -14,7 +14,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS
 from zoomout_core.matching.components.shells import ShellMap, map_shells
-from zoomout_core.matching.pair import Pair, standing
+from zoomout_core.matching.pair import Pair, target_in_space
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.refinement.confidence import Counterparts
@@ -62,7 +62,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -
     if pair.target_shape.proxy.full.is_hull:
         return _from_shells(pair, map_shells(pair, fit, confidence, counterparts))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
-    between_parts = lift_fit(fit, source, target, standing(pair))
+    between_parts = lift_fit(fit, source, target, target_in_space(pair))
     loose = map_components(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of

@@ -12,7 +12,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.pair import Pair, standing
+from zoomout_core.matching.pair import Pair, target_in_space
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
@@ -60,7 +60,7 @@ def overlapping(pair: Pair) -> Floats | None:
     stand for their whole surfaces, because they lack pieces that are too far away to be joined.
     """
     source, target = pair.source_shape, pair.target_shape
-    here, there = standing(pair)[target.proxy.full_vertex], source.proxy.vertices
+    here, there = target_in_space(pair)[target.proxy.full_vertex], source.proxy.vertices
     if target.proxy.full.is_hull:
         ours, theirs = (_outline_of_surface(surface, source.proxy.full) for surface in (pair.target, pair.source))
     else:

@@ -119,10 +119,7 @@ class Side:
         if body.is_hull:
             points = body.from_surface(mesh.to_surface(mesh.vertices))
             return cls(orient_outwards(mesh, body), points, areas, np.zeros(0, dtype=np.int64))
-        used = body.vertex_of >= 0
-        body_vertices = np.empty(len(body.vertices), dtype=np.int64)
-        body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
-        return cls(mesh, mesh.vertices * (mesh.scale / body.scale), areas, body_vertices)
+        return cls(mesh, mesh.vertices * (mesh.scale / body.scale), areas, mesh.vertex_of[body.surface_vertex])
 
     @property
     def body(self) -> int:

@@ -57,7 +57,7 @@ def guess(
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
-    if evidence.standing is not None:
+    if evidence.in_space is not None:
         hypotheses.insert(0, proximity_hypothesis(pair))
     if earlier is not None:
         hypotheses.insert(0, earlier)
@@ -65,7 +65,7 @@ def guess(
     if by_landmarks is not None:
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).and_those(anchors)
+        anchors = by_landmarks.anchors.scale(LANDMARK_WEIGHT).join(anchors)
     return _anchor(hypotheses, anchors)
 
 
@@ -88,7 +88,7 @@ def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) 
         rows = target.search.rows, source.basis.eigenvectors
         known = replace(known, earlier=nearest(*coordinates(*rows, earlier.functional_map, None)))
     places = None if pair.source is pair.target else overlapping(pair)  # a surface always coincides with itself
-    return known if places is None else replace(known, standing=places[target.search.samples])
+    return known if places is None else replace(known, in_space=places[target.search.samples])
 
 
 def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
@@ -100,5 +100,5 @@ def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypot
     """Hypotheses with landmarks as constraints of the final map, whatever they start from."""
     if anchors is None:
         return hypotheses
-    held = [anchors.and_those(each.anchors) for each in hypotheses]
+    held = [anchors.join(each.anchors) for each in hypotheses]
     return [replace(each, anchors=both, final_anchors=both) for each, both in zip(hypotheses, held, strict=True)]

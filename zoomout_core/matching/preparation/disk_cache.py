@@ -25,7 +25,7 @@ from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
-# To be raised when the same mesh is prepared differently, or stored differently.
+# Increase this whenever the same mesh is prepared or stored differently.
 FORMAT = 4
 # Bytes that the files take at most, unless the user says otherwise.
 MAX_BYTES = 1 << 30
@@ -86,7 +86,7 @@ class ShapeFolder:
         return self._folder / f"{key.hex()}.npz"
 
     def _make_room(self) -> None:
-        """Remove what was used longest ago."""
+        """Remove the least recently used files until the others take at most `max_bytes`."""
         seen = []
         for path in self._folder.glob("[!.]*.npz"):
             with suppress(OSError):  # another process was faster
@@ -126,7 +126,7 @@ def _shape(arrays: dict[str, Any], part: WorkingMesh) -> ShapeAnalysis:
         proxy = Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     n = len(proxy.mesh.vertices)
     stiffness = csc_array(tuple(arrays[f"stiffness.{name}"] for name in SPARSE_ARRAYS), shape=(n, n))
-    stiffness.check_format(full_check=True)  # beyond its arrays, compiled code would read what is not there
+    stiffness.check_format(full_check=True)  # or compiled code could read beyond its arrays
     if not len(arrays["areas"]) == len(arrays["eigenvectors"]) == arrays["distances"].shape[1] == n:
         raise ValueError("it is of another shape")
     basis = SpectralBasis(arrays["eigenvalues"], arrays["eigenvectors"], arrays["areas"], proxy.mesh.vertices)

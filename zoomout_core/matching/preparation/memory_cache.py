@@ -27,26 +27,26 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.memory import bytes_of
 
-# Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
+# Maximum bytes of the cached shapes, which is about ten of the usual size; as much again for working meshes.
 MAX_BYTES = 512 << 20
 
 Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
 
-class _Kept(Generic[Value]):
-    """Values by the hash of their content; those used longest ago are dropped when all take too much memory."""
+class _LruCache(Generic[Value]):
+    """Values by the hash of their content; the least recently used are dropped when all take too much memory."""
 
     def __init__(self) -> None:
         self._values: OrderedDict[bytes, Value] = OrderedDict()
         self._lock = Lock()
 
-    def take(self, key: bytes) -> Value | None:
+    def get(self, key: bytes) -> Value | None:
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
             return self._values.get(key)
 
-    def keep(self, key: bytes, value: Value) -> None:
+    def put(self, key: bytes, value: Value) -> None:
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
@@ -54,15 +54,16 @@ class _Kept(Generic[Value]):
                 self._values.popitem(last=False)
 
     def unlock(self) -> None:
+        """Replace the lock, in a child process."""
         self._lock = Lock()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         with self._lock:
             self._values.clear()
 
 
-_shapes: _Kept[ShapeAnalysis] = _Kept()
-_meshes: _Kept[WorkingMesh] = _Kept()
+_shapes: _LruCache[ShapeAnalysis] = _LruCache()
+_meshes: _LruCache[WorkingMesh] = _LruCache()
 if hasattr(os, "register_at_fork"):  # not on Windows; a thread that does not exist in the child may hold the locks
     os.register_at_fork(after_in_child=_shapes.unlock)
     os.register_at_fork(after_in_child=_meshes.unlock)
@@ -72,22 +73,22 @@ _folder: ShapeFolder | None = None
 def cached_working_mesh(surface: Surface) -> WorkingMesh:
     """The surface's working mesh; that of another surface of the same arrays if there was one."""
     key = _hash("", surface.vertices, surface.corner_vertex, surface.triangle_corners)
-    mesh = _meshes.take(key)
+    mesh = _meshes.get(key)
     if mesh is None:
         mesh = surface.working
     else:
         surface.working = mesh
-    _meshes.keep(key, mesh)
+    _meshes.put(key, mesh)
     return mesh
 
 
 def cached_hull(surface: Surface, tight: bool = False) -> WorkingMesh:
     """`hull_of`, or at once the hull of another surface of the same arrays."""
     key = _hash(f"hull, tight: {tight}", surface.vertices, surface.corner_vertex, surface.triangle_corners)
-    hull = _meshes.take(key)
+    hull = _meshes.get(key)
     if hull is None:
         hull = hull_of(surface, tight)
-    _meshes.keep(key, hull)
+    _meshes.put(key, hull)
     return hull
 
 
@@ -95,14 +96,14 @@ def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_ve
     """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
     arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
     key = _hash(repr(((k, samples, seed, proxy_vertices), part.scale)), *arrays)
-    shape, folder = _shapes.take(key), _folder
+    shape, folder = _shapes.get(key), _folder
     if shape is None and folder is not None:
         shape = folder.load(key, part)
     if shape is None:
         shape = analyse(part, k, samples, seed, proxy_vertices)
         if folder is not None:
             folder.save(key, shape)
-    _shapes.keep(key, shape)
+    _shapes.put(key, shape)
     return shape
 
 
@@ -139,8 +140,8 @@ def forget_shapes() -> None:
     Example:
         >>> zo.forget_shapes()  # the next match analyses its shapes again
     """
-    _shapes.forget()
-    _meshes.forget()
+    _shapes.clear()
+    _meshes.clear()
 
 
 def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:

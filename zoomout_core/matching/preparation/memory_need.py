@@ -15,19 +15,19 @@ from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.memory import free_memory
 
-# Bytes that matches took, within a quarter (pairs of creatures of 5,000 to 300,000 vertices, by all details): in any
-# case, for each vertex, and for each vertex and function of a proxy, where distances and whatever else is known at
-# its vertices are as many functions more.
-ALWAYS, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
+# A linear model of the bytes that a match takes, exact to a quarter for pairs of creatures of 5,000 to 300,000 vertices
+# with every detail: a constant, bytes per vertex, and bytes per value at a vertex of a proxy. A proxy has its
+# eigenfunctions, and distances and other data that count as MORE_FUNCTIONS further ones.
+CONSTANT, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
 GIB = 1 << 30
 COARSER = "use detail '{detail}' (in Python proxy_vertices={vertices})"
 
 
 def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> int:
-    """Bytes that analysing and matching meshes of some numbers of vertices takes, about."""
+    """Approximate bytes for analysing and matching meshes with these numbers of vertices."""
     of_proxies = sum(min(n, proxy_size(n, proxy_vertices) or n) for n in vertices)
     functions = max(k_final, ANALYSIS.min_functions) + MORE_FUNCTIONS
-    return ALWAYS + PER_VERTEX * sum(vertices) + PER_VALUE * functions * of_proxies
+    return CONSTANT + PER_VERTEX * sum(vertices) + PER_VALUE * functions * of_proxies
 
 
 def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import Candidate, in_order
+from zoomout_core.matching.ranking.rank import Candidate, sort_by_certainty
 from zoomout_core.matching.ranking.scores import ENERGY, TORN
 from zoomout_core.matching.refinement.confidence import local_distortion, torn_triangles
 from zoomout_core.matching.refinement.refine import final_size, refine
@@ -64,7 +64,7 @@ def rank_finished(
     found = list(candidates)
     for number, candidate in zip(near, finished, strict=True):
         found[number] = candidate
-    return in_order(found, source, target)
+    return sort_by_certainty(found, source, target)
 
 
 def refine_candidate(

@@ -184,17 +184,17 @@ def rank(
     leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, quotas)
     with portion(0.8, 1.0):
         candidates = for_each(lambda candidate: _align(candidate, *shapes), leading)
-    return in_order(candidates, source, target)
+    return sort_by_certainty(candidates, source, target)
 
 
-def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
+def sort_by_certainty(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates with their certainty, the most likely first.
 
     Mirror images come last and rival only each other, unless the sides are unknown, as for a cloth.
     """
     apart = sides_are_known(source, target)
     sides = [[one for one in candidates if one.mirrored == side] for side in (False, True)] if apart else [candidates]
-    return [one for side in sides for one in _in_order(side, source, target)]
+    return [one for side in sides for one in _sort_rivals(side, source, target)]
 
 
 @once_per_argument
@@ -203,7 +203,7 @@ def is_closed(shape: ShapeAnalysis) -> bool:
     return not shape.proxy.full.is_hull and not len(border_edges(shape.mesh.triangles))
 
 
-def _in_order(rivals: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
+def _sort_rivals(rivals: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates that rival each other, with their certainty, which never rises from one to the next."""
     totals = _totals(rivals)
     order = np.argsort(totals, kind="stable")
@@ -229,7 +229,7 @@ def with_others(
     places = [source.coordinates[candidate.sample_map] for candidate in (*candidates, *others)]
     known = alike(places, HYPOTHESES.same_map)[len(candidates) :, : len(candidates)].any(axis=1)
     new = [other for other, is_known in zip(others, known, strict=True) if not is_known]
-    return in_order([*candidates, *new], source, target)
+    return sort_by_certainty([*candidates, *new], source, target)
 
 
 def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> bool:

@@ -106,35 +106,51 @@ def refine(
     """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""
     size = final_size(source, target, k_final)
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
-    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[target.sampled.samples])
-    eigenvectors = source.basis.eigenvectors
-    vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
-    how = target.sampled, at_samples
+    sampled = target.sampled
+    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[sampled.samples])
+    vertex = nearest(*coordinates(sampled.rows, source.basis.eigenvectors, functional_map, at_samples))
     for i, (k, width) in enumerate(schedule.aligning):
         advance(0.3 * i / len(schedule.aligning))
         # While the map is still to grow, the source's samples are close enough.
         among = source.sampled.samples if k < size else slice(None)
-        vertex, aligned = align_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
+        vertex, aligned = align_and_match(
+            vertex, source, target, sampled, at_samples, min(k, size), width, mirrored, among
+        )
     factor = _weight_factor(vertex, aligned, source, target, size)
-    settling = schedule.settling_sizes(step, size)
+    weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness
+    settling, (_, last_width) = schedule.settling_sizes(step, size), schedule.aligning[-1]
     for i, k in enumerate(settling):
         advance(0.3 + 0.4 * i / len(settling))
-        weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness
-        vertex, _ = align_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
+        vertex, _ = align_and_match(vertex, source, target, sampled, at_samples, k, last_width, mirrored, weight=weight)
+    advance(0.7)
+    weight = REFINEMENT.finishing_weight * factor * min(1.0, REFINEMENT.finishing_size / size) ** 2
+    dense = _map_all_vertices(vertex, source, target, anchors, size, last_width, mirrored, weight)
+    return dense, functional_map_by(dense, source, target, (size, size))
+
+
+def _map_all_vertices(
+    vertex: Integers,  # (s,) the source vertex of each of the target's samples
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    anchors: Anchors | None,  # at all vertices
+    size: int,  # of the functional map
+    width: float,  # see `align`
+    mirrored: bool,  # see `align`
+    weight: float,  # of positions in space, beside eigenfunctions
+) -> SurfaceMap:
+    """One round on all vertices: the precise map in spectral and spatial coordinates, from a map of samples."""
+    eigenvectors = source.basis.eigenvectors
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(RIGID_ALIGNMENT.image_functions, _available(source, target))
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
-    weight = REFINEMENT.finishing_weight * factor * min(1.0, REFINEMENT.finishing_size / size) ** 2
-    advance(0.7)
     aligned = align(images, target, width, mirrored)
     aligned = aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
     pair = coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
     queries, embedded = beside_places(*pair, aligned, source, size, weight)
     near = _nearest_near_samples(queries, embedded, source)
     advance(0.85)
-    dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
-    return dense, functional_map_by(dense, source, target, (size, size))
+    return SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
 
 
 def final_size(source: ShapeAnalysis, target: ShapeAnalysis, k_final: int) -> int:

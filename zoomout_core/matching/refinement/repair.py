@@ -10,7 +10,7 @@ and projected to points of the source that are nearby along its surface as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats, row_norms, take_rows
-from zoomout_core.geometry.closest_points import closest_on_triangles
+from zoomout_core.geometry.closest_points import closest_on_triangles, search_tree
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import SMALLEST, Moments, products
 from zoomout_core.geometry.sparse_solve import factorise
@@ -110,18 +110,15 @@ class _Meshes:
 
     def __init__(self, pair: Pair) -> None:
         self.source, self.target = pair.source.working, pair.target.working
-        used = np.flatnonzero(self.target.vertex_of >= 0)
-        # (n,) a vertex of the target's surface for each of its working vertices.
-        self.member = np.empty(len(self.target.vertices), dtype=np.int64)
-        self.member[self.target.vertex_of[used]] = used
         # (n_s, 6 + d) the features of the source's vertices, see `_Images`.
         places = self.source.vertices, self.source.vertex_normals, _marks(pair.source, pair.source_shape)
         self.features: SingleFloats = np.hstack([each.astype(np.float32) for each in places])
         self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
         self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
         self.areas = vertex_areas(self.target.vertices, self.target.triangles)  # (n,)
-        self.fixed = np.zeros(len(self.member), dtype=bool)  # (n,) vertices at exact landmarks
+        self.fixed = np.zeros(len(self.areas), dtype=bool)  # (n,) vertices at exact landmarks
         if pair.exact_landmarks is not None:
+            used = np.flatnonzero(self.target.vertex_of >= 0)
             points = landmark_points(pair, pair.exact_landmarks)[1]
             near = cKDTree(pair.target.vertices[used]).query(points)[1]
             self.fixed[self.target.vertex_of[used[near]]] = True
@@ -137,7 +134,7 @@ class _Meshes:
     def graph(self) -> csr_array:
         """(n, n) adjacency of the target's vertices."""
         ends = np.concatenate([self.edges, self.edges[:, ::-1]])
-        return csr_array((np.ones(len(ends)), ends.T), shape=(len(self.member), len(self.member)))
+        return csr_array((np.ones(len(ends)), ends.T), shape=(len(self.areas), len(self.areas)))
 
     @cached_property
     def samples(self) -> tuple[cKDTree, Integers]:
@@ -148,7 +145,7 @@ class _Meshes:
         points, on = surface_samples(source.vertices, source.triangles, count)
         normals = triangle_normals(source.vertices, source.oriented_triangles)[on]
         places = np.hstack([points, REPAIR.normal_weight * normals])
-        return cKDTree(places, balanced_tree=False, compact_nodes=False), on
+        return search_tree(places), on
 
 
 def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
@@ -173,7 +170,8 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
 
 def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
     """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were rematched."""
-    source, target, member, edges = meshes.source, meshes.target, meshes.member, meshes.edges
+    source, target, edges = meshes.source, meshes.target, meshes.edges
+    member = target.surface_vertex
     number = np.zeros(len(pair.source.triangles), dtype=np.int64)
     number[source.triangle_of] = np.arange(len(source.triangles))
     images = meshes.images(number[surface_map.triangle[member]], surface_map.barycentric[member])
@@ -185,17 +183,7 @@ def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Bool
     filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
         beside = filled[edges].any(axis=1)  # edges that the filling changes
-        vertices, ends = np.unique(edges[beside], return_inverse=True)
-        fills = [images.at(vertices)]
-        for some, fill in _fills(images, filled, meshes):
-            fills.append(images.at(vertices))
-            fills[-1].replace_at(np.searchsorted(vertices, some), fill)
-        usual = limit / REPAIR.max_stretch * meshes.length[beside]
-        best = _choose_images(fills, filled[vertices], ends.reshape(-1, 2), usual)
-        for choice, fill in enumerate(fills):
-            chosen = np.flatnonzero(best == choice)
-            images.replace_at(vertices[chosen], fill.at(chosen))
-        filled[vertices[best == 0]] = False
+        _fill(images, filled, meshes, beside, limit / REPAIR.max_stretch * meshes.length[beside])
         length[beside] = _lengths(images.features, edges[beside])
         torn = _torn(length, meshes.length, limit)
     at_torn = np.zeros(len(filled), dtype=bool)
@@ -213,6 +201,24 @@ def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Bool
         _on_surface(at_torn & ~meshes.fixed, vertex_of),
         np.where(vertex_of >= 0, connected[vertex_of], 1.0),
     )
+
+
+def _fill(images: _Images, filled: Booleans, meshes: _Meshes, beside: Booleans, usual: Floats) -> None:
+    """Replace images of vertices (n,) that are to be filled in by those that distort their patch least, in place.
+
+    The lengths `usual` (b,) are those of the images of edges `beside` (e,) these vertices if the map is not distorted.
+    Patches that are distorted least as they are keep their images, and are no longer among the filled vertices.
+    """
+    vertices, ends = np.unique(meshes.edges[beside], return_inverse=True)
+    fills = [images.at(vertices)]
+    for some, fill in _fills(images, filled, meshes):
+        fills.append(images.at(vertices))
+        fills[-1].replace_at(np.searchsorted(vertices, some), fill)
+    best = _choose_images(fills, filled[vertices], ends.reshape(-1, 2), usual)
+    for choice, fill in enumerate(fills):
+        chosen = np.flatnonzero(best == choice)
+        images.replace_at(vertices[chosen], fill.at(chosen))
+    filled[vertices[best == 0]] = False
 
 
 def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
@@ -296,8 +302,8 @@ def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))
 
 
-def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> Iterator[tuple[Integers, _Images]]:
-    """Fill in some images from the others, and project them to the source: yields the vertices (q,), and their images.
+def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> list[tuple[Integers, _Images]]:
+    """Two ways to fill in some images from the others, on the source: for each the vertices (q,), and their images.
 
     The features of the images solve Poisson's equation: their differences in a patch are those of the target, turned
     and scaled like the patch's surroundings (Yu et al. 2004), so that the tip of a finger does not shrink to its base.
@@ -319,9 +325,9 @@ def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> Iterator[tuple
     divergences = _divergence(images, filled, graph, laplacian, meshes.target), 0
     goals = np.concatenate([factors.solve(np.asfortranarray(each - known)) for each in divergences])
     goals[:, 3:6] /= np.maximum(row_norms(goals[:, 3:6])[:, None], SMALLEST)
-    projected = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
-    for on, barycentric in zip(*(np.split(each, len(divergences)) for each in projected), strict=True):
-        yield vertices[on >= 0], meshes.images(on[on >= 0], barycentric[on >= 0])
+    triangle, barycentric = _project(goals, meshes, allowed, np.tile(component[vertices] * stride, len(divergences)))
+    fillings = zip(np.split(triangle, len(divergences)), np.split(barycentric, len(divergences)), strict=True)
+    return [(vertices[on >= 0], meshes.images(on[on >= 0], weights[on >= 0])) for on, weights in fillings]
 
 
 def _divergence(

@@ -146,12 +146,12 @@ def bend(
     return graph
 
 
-def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
+def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> SurfaceMap:
     """Lift a fit between proxies to a map between the parts that these were decimated from.
 
     Each vertex of the target's part moves with its place on the proxy, and maps to the closest point of the source's
     part. If that point is far from the image by the proxies' map, on another part that touches, the image is used.
-    `standing` (n_t, 3) is the target's part where it is in space, in the frame of the source's part.
+    `in_space` (n_t, 3) is the target's part where it is in space, in the frame of the source's part.
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
@@ -163,7 +163,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surfac
     bent = on.interpolate(fit.positions) + np.einsum("nij,nj->ni", on.interpolate(fit.rotations), off)
     goal = images.copy()
     goal[fits] = image_centre + image_size * bent
-    settled, nearness = settle(goal, fits, target.full.vertices, standing, source)
+    settled, nearness = settle(goal, fits, target.full.vertices, in_space, source)
     found = source.closest(settled)
     at_rest = (settled != goal).any(axis=1)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)

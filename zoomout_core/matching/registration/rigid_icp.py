@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
@@ -67,11 +69,11 @@ def rigid_vertices(
     return pooled > MIN_COINCIDING_SHARE, placed
 
 
-def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
+def settle(goal: Floats, fits: Booleans, points: Floats, in_space: Floats, source: Proxy) -> tuple[Floats, float]:
     """Refine the goals (n, 3) of points (n, 3) that a single similarity takes close to them, those that fit (n,).
 
     A proxy differs from its mesh by more than two meshes of one surface do. So if most of a body has not moved, only
-    the full meshes determine its position exactly. The positions `standing` (n, 3), if neither surface is moved, are
+    the full meshes determine its position exactly. The points' positions `in_space` (n, 3), without any motion, are
     used if they fit about as well, because they are exact, unlike a motion between two meshes. The transition is
     gradual, so that nothing jumps if one of the two is moved away.
 
@@ -82,34 +84,11 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     if len(reliable) < MIN_SETTLING_VERTICES:
         return goal, SAME_SURFACE_DISTANCE
     at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), MAX_SETTLING_POINTS)).astype(int)]
-    trust = np.ones(len(at))
-    for _ in range(MOTION_ITERATIONS):
-        aligned = procrustes(points[at], goal[at], trust)
-        miss = np.linalg.norm(aligned(points[at]) - goal[at], axis=1)
-        trust = 1 / (1 + (miss / COINCIDENCE_DISTANCE) ** 2) ** 2
-    motion, shift = aligned.linear, aligned.translation
-    for _ in range(SETTLING_ITERATIONS):
-        placed = points[at] @ motion.T + shift
-        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDENCE_DISTANCE)
-        if len(near) < MIN_SETTLED_SHARE * len(at):
-            return goal, SAME_SURFACE_DISTANCE
-        residual, normals = _residuals(placed[near], source)
-        away = placed[near] - placed[near].mean(axis=0)
-        columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
-        change = np.linalg.lstsq(np.hstack(columns), residual, rcond=None)[0]
-        grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
-        middle = placed[near].mean(axis=0)
-        motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
-    left = np.median(np.abs(residual))
-    if left > SAME_SURFACE_DISTANCE:
+    motion = _fit_to_surface(points[at], goal[at], source)
+    if motion is None or motion.residual > SAME_SURFACE_DISTANCE:
         return goal, SAME_SURFACE_DISTANCE
-    placed = points @ motion.T + shift
-    elsewhere = np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) / SAME_SURFACE_DISTANCE
-    if elsewhere < FADE_FACTOR:
-        as_they_stand, _ = _residuals(standing[at[near]], source)
-        worse = np.median(np.abs(as_they_stand)) / (MAX_RESIDUAL_RATIO * left)
-        stays = np.clip((FADE_FACTOR - max(elsewhere, worse)) / (FADE_FACTOR - 1), 0, 1)
-        placed = (1 - stays) * placed + stays * standing
+    placed = points @ motion.linear.T + motion.shift
+    placed = _blend_with_space(placed, in_space, at[motion.near], motion.residual, source)
     settled = fits & (np.linalg.norm(placed - goal, axis=1) < COINCIDENCE_DISTANCE)
     if settled.mean() < SAME_SURFACE_SHARE:
         return np.where(settled[:, None], placed, goal), SAME_SURFACE_DISTANCE
@@ -117,6 +96,56 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     found = source.closest(placed[rest]).interpolate(source.full.vertices)
     settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < SAME_SURFACE_DISTANCE
     return np.where(settled[:, None], placed, goal), COINCIDENCE_DISTANCE
+
+
+class _SurfaceFit(NamedTuple):
+    """A similarity x -> linear x + shift that takes points to a surface."""
+
+    linear: Floats  # (3, 3)
+    shift: Floats  # (3,)
+    near: Integers  # (q,) numbers of the points that it takes close to their goals
+    residual: float  # median distance of these from the surface
+
+
+def _fit_to_surface(points: Floats, goal: Floats, source: Proxy) -> _SurfaceFit | None:
+    """The similarity that takes points (p, 3) to the source's part near their goals (p, 3).
+
+    It is fitted to the goals with robust weights, and then to the planes of the closest triangles (Chen and Medioni,
+    Object modelling by registration of multiple range images, 1992). None if it takes too few points to their goals.
+    """
+    trust = np.ones(len(points))
+    for _ in range(MOTION_ITERATIONS):
+        aligned = procrustes(points, goal, trust)
+        miss = np.linalg.norm(aligned(points) - goal, axis=1)
+        trust = 1 / (1 + (miss / COINCIDENCE_DISTANCE) ** 2) ** 2
+    linear, shift = aligned.linear, aligned.translation
+    for _ in range(SETTLING_ITERATIONS):
+        placed = points @ linear.T + shift
+        near = np.flatnonzero(np.linalg.norm(placed - goal, axis=1) < COINCIDENCE_DISTANCE)
+        if len(near) < MIN_SETTLED_SHARE * len(points):
+            return None
+        residual, normals = _residuals(placed[near], source)
+        away = placed[near] - placed[near].mean(axis=0)
+        columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
+        change = np.linalg.lstsq(np.hstack(columns), residual, rcond=None)[0]
+        grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
+        middle = placed[near].mean(axis=0)
+        linear, shift = grown @ linear, grown @ (shift - middle) + middle + change[4:]
+    return _SurfaceFit(linear, shift, near, float(np.median(np.abs(residual))))
+
+
+def _blend_with_space(placed: Floats, in_space: Floats, near: Integers, residual: float, source: Proxy) -> Floats:
+    """(n, 3) positions after a motion (n, 3), blended with those in space (n, 3) if these are close and fit as well.
+
+    Points `near` (q,) are on the source after the motion, up to the median distance `residual`.
+    """
+    elsewhere = np.median(np.linalg.norm((in_space - placed)[near], axis=1)) / SAME_SURFACE_DISTANCE
+    if elsewhere >= FADE_FACTOR:
+        return placed
+    unmoved, _ = _residuals(in_space[near], source)
+    worse = np.median(np.abs(unmoved)) / (MAX_RESIDUAL_RATIO * residual)
+    stays = np.clip((FADE_FACTOR - max(elsewhere, worse)) / (FADE_FACTOR - 1), 0, 1)
+    return np.asarray((1 - stays) * placed + stays * in_space)
 
 
 def _residuals(points: Floats, source: Proxy) -> tuple[Floats, Floats]:

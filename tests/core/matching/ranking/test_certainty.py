@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.ranking.rank import Candidate, _align, _leading, in_order, rank, with_others
+from zoomout_core.matching.ranking.rank import Candidate, _align, _leading, rank, sort_by_certainty, with_others
 from zoomout_core.matching.ranking.scores import ENERGY, IN_SPACE, TORN, evidence_score
 
 COUNT = 40
@@ -54,7 +54,7 @@ def candidate(
 
 def certainties(*candidates: Candidate, sides_are_known: bool = True) -> list[float]:
     """Certainties in the order of the given candidates."""
-    ranked = in_order(list(candidates), line(sides_are_known), line())
+    ranked = sort_by_certainty(list(candidates), line(sides_are_known), line())
     found = {one.origin + str(one.mirrored): one.certainty for one in ranked}
     return [found[one.origin + str(one.mirrored)] for one in candidates]
 
@@ -76,7 +76,7 @@ def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() 
     assert certainties(fair) == [whole]
     # Limbs that touch are joined in a hull, from which a right map has to tear them.
     hulls = [
-        in_order([replace(fair, scores=fair.scores | {TORN: count})], line(is_hull=True), line())[0]
+        sort_by_certainty([replace(fair, scores=fair.scores | {TORN: count})], line(is_hull=True), line())[0]
         for count in (0, 100)
     ]
     assert hulls[0].certainty == hulls[1].certainty
@@ -85,7 +85,7 @@ def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() 
 def test_a_shape_with_a_border_may_lack_pieces_and_a_hull_hides_them() -> None:
     fair = candidate(0.0, place=0.03)
     closed, opened, hull = (
-        in_order([fair], line(), shape)[0].certainty
+        sort_by_certainty([fair], line(), shape)[0].certainty
         for shape in (line(), line(triangles=TETRAHEDRON[:3]), line(is_hull=True))
     )
     assert opened == hull < 0.8 < 0.9 < closed
@@ -158,16 +158,16 @@ def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
     off = 0.5
     standing = candidate(0.0)
     turned = candidate(evidence_score(IN_SPACE, off), 0.5, in_space=off)
-    ranked = in_order([turned, standing], line(), line())
+    ranked = sort_by_certainty([turned, standing], line(), line())
     assert ranked[0].origin == standing.origin
     assert 0.8 < ranked[0].certainty < 0.9
 
 
 def test_a_finished_map_of_lower_energy_comes_first_and_is_surer() -> None:
     ahead, behind, rest = candidate(0.0), candidate(0.6, 0.5), candidate(0.5, 0.9)
-    assert in_order([ahead, behind, rest], line(), line())[0].origin == ahead.origin
+    assert sort_by_certainty([ahead, behind, rest], line(), line())[0].origin == ahead.origin
     energies = np.full((2, COUNT), [[0.11], [0.085]])
-    ranked = in_order([*map(finished, (ahead, behind), energies), rest], line(), line())
+    ranked = sort_by_certainty([*map(finished, (ahead, behind), energies), rest], line(), line())
     # The map that is not finished is taken to be as bad as the worst one that is.
     assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
@@ -176,21 +176,21 @@ def test_a_finished_map_of_lower_energy_comes_first_and_is_surer() -> None:
 def test_no_map_is_surer_than_one_before_it() -> None:
     # The second fits better in space, but all else speaks against it.
     first, second = candidate(0.0, place=0.05), candidate(0.1, 0.05, place=0.01)
-    ranked = in_order([second, first], line(), line())
+    ranked = sort_by_certainty([second, first], line(), line())
     assert ranked[0].origin == first.origin
     assert ranked[1].certainty == ranked[0].certainty
 
 
 def test_mirror_images_come_last_and_rival_each_other_only() -> None:
     direct, mirrored, other = candidate(5.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
-    ranked = in_order([mirrored, direct, other], line(), line())
+    ranked = sort_by_certainty([mirrored, direct, other], line(), line())
     assert [one.mirrored for one in ranked] == [False, True, True]
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
 
 
 def test_a_cloth_may_be_bent_the_other_way_so_its_mirror_images_are_rivals() -> None:
     direct, mirrored = candidate(5.0), candidate(0.0, 0.5, mirrored=True)
-    ranked = in_order([direct, mirrored], line(sides_are_known=False), line())
+    ranked = sort_by_certainty([direct, mirrored], line(sides_are_known=False), line())
     assert ranked[0].mirrored
     assert certainties(direct, mirrored, sides_are_known=False)[0] < 0.01
 
@@ -312,7 +312,7 @@ def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
 
 
 def test_others_join_candidates_where_they_are_other_maps() -> None:
-    first = in_order([candidate(0.0), candidate(0.2, 0.6)], line(), line())
+    first = sort_by_certainty([candidate(0.0), candidate(0.2, 0.6)], line(), line())
     same, new = candidate(-5.0, 0.001), candidate(-1.3, 0.3)
     joined = with_others(first, [same, new], line(), line())
     assert [one.origin for one in joined] == [new.origin, *(one.origin for one in first)]

@@ -83,7 +83,7 @@ def test_standing_upright_says_nothing_beside_a_common_axis_or_a_common_place(pa
     upright = replace(NOTHING, upright=True)
     places = pair.target_shape.proxy.vertices[pair.target_shape.search.samples]
     assert set(disagreement(pair, replace(upright, common_axes=np.array([[0.0, 0, 1]])), SAME)) == {"axes"}
-    assert set(disagreement(pair, replace(upright, standing=places), SAME)) == {IN_SPACE}
+    assert set(disagreement(pair, replace(upright, in_space=places), SAME)) == {IN_SPACE}
 
 
 def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:
@@ -106,7 +106,7 @@ def test_an_earlier_map_speaks_by_the_distance_along_the_surface(pair: Pair) -> 
 
 
 def test_where_the_two_stand_speaks_by_the_distance_in_space(pair: Pair) -> None:
-    standing = replace(NOTHING, standing=pair.source_shape.proxy.vertices[pair.target_shape.search.samples])
+    standing = replace(NOTHING, in_space=pair.source_shape.proxy.vertices[pair.target_shape.search.samples])
     found = [disagreement(pair, standing, vertex)["place in space"] for vertex in (SAME, MIRRORED)]
     assert found[0] < 0.01
     off = np.linalg.norm(MADE.surface.working.vertices[MIRRORED] - MADE.surface.working.vertices, axis=1)

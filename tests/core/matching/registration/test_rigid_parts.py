@@ -99,11 +99,11 @@ def full() -> Proxy:
     return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
 
 
-def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, standing: np.ndarray | None = None):
+def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, in_space: np.ndarray | None = None):
     """Settle goals of a smaller, rotated copy; return them and their tolerated distance from the source."""
     vertices = full.full.vertices
     fits = np.ones(len(vertices), dtype=bool) if fits is None else fits
-    return settle(goal, fits, 0.5 * vertices @ TURN.T + 1, goal + 1 if standing is None else standing, full)
+    return settle(goal, fits, 0.5 * vertices @ TURN.T + 1, goal + 1 if in_space is None else in_space, full)
 
 
 def rough(full: Proxy) -> np.ndarray:
@@ -137,11 +137,11 @@ def test_few_reliable_goals_tell_no_motion(full: Proxy) -> None:
 
 
 def test_meshes_that_stand_where_they_should_stay_there_to_the_bit(full: Proxy) -> None:
-    standing = full.full.vertices.copy()
-    np.testing.assert_array_equal(settled(full, rough(full), standing=standing)[0], standing)
-    beside = standing + 2e-3
-    found, _ = settled(full, rough(full), standing=beside)
-    assert np.abs(found - standing).max() < 1e-4
+    in_space = full.full.vertices.copy()
+    np.testing.assert_array_equal(settled(full, rough(full), in_space=in_space)[0], in_space)
+    beside = in_space + 2e-3
+    found, _ = settled(full, rough(full), in_space=beside)
+    assert np.abs(found - in_space).max() < 1e-4
 
 
 def test_a_limb_that_has_moved_keeps_its_goals(full: Proxy) -> None:
@@ -192,12 +192,12 @@ def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_w
 ) -> None:
     # Vertices of a convex surface are above another mesh's triangles; at 0.999 of the size they are on them.
     other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
-    standing = size * plum.full.from_surface(other.to_surface(other.vertices))
+    in_space = size * plum.full.from_surface(other.to_surface(other.vertices))
     random = np.random.default_rng(0)
-    goal = standing / size + random.normal(scale=1e-3, size=standing.shape)
-    found, _ = settle(goal, np.ones(len(goal), dtype=bool), other.vertices, standing, plum)
-    assert np.array_equal(found, standing) == stays
-    assert np.median(np.linalg.norm(found - 0.999 * standing / size, axis=1)) < 3e-4
+    goal = in_space / size + random.normal(scale=1e-3, size=in_space.shape)
+    found, _ = settle(goal, np.ones(len(goal), dtype=bool), other.vertices, in_space, plum)
+    assert np.array_equal(found, in_space) == stays
+    assert np.median(np.linalg.norm(found - 0.999 * in_space / size, axis=1)) < 3e-4
 
 
 @pytest.mark.slow
