@@ -14,6 +14,7 @@ from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, probability
 from zoomout_core.runtime.progress import portion, stage
@@ -55,7 +56,7 @@ class LibraryAsset:
     """A prepared file of a library.
 
     Attributes:
-        path: the file.
+        path: the file, or the asset in a .blend file, see `split_asset`.
         bodies: meshes that represent its shape, by kind.
     """
 
@@ -68,7 +69,7 @@ class FoundSource:
     """An asset that a target was matched with.
 
     Attributes:
-        path: its file.
+        path: its file, or the asset in a .blend file: `FILE.blend/Collection/Hero`.
         difference: how much its descriptor differs from the target's; 0.2 to 2.7 for the same body in another pose.
         certainty: the probability, in [0, 1], that the match is right as a whole.
         misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
@@ -85,6 +86,11 @@ class FoundSource:
     certainty: float
     misfit: float
     match: MatchResult | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """The name of the asset, or of the file without its extension."""
+        return self.path.name if split_asset(self.path)[1] else self.path.stem
 
     @property
     def fits(self) -> bool:
