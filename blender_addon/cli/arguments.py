@@ -176,7 +176,7 @@ def _add_assets(parser: argparse.ArgumentParser) -> None:
     """Add options of reading the assets of a file."""
     parser.description = (
         "Write each collection and mesh object of a .blend file that is marked for the Asset Browser as a PLY file, "
-        "with modifiers, in world space; or all visible meshes of a file without such as one."
+        "with modifiers, in world space; and all visible meshes of a file that is not mostly marked as one."
     )
     parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
     parser.add_argument("--folder", required=True, metavar="FOLDER", help="folder to write the surfaces to")

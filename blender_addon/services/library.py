@@ -26,6 +26,9 @@ from .carry import read_file
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
+# Share of the visible surface of a file above which the assets in it stand for it: a sword may be marked alone, but not
+# its bearer.
+MOSTLY = 0.5
 # Pixels of the pictures of what was found, in width and height.
 PICTURE = 128
 
@@ -104,7 +107,7 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
     """Open a file, and read the assets in it as surfaces, with modifiers, in world space.
 
     Collections and mesh objects of a .blend file that are marked as assets are one each; objects in such a collection
-    are a part of it. A file without these is one asset with an empty name, of all visible meshes.
+    are a part of it. A file that is not mostly marked is itself an asset with an empty name, of all visible meshes.
 
     Returns:
         The surface of each asset, or why there is none, by names such as `Collection/Hero`.
@@ -123,7 +126,14 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
             shown = [find_mesh(context, each) for each in shown_meshes(own)]
             if shown:
                 found[name] = _joined(context, shown)
-    return found or {"": zo.Surface.joined(list(read_file(context, path, "source").values()))}
+    marked = sum(surface.area for surface in found.values() if isinstance(surface, zo.Surface))
+    try:
+        whole = zo.Surface.joined(list(read_file(context, path, "source").values()))
+    except zo.MeshError:
+        if not found:
+            raise
+        return found  # of a file whose scene is empty
+    return found if marked > MOSTLY * whole.area else {"": whole, **found}
 
 
 def _joined(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:

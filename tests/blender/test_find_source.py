@@ -225,6 +225,16 @@ def test_an_asset_is_appended_alone_with_its_rig_and_shown_by_its_preview(pack):
     assert thumbnails.icon_of_file(str(pack / "Collection" / "Hero")) is None
 
 
+def test_a_file_with_a_marked_sword_is_still_a_character(target, tmp_path):
+    sword = from_pydata("Sword", [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)], [(0, 1, 2)])
+    sword.asset_mark()
+    save_scene(tmp_path / "hero.blend")
+    shapes = {
+        name: len(surface.vertices) for name, surface in read_assets(bpy.context, str(tmp_path / "hero.blend")).items()
+    }
+    assert shapes == {"": 903, "Object/Sword": 3}
+
+
 def test_a_file_without_marked_meshes_is_one_asset(target, tmp_path):
     target.data.materials.append(bpy.data.materials.new("Skin"))
     target.data.materials[0].asset_mark()

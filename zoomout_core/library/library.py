@@ -102,7 +102,9 @@ class Library:
                 place, name = f"{number + 1}/{len(files)} ", self._name(path)
                 with portion(number / len(files), (number + 1) / len(files)), renaming(place.__add__):
                     try:
-                        listed[name], prepared, failed = self._prepare(path, known.get(name), names)
+                        found, prepared, failed = self._prepare(path, known.get(name), names)
+                        if found.assets:
+                            listed[name] = found
                         new += prepared
                         failures |= failed
                     except OutputError:
@@ -169,10 +171,11 @@ class Library:
             names: the names of the assets in prepared files, by the keys of their contents.
 
         Returns:
-            The listing, the number of assets whose bodies were computed now, and why others of a .blend file failed.
+            The listing, the number of assets whose bodies were computed now, and why others of a .blend or .fbx file
+                failed.
 
         Raises:
-            MeshError: its shape cannot be read or analysed.
+            MeshError: the file cannot be read, or its shape cannot be analysed.
             OutputError: its bodies cannot be stored.
         """
         inputs = inputs_of(path)
@@ -191,8 +194,6 @@ class Library:
                     self._index.save(key_of_asset(key, name), bodies_of(_surface_of_asset(name, written)))
                     done.append(name)
                 except MeshError as error:
-                    if not name:
-                        raise
                     failures[path / name] = str(error)
         return Listed(*seen, key, tuple(done)), len(done), failures
 

@@ -129,8 +129,8 @@ def write_surface(path: Path, output: Path, role: str = TARGET, program: str | N
 def write_assets(path: Path, folder: Path, program: str | None = None) -> dict[str, Path | str]:
     """Write each asset of a file that Blender reads as one surface, a PLY file in a folder, with its modifiers.
 
-    Assets are the collections and mesh objects that are marked for Blender's Asset Browser. A file without them is one
-    asset with an empty name, of all visible meshes.
+    Assets are the collections and mesh objects that are marked for Blender's Asset Browser. A file that is not mostly
+    marked is itself an asset with an empty name, of all visible meshes.
 
     Returns:
         The PLY file of each asset, or a sentence that says why it has none, by names such as `Collection/Hero`.
