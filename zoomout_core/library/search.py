@@ -44,7 +44,8 @@ class SearchTuning(Tuning, set_by="library"):
     matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
     beyond: float = tuned(2.5, "1", 1, 100)  # assets this many times as different as the nearest are not matched
     max_difference: float = tuned(4.0, "1", 0, 1000)  # larger ones are refused without a match
-    max_misfit: float = tuned(0.11, "1", 0, 10)  # of an asset that fits
+    max_distance: float = tuned(0.165, "1", 0, 10)  # of an asset that fits, see `FoundSource.distance`
+    per_difference: float = tuned(0.02, "1", 0, 1)  # distance that a difference of one adds to the misfit
     min_certainty: float = tuned(0.5, "probability", 0, 1)  # of the match of an asset that fits
 
 
@@ -93,9 +94,14 @@ class FoundSource:
         return self.path.name if split_asset(self.path)[1] else self.path.stem
 
     @property
+    def distance(self) -> float:
+        """The misfit, and a share of the difference: maps between similar bodies may deform more."""
+        return self.misfit + SEARCH.per_difference * self.difference
+
+    @property
     def fits(self) -> bool:
         """Whether it may be a source for the target."""
-        return self.misfit <= SEARCH.max_misfit and self.certainty >= SEARCH.min_certainty
+        return self.distance <= SEARCH.max_distance and self.certainty >= SEARCH.min_certainty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,7 +194,7 @@ def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
     best = ranked[0]
     if best.fits:
         return ""
-    if best.misfit > SEARCH.max_misfit:
+    if best.distance > SEARCH.max_distance:
         reason: Message = message(DEFORMED, fit=1 - best.misfit)
     else:
         reason = message(UNSURE, certainty=probability(best.certainty))
