@@ -34,6 +34,8 @@ PRODUCT, BY_TRUE_MAP, AROUND, BOX = "move_rig", "move_rig, true map", "surface a
 # Images that the simple similarity of the surface around a joint follows, and the width of their weights relative to
 # the distance of the farthest: as in the first experiments.
 IMAGES, WIDTH = 60, 0.5
+# Number of bones in the table of those that are farthest off.
+WORST_BONES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +66,9 @@ def run(data: Path, pairs: int | None) -> Tables:
     bones) from the truth, over all pairs, in percent of the target's height. `posed`: the mean distance of surface
     vertices from the truth over all poses, with the weights of the match, and the same with the true joints; `ratio` is
     of the two. `feet`: how far the lowest vertex is from its true height. Kinds `as found` count for each target only
-    the source with the smaller misfit, which a search in a library ranks first. `each`: the figures of the product for
-    each pair.
+    the source with the smaller misfit, which a search in a library ranks first. `bones`: those that are farthest off on
+    average, and how far they are along the true map: that much is due to the author, who did not place them by the
+    surface. `each`: the figures of the product for each pair.
 
     Args:
         data: a folder with the set `clothes`.
@@ -81,11 +84,13 @@ def run(data: Path, pairs: int | None) -> Tables:
         for method, joints, seconds in _methods(case, match):
             about = {"kind": case.kind, "pair": case.name, "method": method, "match s": matched, "s": seconds}
             about |= {"target": case.name.partition(", ")[2], "misfit": misfit_of(match)}
+            about |= {"bones": case.source.bones.names}
             records.append(about | _figures(case, joints, weights, of_truth))
     product = [record for record in records if record["method"] == PRODUCT]
-    shown = [{name: value for name, value in record.items() if name != "errors"} for record in product]
+    shown = [{name: value for name, value in record.items() if name not in ("errors", "bones")} for record in product]
     return {
         "rows": _rows(records + _as_found(records)),
+        "bones": _bones(records),
         "each": shown,
         NOT_SHOWN: [_without_arrays(record) for record in records],
     }
@@ -213,5 +218,21 @@ def _rows(records: list[Record]) -> list[Record]:
     return rows
 
 
+def _bones(records: list[Record]) -> list[Record]:
+    """A row for each of the bones that are farthest off, for each kind of builds."""
+    rows = []
+    for kind in dict.fromkeys(record["kind"] for record in records):
+        of_kind = [record for record in records if record["kind"] == kind]
+        errors = {
+            method: np.array([record["errors"][""] for record in of_kind if record["method"] == method])
+            for method in (PRODUCT, BY_TRUE_MAP)
+        }
+        mean, of_author = (each.mean(axis=0) for each in errors.values())
+        for bone in np.argsort(-mean)[:WORST_BONES].tolist():
+            row: Record = {"kind": kind, "bone": of_kind[0]["bones"][bone], PRODUCT: mean[bone]}
+            rows.append(row | {"worst": errors[PRODUCT][:, bone].max(), BY_TRUE_MAP: of_author[bone]})
+    return rows
+
+
 def _without_arrays(record: Record) -> Record:
-    return record | {"errors": record["errors"][""].tolist()}
+    return record | {"errors": record["errors"][""].tolist(), "bones": list(record["bones"])}

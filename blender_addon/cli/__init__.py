@@ -40,11 +40,13 @@ RUN = {
     "carry": files.carry,
     "faces": files.faces,
     "surface": files.surface,
+    "assets": files.assets,
+    "library": files.library,
 }
 # Commands that read two files.
 OF_FILES = ("carry", "faces")
-# Commands that work on single objects, rather than from a source to targets.
-OF_OBJECTS = ("symmetry", "surface")
+# What commands work on that have no source and targets.
+WITHOUT_PAIRS = {"symmetry": "objects", "surface": "objects", "assets": "assets", "library": "folders"}
 
 _handle: Any = None
 
@@ -91,12 +93,12 @@ def _run(command_line: Sequence[str]) -> int:
     except (ValueError, OSError) as error:  # nothing was done or written
         print(f"zoomout: {error}", file=sys.stderr)
         return FAILED
-    command, done = options.command, "objects" if options.command in OF_OBJECTS else "targets"
-    report: dict[str, Any] = {"command": command, **({} if done == "objects" else {"source": options.source}), done: {}}
+    command, done = options.command, WITHOUT_PAIRS.get(options.command, "targets")
+    report: dict[str, Any] = {"command": command, **({"source": options.source} if done == "targets" else {}), done: {}}
     try:
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
-        if options.save and _is_complete(command, len(failed), len(report[done])):
+        if getattr(options, "save", "") and _is_complete(command, len(failed), len(report[done])):
             if command != "surface":  # which has written the file itself
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
@@ -112,7 +114,7 @@ def _run(command_line: Sequence[str]) -> int:
             failed.append(str(error))
     for name, entry in report[done].items():
         print(
-            f"zoomout: {command} {'of' if done == 'objects' else 'to'} '{name}' "
+            f"zoomout: {command} {'to' if done == 'targets' else 'of'} '{name}' "
             f"{'failed' if 'error' in entry else 'done'}"
         )
         for line in _lines(entry):
@@ -144,7 +146,7 @@ def _check_paths(options: argparse.Namespace) -> None:
             raise zo.MeshError(f"--{one} and --{other} both name {path}: give them files of their own.")
     for path in named.values():
         check_output(path, _inputs(options), options.in_place)
-    if options.save and options.command != "surface":
+    if "save" in named and options.command != "surface":
         check_writable_format(options.save)
 
 

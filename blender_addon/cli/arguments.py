@@ -24,6 +24,8 @@ NAME = "zoomout"
 MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
+# Commands that leave the open file as it is.
+READING = ("surface", "assets", "library")
 
 
 def parse(command_line: Sequence[str]) -> argparse.Namespace:
@@ -40,6 +42,8 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
         parser.error("give --thing or --collection")
     elif options.command == "faces" and not options.sheet.lower().endswith(".png"):
         parser.error("--sheet writes a PNG file: give a name that ends in .png")
+    elif options.command == "library" and options.index and len(options.folders) != 1:
+        parser.error("--index is of a single library: give one FOLDER, or leave it out")
     elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
@@ -90,9 +94,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
     _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
     _add_surface(commands.add_parser("surface", help="write the visible meshes of a file as one surface"))
+    _add_assets(commands.add_parser("assets", help="write each asset of a file as one surface"))
+    _add_library(commands.add_parser("library", help="prepare folders of characters, for Find Source"))
     for name, command in commands.choices.items():
         when = "if everything succeeds" if name == "symmetry" else "if at least one target succeeds"
-        if name != "surface":
+        if name not in READING:
             command.add_argument(
                 "--save",
                 metavar="OUT.blend",
@@ -164,6 +170,28 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
         "pose (default: target)",
     )
     parser.add_argument("--save", required=True, metavar="OUT.ply", help="path of the surface file to write")
+
+
+def _add_assets(parser: argparse.ArgumentParser) -> None:
+    """Add options of reading the assets of a file."""
+    parser.description = (
+        "Write each collection and mesh object of a .blend file that is marked for the Asset Browser as a PLY file, "
+        "with modifiers, in world space; and all visible meshes of a file that is not mostly marked as one."
+    )
+    parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
+    parser.add_argument("--folder", required=True, metavar="FOLDER", help="folder to write the surfaces to")
+
+
+def _add_library(parser: argparse.ArgumentParser) -> None:
+    """Add options of preparing libraries."""
+    parser.description = (
+        "Prepare the characters in folders, so that Find Source and `zoomout find` search among them at once. Files "
+        "that are prepared already are skipped unless they changed."
+    )
+    parser.add_argument(
+        "folders", nargs="*", metavar="FOLDER", help="folder; the asset libraries of the Preferences if not given"
+    )
+    parser.add_argument("--index", metavar="INDEX", help="folder of the index (default: .zoomout in the library)")
 
 
 def _add_objects(parser: argparse.ArgumentParser) -> None:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands `surface`, `carry` and `faces`, which open files."""
+"""The commands `surface`, `assets`, `library`, `carry` and `faces`, which open files."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import bpy
 from bpy.types import Context
 
 import zoomout_core as zo
@@ -20,6 +22,7 @@ from ..services.carry import carry as carry_file
 from ..services.carry import read_file
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
+from ..services.library import asset_libraries, read_assets
 from ..services.targets import Outcome
 from ..storage.stored_match import StoredMatch
 from .arguments import as_in_sidebar
@@ -40,6 +43,46 @@ def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         name: {"vertices": len(each.vertices), "faces": len(each.face_start) - 1, "triangles": len(each.triangles)}
         for name, each in read.items()
     }
+
+
+def assets(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Write each asset of a file as a surface to a folder, and report on each by name.
+
+    Raises:
+        MeshError: the file cannot be used.
+        OutputError: a surface could not be written.
+    """
+    entries: dict[str, Any] = {}
+    for number, (name, surface) in enumerate(read_assets(context, options.file).items()):
+        entries[name] = {"error": surface} if isinstance(surface, str) else {"file": f"{number}.ply"}
+        if isinstance(surface, zo.Surface):
+            write_shape(surface, Path(options.folder, entries[name]["file"]))
+    return entries
+
+
+def library(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Prepare folders of characters for a search, and report on each.
+
+    Raises:
+        MeshError: no folder is given, and no asset library of the Preferences exists.
+    """
+    folders = options.folders or asset_libraries(context)
+    if not folders:
+        raise zo.MeshError("There is no asset library of the Preferences: give the folder of a library.")
+    entries: dict[str, Any] = {}
+    for folder in folders:
+        try:
+            prepared = zo.Library(folder, options.index, bpy.app.binary_path or None).prepare()
+        except (ValueError, OSError) as error:
+            entries[folder] = {"error": str(error)}
+            continue
+        skipped = {str(path): f"{path} was skipped. {sentence}" for path, sentence in prepared.failures.items()}
+        entries[folder] = {"assets": prepared.assets, "new": prepared.new, "left_out": skipped}
+        if prepared.assets:
+            entries[folder]["done"] = [f"{prepared.assets} assets can be found, {prepared.new} of them new"]
+        else:
+            entries[folder]["error"] = f"{folder} contains no character that can be used."
+    return entries
 
 
 def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:

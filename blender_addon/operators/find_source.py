@@ -52,7 +52,7 @@ class ZOOMOUT_OT_find_source(ModalOperator):
             row.line = translated(
                 message(
                     "{name}: fit {fit:.0%}, {certainty} certain",
-                    name=each.path.stem,
+                    name=each.name,
                     fit=1 - each.misfit,
                     certainty=probability(each.certainty),
                 )

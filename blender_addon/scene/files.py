@@ -14,12 +14,14 @@ import bpy
 from bpy.types import ID, Context, Object
 
 import zoomout_core as zo
+from zoomout_core.mesh.formats.blender_files import BLEND, split_asset
 from zoomout_core.mesh.formats.named_files import check_named_files
-from zoomout_core.runtime.outputs import atomic_write, atomic_write_together
+from zoomout_core.runtime.outputs import atomic_write, atomic_write_together, is_same_file
 
 from .. import mesh_data
 
-BLEND = ".blend"
+# Kinds of assets, as in the paths of Blender's data.
+COLLECTION, OBJECT = "Collection", "Object"
 # Blender's add-ons that read and write formats.
 ADDONS = {".glb": "io_scene_gltf2", ".gltf": "io_scene_gltf2", ".fbx": "io_scene_fbx"}
 
@@ -68,43 +70,52 @@ def open_scene(context: Context, path: str | Path) -> None:
             # With its windows, which determine the active scene and view layer.
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=True, use_scripts=False)
         else:
-            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+            open_empty_scene()
             _enable(ending)
             IMPORTERS[ending](filepath=str(path.resolve()))
     except RuntimeError as error:
-        raise zo.MeshError(
-            f"Blender could not open {path} ({_reason(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
+        raise _cannot("open", path, error) from error
     active = context.view_layer.objects.active
     if active is not None and active.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     context.view_layer.update()
 
 
+def open_empty_scene() -> None:
+    """Open an empty scene instead of the current file."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
 def append_file(context: Context, path: str | Path) -> list[Object]:
-    """Append the objects of a file to a new collection of the scene, which is named after it.
+    """Append the objects of a file, or those of an asset in a .blend file, in a collection that is named after it.
+
+    Args:
+        context: Blender's.
+        path: the file, or the asset, see `split_asset`.
 
     Raises:
-        MeshError: the file does not exist, its format is not supported, or it cannot be read.
+        MeshError: the file does not exist, its format is not supported, it cannot be read, it is the open one, or it
+            has no such asset.
     """
-    path = _check_readable(path)
-    ending = path.suffix.lower()
+    file, asset = split_asset(Path(path))
+    _check_readable(file)
+    if bpy.data.filepath and is_same_file(file, bpy.data.filepath):
+        raise zo.MeshError("{file} is the open file: choose one of its objects as the source.", file=file)
+    ending = file.suffix.lower()
     before = {each.session_uid for each in bpy.data.objects}
     try:
+        if asset:
+            return append_assets(context, file, [asset])[asset]
         if ending == BLEND:
-            with bpy.data.libraries.load(str(path.resolve()), link=False) as (there, wanted):
+            with bpy.data.libraries.load(str(file.resolve()), link=False) as (there, wanted):
                 wanted.objects = there.objects
         else:
             _enable(ending)
-            IMPORTERS[ending](filepath=str(path.resolve()))
+            IMPORTERS[ending](filepath=str(file.resolve()))
     except (RuntimeError, OSError) as error:
-        raise zo.MeshError(
-            f"Blender could not append {path} ({_reason(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
+        raise _cannot("append", file, error) from error
     found = [obj for obj in bpy.data.objects if obj.session_uid not in before]
-    collection = bpy.data.collections.new(path.stem)
+    collection = bpy.data.collections.new(file.stem)
     context.scene.collection.children.link(collection)
     for obj in found:
         for other in obj.users_collection:
@@ -114,13 +125,69 @@ def append_file(context: Context, path: str | Path) -> list[Object]:
     return found
 
 
-def shown_meshes(context: Context) -> list[str]:
-    """Sorted names of the visible mesh objects with faces; of those that share a mesh, the first.
+def assets_of(path: Path) -> list[str]:
+    """The collections and objects of a .blend file that are marked as assets, such as `Collection/Hero`.
+
+    Raises:
+        MeshError: the file does not exist, or cannot be read.
+    """
+    _check_readable(path)
+    try:
+        with bpy.data.libraries.load(str(path.resolve()), link=False, assets_only=True) as (there, _):
+            named = [(COLLECTION, name) for name in there.collections] + [(OBJECT, name) for name in there.objects]
+    except OSError as error:
+        raise _cannot("open", path, error) from error
+    return [f"{kind}/{name}" for kind, name in named]
+
+
+def append_assets(context: Context, path: Path, names: Sequence[str]) -> dict[str, list[Object]]:
+    """Append assets of a .blend file to the scene; armatures and parents of their objects are appended, too.
+
+    Args:
+        context: Blender's.
+        path: the file.
+        names: names of the assets, see `assets_of`.
+
+    Returns:
+        The own objects of each asset.
+
+    Raises:
+        MeshError: the file has no such asset.
+        OSError: the file cannot be read.
+    """
+    kinds = [name.partition("/")[::2] for name in names]
+    with bpy.data.libraries.load(str(path.resolve()), link=False) as (there, wanted):
+        known = {COLLECTION: there.collections, OBJECT: there.objects}
+        for kind, name in kinds:
+            if name not in known.get(kind, ()):
+                raise zo.MeshError("{path} has no asset '{name}': prepare the library again.", path=path, name=name)
+        wanted.collections = [name for kind, name in kinds if kind == COLLECTION]
+        wanted.objects = [name for kind, name in kinds if kind == OBJECT]
+    collections, objects = iter(wanted.collections), iter(wanted.objects)
+    found = {}
+    for asset, (kind, name) in zip(names, kinds, strict=True):
+        if kind == COLLECTION:
+            root = collection = next(collections)
+        else:
+            root, collection = next(objects), bpy.data.collections.new(name)
+            collection.objects.link(root)
+        root.asset_clear()
+        context.scene.collection.children.link(collection)
+        found[asset] = list(collection.all_objects)
+        posing = dict.fromkeys(each for obj in found[asset] for each in _posing(obj))
+        for obj in posing.keys() - set(found[asset]):
+            collection.objects.link(obj)
+    context.view_layer.update()
+    return found
+
+
+def shown_meshes(objects: Iterable[Object]) -> list[str]:
+    """Sorted names of the visible mesh objects with faces among some; of those that share a mesh, the first.
 
     Importing a file again may change the order of its objects, but not their names.
     """
     first: dict[Any, str] = {}
-    for obj in sorted(context.view_layer.objects, key=lambda each: each.name):
+    for obj in sorted(objects, key=lambda each: each.name):
         if obj.type == "MESH" and obj.data.polygons and obj.visible_get():
             first.setdefault(obj.data, obj.name)
     return list(first.values())
@@ -260,6 +327,14 @@ def _all_data() -> Iterator[ID]:
     for each in bpy.data.bl_rna.properties:
         if each.type == "COLLECTION":
             yield from getattr(bpy.data, each.identifier)
+
+
+def _cannot(do: str, path: Path, error: Exception) -> zo.MeshError:
+    """The error of a file that Blender could not open or append."""
+    return zo.MeshError(
+        f"Blender could not {do} {path} ({_reason(error)}): check that the file is complete and has the right "
+        "extension."
+    )
 
 
 def _reason(error: Exception) -> str:

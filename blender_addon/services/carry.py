@@ -48,7 +48,7 @@ def read_file(context: Context, path: str, role: str) -> dict[str, zo.Surface]:
         MeshError: the file cannot be opened, or has no visible mesh.
     """
     open_scene(context, path)
-    names = shown_meshes(context)
+    names = shown_meshes(context.view_layer.objects)
     if not names:
         raise zo.MeshError(
             f"{path} has no visible mesh with faces: make one visible, or convert its objects to meshes."

@@ -14,16 +14,21 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes
 from zoomout_core.library.pictures import draw_pair
+from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
 from .. import mesh_data
 from ..jobs import compute, run
-from ..scene.files import append_file
+from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
 from ..scene.pair import find_mesh
+from .carry import read_file
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
+# Share of the visible surface of a file above which the assets in it stand for it: a sword may be marked alone, but not
+# its bearer.
+MOSTLY = 0.5
 # Pixels of the pictures of what was found, in width and height.
 PICTURE = 128
 
@@ -44,8 +49,13 @@ def library_folders(context: Context) -> list[str]:
     settings = context.scene.zoomout
     chosen = [settings.library_folder] if settings.library_folder else []
     if settings.use_asset_libraries:
-        chosen += [library.path for library in context.preferences.filepaths.asset_libraries]
+        chosen += asset_libraries(context)
     return [bpy.path.abspath(folder) for folder in chosen]
+
+
+def asset_libraries(context: Context) -> list[str]:
+    """The folders of the asset libraries of the Preferences; that of the default one may not exist yet."""
+    return [each.path for each in context.preferences.filepaths.asset_libraries if Path(each.path).is_dir()]
 
 
 def find_source(context: Context, target: Object, folders: Sequence[str]) -> Search:
@@ -93,8 +103,50 @@ def _search(target: zo.Surface, folders: Sequence[str], program: str | None) -> 
         raise zo.MeshError(str(error)) from error
 
 
+def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
+    """Open a file, and read the assets in it as surfaces, with modifiers, in world space.
+
+    Collections and mesh objects of a .blend file that are marked as assets are one each; objects in such a collection
+    are a part of it. A file that is not mostly marked is itself an asset with an empty name, of all visible meshes.
+
+    Returns:
+        The surface of each asset, or why there is none, by names such as `Collection/Hero`.
+
+    Raises:
+        MeshError: the file cannot be opened, or has no visible mesh.
+    """
+    open_empty_scene()
+    file = Path(path)
+    names = assets_of(file) if file.suffix.lower() == BLEND else []
+    appended = append_assets(context, file, names) if names else {}
+    in_collections = {obj for name, own in appended.items() if name.startswith(COLLECTION) for obj in own}
+    found: dict[str, zo.Surface | str] = {}
+    for name, own in appended.items():
+        if name.startswith(COLLECTION) or not in_collections.issuperset(own):
+            shown = [find_mesh(context, each) for each in shown_meshes(own)]
+            if shown:
+                found[name] = _joined(context, shown)
+    marked = sum(surface.area for surface in found.values() if isinstance(surface, zo.Surface))
+    try:
+        whole = zo.Surface.joined(list(read_file(context, path, "source").values()))
+    except zo.MeshError:
+        if not found:
+            raise
+        return found  # of a file whose scene is empty
+    return found if marked > MOSTLY * whole.area else {"": whole, **found}
+
+
+def _joined(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:
+    """Meshes as one surface, or why they are none."""
+    try:
+        depsgraph = context.evaluated_depsgraph_get()
+        return zo.Surface.joined([mesh_data.read_source_surface(mesh, depsgraph) for mesh in meshes])
+    except zo.MeshError as error:
+        return str(error)
+
+
 def append_source(context: Context, path: str | Path) -> Object:
-    """Append the objects of a file that was found, and choose its largest mesh as the source.
+    """Append the objects of a file or an asset that was found, and choose the largest mesh as the source.
 
     Raises:
         MeshError: the file cannot be read, or has no mesh.

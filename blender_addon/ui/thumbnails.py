@@ -16,6 +16,7 @@ import numpy as np
 
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.drawing import PAPER
+from zoomout_core.mesh.formats.blender_files import BLEND, split_asset
 
 from ..storage.stored_candidates import CandidateList
 
@@ -52,8 +53,8 @@ def icon_of_picture(image: Bytes) -> int:
 
 
 def icon_of_file(path: str) -> int | None:
-    """Icon number of the thumbnail that Blender stores in .blend files; None if there is none."""
-    if Path(path).suffix.lower() != ".blend":
+    """Icon number of the thumbnail that a .blend file has of itself or of an asset in it; None if there is none."""
+    if split_asset(Path(path))[0].suffix.lower() != BLEND:
         return None
     previews = _collection()
     if path not in previews:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import rigs
-from benchmarks.tables import NOT_SHOWN
+from benchmarks.tables import NOT_SHOWN, Record
 
 
 def test_rows_join_the_errors_of_all_pairs() -> None:
@@ -22,6 +22,26 @@ def test_rows_join_the_errors_of_all_pairs() -> None:
     assert row["median"] == 2.0
     assert row["body median"] == 5.0
     assert row["posed"] == 2.0
+
+
+def test_bones_are_listed_by_their_error_beside_that_along_the_true_map() -> None:
+    def record(method: str, *errors: float) -> Record:
+        return {
+            "kind": rigs.JUDGED,
+            "method": method,
+            "bones": ("hip", "knee", "toe"),
+            "errors": {"": np.array(errors)},
+        }
+
+    records = [
+        record(rigs.PRODUCT, 0.2, 1.0, 0.1),
+        record(rigs.PRODUCT, 0.4, 3.0, 0.1),
+        record(rigs.BY_TRUE_MAP, 0.1, 1.5, 0.0),
+        record(rigs.BOX, 9.0, 9.0, 9.0),
+    ]
+    knee, hip, toe = rigs._bones(records)
+    assert [row["bone"] for row in (knee, hip, toe)] == ["knee", "hip", "toe"]
+    assert (knee[rigs.PRODUCT], knee["worst"], knee[rigs.BY_TRUE_MAP]) == (2.0, 3.0, 1.5)
 
 
 def test_the_source_that_fits_best_is_the_one_found() -> None:

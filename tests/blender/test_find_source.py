@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find a source in a library, and append it."""
 
+import json
 import struct
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -12,8 +14,9 @@ from scenes import activate, from_pydata, snapshot_file
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.cli import main
 from blender_addon.scene.files import save_scene
-from blender_addon.services.library import append_source, last_pictures, library_folders
+from blender_addon.services.library import append_source, last_pictures, library_folders, read_assets
 from blender_addon.ui import thumbnails
 from blender_addon.ui.panels import library
 from zoomout_core.library.pictures import draw_pair
@@ -109,8 +112,11 @@ def test_asset_libraries_are_libraries(folder):
     bpy.context.scene.zoomout.use_asset_libraries = True
     try:
         assert str(folder) in [path.rstrip("/\\") for path in library_folders(bpy.context)]
+        libraries.new(name="Missing", directory=str(folder / "missing"))
+        assert all(Path(path).is_dir() for path in library_folders(bpy.context))
     finally:
-        libraries.remove(libraries[len(libraries) - 1])
+        for name in ("Characters", "Missing"):
+            libraries.remove(libraries[name])
 
 
 def test_the_largest_mesh_of_a_blend_file_is_the_source(target, tmp_path):
@@ -125,6 +131,13 @@ def test_the_largest_mesh_of_a_blend_file_is_the_source(target, tmp_path):
     assert sorted(obj.name for obj in bpy.data.collections["hero"].objects) == ["Eye", "Scan"]
     with pytest.raises(zo.MeshError, match="There is no file"):
         append_source(bpy.context, tmp_path / "missing.blend")
+
+
+def test_the_open_file_is_not_appended_to_itself(target, tmp_path):
+    save_scene(tmp_path / "hero.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "hero.blend"))
+    with pytest.raises(zo.MeshError, match="is the open file"):
+        append_source(bpy.context, tmp_path / "hero.blend")
 
 
 def test_appending_keeps_the_selection_and_leaves_nothing_if_it_fails(target, tmp_path):
@@ -160,3 +173,89 @@ def test_undoing_an_append_is_one_step_and_leaves_nothing(target, tmp_path, endi
     assert {obj.name for obj in bpy.context.selected_objects} == {"Scan", "Other"}
     bpy.ops.ed.redo()
     assert bpy.context.scene.zoomout.source is not None
+
+
+@pytest.fixture
+def pack(target, tmp_path):
+    """A file with a rigged hero in a marked collection, a marked dog and other things, of which nothing is loaded."""
+    armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    target.modifiers.new("Rig", "ARMATURE").object = armature
+    target.modifiers.new("Wave", "DISPLACE").strength = 0.0
+    hero = bpy.data.collections.new("Hero")
+    eye, hidden, dog, rest = (
+        from_pydata(name, [(0, 0, 0), (size, 0, 0), (0, size, 0)], [(0, 1, 2)])
+        for name, size in (("Eye", 0.1), ("Hidden", 50), ("Dog", 1), ("Rest", 2))
+    )
+    hidden.hide_viewport = True
+    for obj in (target, eye, hidden):
+        hero.objects.link(obj)
+    for marked in (hero, target, dog, armature):
+        marked.asset_mark()
+    dog.preview_ensure()
+    dog.preview.image_size = (8, 8)
+    dog.preview.image_pixels_float[:] = [1.0] * 8 * 8 * 4
+    path = tmp_path / "pack.blend"
+    bpy.data.libraries.write(str(path), {hero, dog, rest, armature})
+    for obj in (target, eye, hidden, dog, rest, armature):
+        bpy.data.objects.remove(obj)
+    bpy.data.collections.remove(hero)
+    return path
+
+
+def test_marked_collections_and_objects_of_a_file_are_read_each_as_one_surface(pack, tmp_path):
+    shapes = {name: len(surface.vertices) for name, surface in read_assets(bpy.context, str(pack)).items()}
+    assert shapes == {"Collection/Hero": 900 + 3, "Object/Dog": 3}
+    report = tmp_path / "report.json"
+    assert main(["assets", str(pack), "--folder", str(tmp_path), "--report", str(report)]) == 0
+    written = {name: each["file"] for name, each in json.loads(report.read_text())["assets"].items()}
+    assert {name: len(zo.read_surface(tmp_path / file).vertices) for name, file in written.items()} == shapes
+
+
+def test_an_asset_is_appended_alone_with_its_rig_and_shown_by_its_preview(pack):
+    source = append_source(bpy.context, pack / "Collection" / "Hero")
+    assert source.name == "Hidden"  # the largest
+    (hero,) = bpy.context.scene.collection.children
+    assert sorted(obj.name for obj in hero.objects) == ["Eye", "Hidden", "Rig", "Scan"]
+    assert hero.asset_data is None
+    assert append_source(bpy.context, pack / "Object" / "Dog").name == "Dog"
+    assert set(bpy.data.objects.keys()) == {"Eye", "Hidden", "Rig", "Scan", "Dog"}
+    with pytest.raises(zo.MeshError, match=r"pack\.blend has no asset 'Cat': prepare the library again"):
+        append_source(bpy.context, pack / "Object" / "Cat")
+    assert thumbnails.icon_of_file(str(pack / "Object" / "Dog")) is not None
+    assert thumbnails.icon_of_file(str(pack / "Collection" / "Hero")) is None
+
+
+def test_a_file_with_a_marked_sword_is_still_a_character(target, tmp_path):
+    sword = from_pydata("Sword", [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)], [(0, 1, 2)])
+    sword.asset_mark()
+    save_scene(tmp_path / "hero.blend")
+    shapes = {
+        name: len(surface.vertices) for name, surface in read_assets(bpy.context, str(tmp_path / "hero.blend")).items()
+    }
+    assert shapes == {"": 903, "Object/Sword": 3}
+
+
+def test_a_file_without_marked_meshes_is_one_asset(target, tmp_path):
+    target.data.materials.append(bpy.data.materials.new("Skin"))
+    target.data.materials[0].asset_mark()
+    save_scene(tmp_path / "hero.blend")
+    (surface,) = read_assets(bpy.context, str(tmp_path / "hero.blend")).values()
+    assert len(surface.vertices) == 900
+    (tmp_path / "hero.blend").write_bytes(b"none")
+    with pytest.raises(zo.MeshError, match="could not open"):
+        read_assets(bpy.context, str(tmp_path / "hero.blend"))
+
+
+def test_the_command_prepares_libraries(folder, tmp_path, capsys):
+    report = tmp_path / "report.json"
+    assert main(["library", str(folder), "--report", str(report)]) == 0
+    entry = json.loads(report.read_text())["folders"][str(folder)]
+    assert (entry["assets"], entry["new"]) == (1, 1)
+    said = capsys.readouterr().out
+    assert "1 assets can be found, 1 of them new" in said
+    assert f"{folder / 'broken.obj'} was skipped. " in said
+    (folder / "hero.ply").unlink()
+    assert main(["library", str(folder)]) == 1
+    assert main(["library"]) == 1
+    assert "There is no asset library of the Preferences" in capsys.readouterr().err
+    assert main(["library", "a", "b", "--index", "c"]) == 2

@@ -24,6 +24,7 @@ from zoomout_core.library.search import FoundSources, LibraryAsset, search
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, Verdict, check_verdict
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY, from_json, to_json
@@ -165,7 +166,7 @@ def _find(
         assert result is not None
         verdict = result.verdict
     else:
-        if found.best.path.suffix.lower() in OF_BLENDER:
+        if split_asset(found.best.path)[0].suffix.lower() in OF_BLENDER:
             raise MeshError(
                 f"The best source is {found.best.path}, from which only Blender can transfer: export it as .glb, or "
                 "use Blender's sidebar."

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -20,7 +21,7 @@ from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 from zoomout_core.runtime.version import package_version
 
 # To be raised when bodies are computed or stored differently.
-FORMAT = 1
+FORMAT = 2
 # The list of files, and the names of bodies.
 LIST, STORED = "files.json", re.compile(r"[0-9a-f]{32}\.npz")
 # Between the kind of a body and the name of one of its arrays.
@@ -33,12 +34,18 @@ class Listed:
 
     size: int  # of all, in bytes
     modified: int  # when the last of them was modified, in nanoseconds
-    key: str  # of the bodies
+    key: str  # of its content
+    assets: tuple[str, ...] = ("",)  # names of those in a .blend file, see `write_assets`
 
     @property
     def seen(self) -> tuple[int, int]:
         """The result of `look_at`: the file is unchanged while it is the same."""
         return self.size, self.modified
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of the bodies of each asset."""
+        return tuple(key_of_asset(self.key, name) for name in self.assets)
 
 
 class Index:
@@ -53,9 +60,13 @@ class Index:
             held = json.loads(read_whole(self._folder / LIST))
             if held["format"] != [FORMAT, package_version()]:
                 return {}
-            listed = {name: Listed(each["size"], each["modified"], each["key"]) for name, each in held["files"].items()}
+            listed = {
+                name: Listed(each["size"], each["modified"], each["key"], tuple(each["assets"]))
+                for name, each in held["files"].items()
+            }
             # The index may come from elsewhere: it names no files outside its folders.
-            if not all(STORED.fullmatch(f"{each.key}.npz") for each in listed.values()) or any(map(_climbs, listed)):
+            named = chain(listed, *(each.assets for each in listed.values()))
+            if not all(STORED.fullmatch(f"{each.key}.npz") for each in listed.values()) or any(map(_climbs, named)):
                 return {}
             return listed
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -71,7 +82,7 @@ class Index:
         content = {"format": [FORMAT, package_version()], "files": {name: asdict(each) for name, each in files.items()}}
         with atomic_write(self._folder / LIST) as part:
             part.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
-        used = {self._path(each.key) for each in files.values()}
+        used = {self._path(key) for each in files.values() for key in each.keys}
         for path in self._folder.iterdir():
             if STORED.fullmatch(path.name) and path not in used:
                 with suppress(OSError):  # another process removed it, or reads it just now
@@ -145,3 +156,8 @@ def key_of(paths: Sequence[Path]) -> str:
     """
     contents = [content_key(read_whole(path)) for path in paths]
     return content_key(repr((contents, FORMAT, package_version())).encode())
+
+
+def key_of_asset(key: str, name: str) -> str:
+    """The key of an asset in a file with a key."""
+    return content_key(f"{key} {name}".encode()) if name else key

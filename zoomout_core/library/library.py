@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from zoomout_core.assets.files import MESHES, inputs_of
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import bodies_of
-from zoomout_core.library.index import Index, Listed, key_of, look_at
+from zoomout_core.library.index import Index, Listed, key_of, key_of_asset, look_at
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
-from zoomout_core.mesh.formats.blender_files import ENDINGS, SOURCE, write_surface
+from zoomout_core.mesh.formats.blender_files import ENDINGS, write_assets
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -26,6 +26,8 @@ from zoomout_core.runtime.threads import on_one_blas_thread
 
 # The folder of the index in that of the assets.
 INDEX = ".zoomout"
+# Names of assets that would lead out of their file as paths.
+BAD_NAME = "The name of an asset contains a backslash, a double slash or dots alone: rename it in Blender."
 NOT_PREPARED = "{folder} contains no prepared characters: choose another folder, or run `zoomout library` on it."
 
 
@@ -36,7 +38,7 @@ class Preparation:
     Attributes:
         assets: the number of assets that can be found.
         new: the number of those that were prepared now; the others were known.
-        failures: why the others were skipped, in one sentence for each file.
+        failures: why the others were skipped, in one sentence for each file, or asset in a .blend file.
 
     Example:
         >>> zo.Library(folder).prepare()  # of an empty folder
@@ -91,6 +93,7 @@ class Library:
         """
         self._index.check()
         known, files = self._index.read_list(), list(self._files())
+        names = {each.key: each.assets for each in known.values()}
         listed: dict[str, Listed] = {}
         failures: dict[Path, str] = {}
         new = 0
@@ -99,8 +102,11 @@ class Library:
                 place, name = f"{number + 1}/{len(files)} ", self._name(path)
                 with portion(number / len(files), (number + 1) / len(files)), renaming(place.__add__):
                     try:
-                        listed[name], is_new = self._prepare(path, known.get(name))
-                        new += is_new
+                        found, prepared, failed = self._prepare(path, known.get(name), names)
+                        if found.assets:
+                            listed[name] = found
+                        new += prepared
+                        failures |= failed
                     except OutputError:
                         raise
                     except (ValueError, OSError, ImportError) as error:
@@ -108,7 +114,7 @@ class Library:
                     except MemoryError:
                         failures[path] = NO_MEMORY
             self._index.write_list(listed)
-        return Preparation(len(listed), new, failures)
+        return Preparation(sum(len(each.assets) for each in listed.values()), new, failures)
 
     def find(self, target: ShapeLike, *, progress: Callable[[Progress], object] | None = None) -> FoundSources:
         """Find the assets that fit a target, whatever its pose, orientation and unit.
@@ -129,9 +135,10 @@ class Library:
         """The prepared assets whose files still exist."""
         for name, listed in self._index.read_list().items():
             path = self.folder / name
-            bodies = self._index.load(listed.key) if path.is_file() else None
-            if bodies is not None:
-                yield LibraryAsset(path, bodies)
+            for asset, key in zip(listed.assets, listed.keys, strict=True):
+                bodies = self._index.load(key) if path.is_file() else None
+                if bodies is not None:
+                    yield LibraryAsset(path / asset, bodies)
 
     def content(self) -> str:
         """A hash of the prepared files, for results that depend on all of them."""
@@ -153,29 +160,55 @@ class Library:
     def _name(self, path: Path) -> str:
         return path.relative_to(self.folder).as_posix()
 
-    def _prepare(self, path: Path, known: Listed | None) -> tuple[Listed, bool]:
-        """The listing of a file, and whether its bodies were computed now.
+    def _prepare(
+        self, path: Path, known: Listed | None, names: Mapping[str, tuple[str, ...]]
+    ) -> tuple[Listed, int, dict[Path, str]]:
+        """Prepare the assets of a file.
+
+        Args:
+            path: the file.
+            known: its listing, if it is prepared.
+            names: the names of the assets in prepared files, by the keys of their contents.
+
+        Returns:
+            The listing, the number of assets whose bodies were computed now, and why others of a .blend or .fbx file
+                failed.
 
         Raises:
-            MeshError: its shape cannot be read or analysed.
+            MeshError: the file cannot be read, or its shape cannot be analysed.
             OutputError: its bodies cannot be stored.
         """
         inputs = inputs_of(path)
         seen = look_at(inputs)
         key = known.key if known is not None and known.seen == seen else key_of(inputs)
-        is_new = self._index.load(key) is None
-        if is_new:
-            self._index.save(key, bodies_of(self._read(path)))
-        return Listed(*seen, key), is_new
-
-    def _read(self, path: Path) -> Surface:
-        """The shape of a file, with its modifiers if Blender reads it."""
+        listed = Listed(*seen, key, names.get(key, ("",)))
+        if listed.assets and all(self._index.load(each) is not None for each in listed.keys):
+            return listed, 0, {}
         if path.suffix.lower() not in ENDINGS:
-            return read_surface(path)
+            self._index.save(key, bodies_of(read_surface(path)))
+            return listed, 1, {}
+        done, failures = list[str](), dict[Path, str]()
         with TemporaryDirectory(prefix="zoomout-") as folder:
-            surface = Path(folder, "surface.ply")
-            write_surface(path, surface, SOURCE, self._blender)
-            return read_surface(surface)
+            for name, written in write_assets(path, Path(folder), self._blender).items():
+                try:
+                    self._index.save(key_of_asset(key, name), bodies_of(_surface_of_asset(name, written)))
+                    done.append(name)
+                except MeshError as error:
+                    failures[path / name] = str(error)
+        return Listed(*seen, key, tuple(done)), len(done), failures
+
+
+def _surface_of_asset(name: str, written: Path | str) -> Surface:
+    """The surface of an asset in a .blend file, see `write_assets`.
+
+    Raises:
+        MeshError: it has none, or its name cannot be a part of a path.
+    """
+    if isinstance(written, str):
+        raise MeshError(written)
+    if "\\" in name or (name and any(part in ("", ".", "..") for part in name.split("/"))):
+        raise MeshError(BAD_NAME)
+    return read_surface(written)
 
 
 @on_one_blas_thread

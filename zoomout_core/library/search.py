@@ -14,6 +14,7 @@ from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, probability
 from zoomout_core.runtime.progress import portion, stage
@@ -43,7 +44,8 @@ class SearchTuning(Tuning, set_by="library"):
     matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
     beyond: float = tuned(2.5, "1", 1, 100)  # assets this many times as different as the nearest are not matched
     max_difference: float = tuned(4.0, "1", 0, 1000)  # larger ones are refused without a match
-    max_misfit: float = tuned(0.11, "1", 0, 10)  # of an asset that fits
+    max_distance: float = tuned(0.165, "1", 0, 10)  # of an asset that fits, see `FoundSource.distance`
+    per_difference: float = tuned(0.02, "1", 0, 1)  # distance that a difference of one adds to the misfit
     min_certainty: float = tuned(0.5, "probability", 0, 1)  # of the match of an asset that fits
 
 
@@ -55,7 +57,7 @@ class LibraryAsset:
     """A prepared file of a library.
 
     Attributes:
-        path: the file.
+        path: the file, or the asset in a .blend file, see `split_asset`.
         bodies: meshes that represent its shape, by kind.
     """
 
@@ -68,7 +70,7 @@ class FoundSource:
     """An asset that a target was matched with.
 
     Attributes:
-        path: its file.
+        path: its file, or the asset in a .blend file: `FILE.blend/Collection/Hero`.
         difference: how much its descriptor differs from the target's; 0.2 to 2.7 for the same body in another pose.
         certainty: the probability, in [0, 1], that the match is right as a whole.
         misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
@@ -87,9 +89,19 @@ class FoundSource:
     match: MatchResult | None = field(default=None, repr=False, compare=False)
 
     @property
+    def name(self) -> str:
+        """The name of the asset, or of the file without its extension."""
+        return self.path.name if split_asset(self.path)[1] else self.path.stem
+
+    @property
+    def distance(self) -> float:
+        """The misfit, and a share of the difference: maps between similar bodies may deform more."""
+        return self.misfit + SEARCH.per_difference * self.difference
+
+    @property
     def fits(self) -> bool:
         """Whether it may be a source for the target."""
-        return self.misfit <= SEARCH.max_misfit and self.certainty >= SEARCH.min_certainty
+        return self.distance <= SEARCH.max_distance and self.certainty >= SEARCH.min_certainty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +194,7 @@ def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
     best = ranked[0]
     if best.fits:
         return ""
-    if best.misfit > SEARCH.max_misfit:
+    if best.distance > SEARCH.max_distance:
         reason: Message = message(DEFORMED, fit=1 - best.misfit)
     else:
         reason = message(UNSURE, certainty=probability(best.certainty))

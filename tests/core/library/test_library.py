@@ -92,7 +92,7 @@ def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.Mon
     ("certainty", "total", "refusal"),
     [
         (0.95, -20.0, ""),
-        (0.95, -12.0, "deforms the target too much (fit 84%)"),
+        (0.95, -11.0, "deforms the target too much (fit 82%)"),
         (0.4, -20.0, "only 40% certain"),
     ],
 )
@@ -106,6 +106,14 @@ def test_bad_maps_are_refused_with_the_reason(
     found = search_module.search(target, assets)
     assert refusal in found.refusal
     assert (found.best is None) == bool(refusal)
+
+
+def test_maps_between_similar_bodies_may_deform_more() -> None:
+    # A dinosaur for itself in another pose, and for an alpaca: 12 and 14 % with equal certainty.
+    own, other = (zo.FoundSource("a", difference, 0.99, misfit) for difference, misfit in ((1.8, 0.12), (2.0, 0.138)))
+    assert own.fits
+    assert not other.fits
+    assert not zo.FoundSource("a", 3.0, 0.99, 0.12).fits
 
 
 def test_assets_that_are_far_are_not_matched(folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,6 +195,7 @@ def test_a_damaged_index_is_made_again(tmp_path: Path, target: zo.Surface, insta
     for damaged in (
         "[]",
         "{",
+        listing.read_text().replace('""', '"../../a"'),
         listing.read_text().replace("a.ply", "../a.ply"),
         listing.read_text().replace(stored.stem, "../x"),
     ):
@@ -205,19 +214,50 @@ def test_a_folder_without_a_place_for_the_index_is_refused_before_the_work(
         zo.Library(tmp_path, tmp_path / "a.ply" / "index").prepare()
 
 
+@pytest.fixture
+def blender(target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Names of the assets in every .blend file, with why they have no surface; sets the program as it is asked for."""
+    names: dict[str, str] = {"": ""}
+
+    def write_assets(path: Path, folder: Path, program: str | None) -> dict[str, Path | str]:
+        assert (path.suffix, program) == (".blend", "blender-5.2")
+        write_shape(target, folder / "0.ply")
+        return {name: reason or folder / "0.ply" for name, reason in names.items()}
+
+    monkeypatch.setattr(library_module, "write_assets", write_assets)
+    return names
+
+
 def test_files_that_only_blender_reads_are_read_with_its_program(
-    tmp_path: Path, target: zo.Surface, instant: None, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, instant: None, blender: dict[str, str]
 ) -> None:
     (tmp_path / "hero.blend").write_bytes(b"BLENDER")
-    asked = []
+    library = zo.Library(tmp_path, blender="blender-5.2")
+    assert library.prepare().assets == 1
+    assert [asset.path for asset in library.assets()] == [tmp_path / "hero.blend"]
 
-    def write_surface(path: Path, output: Path, role: str, program: str | None) -> None:
-        asked.append((path.name, role, program))
-        write_shape(target, output)
 
-    monkeypatch.setattr(library_module, "write_surface", write_surface)
-    assert zo.Library(tmp_path, blender="blender-5.2").prepare().assets == 1
-    assert asked == [("hero.blend", "source", "blender-5.2")]
+def test_assets_in_a_file_of_blender_are_found_each_by_itself(
+    tmp_path: Path, instant: None, blender: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pack.blend").write_bytes(b"BLENDER")
+    blender |= {"Collection/Mr. A": "", "Object/B": "", "Object/C": "It has no faces.", "Object/../D": ""}
+    del blender[""]
+    library = zo.Library(tmp_path, blender="blender-5.2")
+    report = library.prepare()
+    assert (report.assets, report.new) == (2, 2)
+    pack = tmp_path / "pack.blend"
+    assert report.failures == {pack / "Object/C": "It has no faces.", pack / "Object/../D": library_module.BAD_NAME}
+    found = [zo.FoundSource(asset.path, 0, 1, 0) for asset in library.assets()]
+    assert [each.path for each in found] == [pack / "Collection/Mr. A", pack / "Object/B"]
+    assert [each.name for each in found] == ["Mr. A", "B"]
+    monkeypatch.setattr(library_module, "write_assets", None)
+    pack.rename(tmp_path / "renamed.blend")
+    report = library.prepare()
+    assert (report.assets, report.new) == (2, 0)
+    assert len(list((tmp_path / INDEX).glob("*.npz"))) == 2
+    (tmp_path / "renamed.blend").unlink()
+    assert not list(library.assets())
 
 
 def test_descriptors_do_not_depend_on_the_order_and_grow_with_the_difference(folder: Path) -> None:

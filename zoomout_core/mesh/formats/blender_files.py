@@ -27,7 +27,8 @@ from zoomout_core.runtime.child_process import child_environment
 from zoomout_core.runtime.progress import advance, stage
 
 # Formats that only Blender reads, and others that it imports.
-ENDINGS = (".blend", ".fbx")
+BLEND = ".blend"
+ENDINGS = (BLEND, ".fbx")
 IMPORTED = (".glb", ".gltf", ".obj", ".ply", ".stl")
 # Whether to read the meshes of a file with modifiers applied, or as they are; see the extension's `surface --help`.
 SOURCE, TARGET = "source", "target"
@@ -123,6 +124,33 @@ def write_surface(path: Path, output: Path, role: str = TARGET, program: str | N
         MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.
     """
     run_blender(["surface", str(path.absolute()), "--role", role, "--save", str(output.absolute())], program)
+
+
+def write_assets(path: Path, folder: Path, program: str | None = None) -> dict[str, Path | str]:
+    """Write each asset of a file that Blender reads as one surface, a PLY file in a folder, with its modifiers.
+
+    Assets are the collections and mesh objects that are marked for Blender's Asset Browser. A file that is not mostly
+    marked is itself an asset with an empty name, of all visible meshes.
+
+    Returns:
+        The PLY file of each asset, or a sentence that says why it has none, by names such as `Collection/Hero`.
+
+    Raises:
+        MeshError: Blender is missing or cannot read the file, or the file has no visible mesh.
+    """
+    report = run_blender(["assets", str(path.absolute()), "--folder", str(folder.absolute())], program)
+    return {name: each.get("error") or folder / each["file"] for name, each in report["assets"].items()}
+
+
+def split_asset(path: Path) -> tuple[Path, str]:
+    """The file and the asset in it of a path as Blender writes it, `FILE.blend/Collection/Hero`.
+
+    The asset is empty if the path names a file.
+    """
+    for parent in path.parents:
+        if parent.suffix.lower() == BLEND and parent.is_file():
+            return parent, path.relative_to(parent).as_posix()
+    return path, ""
 
 
 def _environment() -> dict[str, str]:
