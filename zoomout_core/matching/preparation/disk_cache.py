@@ -26,7 +26,7 @@ from zoomout_core.runtime.version import package_version
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # Increase this whenever the same mesh is prepared or stored differently.
-FORMAT = 4
+FORMAT = 5
 # Bytes that the files take at most, unless the user says otherwise.
 MAX_BYTES = 1 << 30
 

@@ -124,9 +124,7 @@ def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     points, triangles, merged = decimate(part.vertices, part.oriented_triangles, count)
     mesh, _ = Surface(points, triangles).working.part(0)
-    vertices = np.empty_like(mesh.vertices)
-    used = mesh.vertex_of >= 0
-    vertices[mesh.vertex_of[used]] = points[used]
+    vertices = points[mesh.surface_vertex]
     merged = mesh.vertex_of[merged]
     astray = merged < 0  # merged into a small component that is not in the proxy
     merged[astray] = cKDTree(vertices).query(part.vertices[astray])[1]
